@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
-from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID, Appearance, Grid, Scatter
+from lilgym_mp.appearances import APPEARANCES, NATIVE, RELEASED_GRID, Appearance, Grid, checked_grid
 from lilgym_mp.appearances.placement import check_apart
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
@@ -119,6 +119,10 @@ class Augmentation:
     def moves_squares(self) -> bool:
         return self.shapes[Shape.SQUARE] != Shape.SQUARE
 
+    def keeps_shapes(self, appearance: Appearance) -> bool:
+        """Whether the appearance's items have, after the exchange, shapes that it has."""
+        return {self.shapes[shape] for shape in appearance.shapes} == {*appearance.shapes}
+
     def is_exact(self, appearance: Appearance, rules: str = "paper") -> bool:
         """Whether the augmentation commutes with environment steps: a symmetry of the MDP.
 
@@ -127,11 +131,11 @@ class Augmentation:
         placement = choose("rules", rules, RULE_SETS).placement
         if self.numbers != NUMBER_RANGE:
             return False
-        if not isinstance(appearance, Scatter):
-            return not self.moves_squares
+        if appearance.grid is None:
+            return self.keeps_shapes(appearance)
         if self.shapes != IDENTITY.shapes:
             return False
-        if appearance.is_native:  # items are placed exactly where requested
+        if appearance.grid == checked_grid(NATIVE):  # items are placed exactly where requested
             return True
         return not self.mirrored and (self.boxes == IDENTITY.boxes or not placement.rounds_in_image)
 
@@ -277,7 +281,8 @@ class Augmentation:
         None if `pair` returns None, when numbers are permuted (the start scene's truth value may change), when items
         of the start overlap or are invalid in the given `appearance`, and when the start's truth value changes.
         """
-        if self.numbers != NUMBER_RANGE or (appearance == "tower" and self.moves_squares):
+        played = None if appearance is None else choose("appearance", appearance, APPEARANCES)
+        if self.numbers != NUMBER_RANGE or (played is not None and not self.keeps_shapes(played)):
             return None
         rewritten = self.pair(task.statement, task.program)
         if rewritten is None:
@@ -289,8 +294,8 @@ class Augmentation:
             if self.shapes != IDENTITY.shapes:
                 for box in new.start.boxes:
                     check_apart(box.items)
-            if appearance is not None:
-                choose("appearance", appearance, APPEARANCES).check_scene(new.start)
+            if played is not None:
+                played.check_scene(new.start)
         except SceneError:
             return None
         return new if new.truth(new.start) == task.truth(task.start) else None
@@ -301,7 +306,7 @@ IDENTITY = Augmentation()
 
 @lru_cache(maxsize=256)
 def _action_indices(augmentation: Augmentation, appearance: Appearance) -> NDArray[np.int64]:
-    grid = appearance.grid if isinstance(appearance, Scatter) else RELEASED_GRID
+    grid = appearance.grid or RELEASED_GRID
     actions = (augmentation.action(appearance.decode(index), grid) for index in range(appearance.action_count))
     indices = np.fromiter(map(appearance.encode, actions), np.int64, appearance.action_count)
     indices.flags.writeable = False

@@ -42,7 +42,7 @@ class Planes(SceneFormat):
 
     def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
         super().__init__(description, keep_image=keep_image)
-        self.columns, self.rows = getattr(description.dynamics.appearance, "grid", RELEASED_GRID)
+        self.columns, self.rows = description.dynamics.appearance.grid or RELEASED_GRID
         self._cell = np.array([IMAGE_WIDTH // self.columns, IMAGE_HEIGHT // self.rows])  # width and height in pixels
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from lilgym_mp.actions import BOX_NAMES
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.actions import BOX_NAMES, describe
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.rules import Dynamics, Outcome
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Colour, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH
 
 ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
 ANSWER_RULES = (
     "Actions within sentences do not count. If several lines are actions, write your choice as Action: {example}."
 )
-TOWER_EXAMPLE, SCATTER_EXAMPLE = "ADD(LEFT, BLUE)", "ADD(3, 4, CIRCLE, BLUE, SMALL)"
 
 
 def instructions(dynamics: Dynamics) -> str:
@@ -25,9 +24,9 @@ def instructions(dynamics: Dynamics) -> str:
             reward_line(dynamics),
             scale_line(),
             *cell_lines(dynamics.appearance),
-            *action_lines(dynamics),
+            *dynamics.appearance.explain(dynamics.rules.placement),
             answer_line(dynamics.appearance),
-            ANSWER_RULES.format(example=_example(dynamics.appearance)),
+            ANSWER_RULES.format(example=describe(dynamics.appearance.example)),
         ]
     )
 
@@ -52,15 +51,14 @@ def scale_line() -> str:
 
 
 def cell_lines(appearance: Appearance) -> Iterator[str]:
-    """The grid of cells in Scatter; nothing for Tower, whose actions name only boxes."""
-    if not isinstance(appearance, Scatter):
+    """The grid of cells; nothing for appearances whose actions name only boxes."""
+    if appearance.grid is None:
         return
     columns, rows = appearance.grid
-    width, height = appearance.cell
-    boxes = ", ".join(
-        f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, box_columns(appearance), strict=True)
-    )
-    used = {column for first, last in box_columns(appearance) for column in range(first, last + 1)}
+    width, height = cell_size(appearance.grid)
+    places = box_columns(appearance.grid)
+    boxes = ", ".join(f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, places, strict=True))
+    used = {column for first, last in places for column in range(first, last + 1)}
     separators = [column for column in range(columns) if column not in used]
     half = len(separators) // (BOX_COUNT - 1)
     between = " and ".join(f"{part[0]}-{part[-1]}" for part in (separators[:half], separators[half:]) if part)
@@ -71,39 +69,17 @@ def cell_lines(appearance: Appearance) -> Iterator[str]:
     )
 
 
-def box_columns(appearance: Scatter) -> list[tuple[int, int]]:
+def cell_size(grid: Grid) -> tuple[int, int]:
+    """Width and height of a cell in pixels."""
+    return IMAGE_WIDTH // grid[0], IMAGE_HEIGHT // grid[1]
+
+
+def box_columns(grid: Grid) -> list[tuple[int, int]]:
     """The first and last column of each box."""
-    width = appearance.cell[0]
+    width, _ = cell_size(grid)
     return [(box * BOX_PITCH // width, (box * BOX_PITCH + BOX_SIDE) // width - 1) for box in range(BOX_COUNT)]
 
 
 def answer_line(appearance: Appearance) -> str:
     """The answer format."""
-    return ANSWER.format(example=_example(appearance))
-
-
-def _example(appearance: Appearance) -> str:
-    return SCATTER_EXAMPLE if isinstance(appearance, Scatter) else TOWER_EXAMPLE
-
-
-def action_lines(dynamics: Dynamics) -> Iterator[str]:
-    """What each action does."""
-    appearance = dynamics.appearance
-    colours = "|".join(colour.name for colour in Colour)
-    if not isinstance(appearance, Scatter):
-        boxes = "|".join(BOX_NAMES)
-        yield f"ADD({boxes}, {colours}) puts a block on top of a box's tower, which holds {appearance.box_capacity}."
-        yield f"REMOVE({boxes}) takes the top block away."
-        return
-    shapes = "|".join(shape.name for shape in Shape)
-    sizes = "|".join(size.name for size in Size)
-    pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
-    yield (
-        f"ADD(column, row, {shapes}, {colours}, {sizes}) puts an item into a box, its top-left corner at that of the"
-        f" cell. Sides in pixels: {pixels}. Items may neither cross the border of their box nor overlap."
-    )
-    if not appearance.is_native:
-        if dynamics.rules.placement.searches_cell:
-            yield "Where it would overlap there, a free place in the cell is looked for."
-        yield "An item put within 4 pixels of another moves up to it."
-    yield "REMOVE(column, row) takes away the item that fills the cell most."
+    return ANSWER.format(example=describe(appearance.example))

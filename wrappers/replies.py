@@ -12,7 +12,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from lilgym_mp.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.scene import Colour, Shape, Size
 
 
@@ -121,7 +121,7 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
     if match.re is _CALL and match["verb"] is None:
         return appearance.encode(STOP)
     words = list(_words(match["inside"]))
-    action = (_scatter_action if isinstance(appearance, Scatter) else _tower_action)(match["verb"].upper(), words)
+    action = (_block_action if appearance.grid is None else _item_action)(match["verb"].upper(), words)
     try:
         return None if action is None else appearance.encode(action)
     except ActionError:
@@ -139,7 +139,7 @@ def _words(inside: str) -> Iterator[str]:
     return (word for word in words if word not in _FILLERS)
 
 
-def _tower_action(verb: str, words: list[str]) -> Action | None:
+def _block_action(verb: str, words: list[str]) -> Action | None:
     words = [word for word in words if word not in _TOWER_FILLERS]
     match verb, sorted(words, key=lambda word: word not in _BOXES):
         case "ADD", [box, colour] if box in _BOXES and colour in Colour.__members__:
@@ -150,7 +150,7 @@ def _tower_action(verb: str, words: list[str]) -> Action | None:
             return None
 
 
-def _scatter_action(verb: str, words: list[str]) -> Action | None:
+def _item_action(verb: str, words: list[str]) -> Action | None:
     numbers = [int(word) for word in words if word.isdecimal()]
     attributes = [word for word in words if not word.isdecimal()]
     if len(numbers) != 2:

@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
@@ -24,7 +24,15 @@ from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
 from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, scene_of
 from lilgym_mp.wrappers.factory import factory
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.instructions import answer_line, box_columns, cell_lines, instructions, reward_line, scale_line
+from lilgym_mp.wrappers.instructions import (
+    answer_line,
+    box_columns,
+    cell_lines,
+    cell_size,
+    instructions,
+    reward_line,
+    scale_line,
+)
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, Transformation
@@ -131,7 +139,7 @@ class _ShownActions(Collection[int]):
 
 
 def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
-    """The scene item by item; in Scatter with the cell of each item's centre."""
+    """The scene item by item, with the cell of each item's centre."""
     yield scale_line()
     yield from cell_lines(appearance)
     for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
@@ -140,18 +148,18 @@ def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
 
 
 def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
-    """The scene as ASCII art; in Scatter with column and row numbers."""
+    """The scene as ASCII art, with column and row numbers."""
     yield (
         "Scene: three boxes, drawn with a character for each 5 x 10 pixels. "
         + "; ".join(
             f"{shape.name.lower()}s " + ", ".join(f"{MARKS[shape][colour]} {colour.name.lower()}" for colour in Colour)
-            for shape in (Shape if isinstance(appearance, Scatter) else (Shape.SQUARE,))
+            for shape in appearance.shapes
         )
         + "."
     )
     yield from cell_lines(appearance)
     art = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
-    yield ruled(art, appearance.grid) if isinstance(appearance, Scatter) else art
+    yield ruled(art, appearance.grid)
 
 
 def _item_words(item: Item) -> str:
@@ -160,13 +168,10 @@ def _item_words(item: Item) -> str:
 
 
 def _cell_of(item: Item, box: int, appearance: Appearance) -> str:
-    if not isinstance(appearance, Scatter) or appearance.is_native:
+    if appearance.grid is None or (cell := cell_size(appearance.grid)) == (1, 1):
         return ""
-    width, height = appearance.cell
-    column, row = (
-        box_columns(appearance)[box][0] + (item.x + item.side // 2) // width,
-        (item.y + item.side // 2) // height,
-    )
+    column = box_columns(appearance.grid)[box][0] + (item.x + item.side // 2) // cell[0]
+    row = (item.y + item.side // 2) // cell[1]
     return f", its centre in cell ({column}, {row})"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -76,7 +77,7 @@ def write_charts(statistics: CorpusStatistics, directory: Path) -> list[Path]:
 
 def _by_group(statistics: CorpusStatistics, counts: Callable[[StatementStatistics], Sequence[int]]) -> list[Series]:
     """One series per appearance and split: counts in per cent of the statements; one hue per appearance."""
-    families = dict(zip(APPEARANCES, (BLUES, BROWNS), strict=True))
+    families = dict(zip(APPEARANCES, cycle((BLUES, BROWNS)), strict=False))
     return [
         Series(
             f"{group.appearance} {group.split}",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from lilgym_mp.appearances.base import Appearance, Edit, InvalidReason
+from lilgym_mp.appearances.base import Appearance, Edit, Grid, InvalidReason
 from lilgym_mp.appearances.placement import PlacementRules
-from lilgym_mp.appearances.scatter import NATIVE, RELEASED_GRID, Grid, GridError, Scatter, checked_grid
+from lilgym_mp.appearances.scatter import NATIVE, RELEASED_GRID, GridError, Scatter, checked_grid
 from lilgym_mp.appearances.tower import Tower
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 from typing import NamedTuple, Protocol
 
@@ -11,7 +11,9 @@ import numpy as np
 from lilgym_mp.actions import Action, ActionError
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.arrays import BoolArray
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import Scene, Shape
+
+Grid = tuple[int, int]  # columns and rows
 
 
 class InvalidReason(StrEnum):
@@ -42,6 +44,22 @@ class Appearance(Protocol):
     def action_count(self) -> int: ...
 
     @property
+    def grid(self) -> Grid | None:
+        """The (columns, rows) whose cells actions name (AddItem, RemoveItem); None if they name boxes (AddBlock,
+        RemoveBlock)."""
+        ...
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        """The shapes that items can have."""
+        ...
+
+    @property
+    def example(self) -> Action:
+        """An ADD, for help texts."""
+        ...
+
+    @property
     def box_capacity(self) -> int | None:
         """The most items that a box can hold; None if only geometry limits it."""
         ...
@@ -68,6 +86,10 @@ class Appearance(Protocol):
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         """(action_count,) a new array: whether `apply` finds each action valid. STOP always is."""
+        ...
+
+    def explain(self, rules: PlacementRules) -> Iterator[str]:
+        """Sentences that explain the actions, in the form of `actions.describe`."""
         ...
 
     def check_scene(self, scene: Scene) -> Scene:

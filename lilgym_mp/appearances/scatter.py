@@ -6,7 +6,7 @@ Source: SPEC sections 3, 4 and 7.
 from __future__ import annotations
 
 import operator
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import SupportsIndex, cast
@@ -14,7 +14,7 @@ from typing import SupportsIndex, cast
 import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
-from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.base import Edit, Grid, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.numbering import (
     ITEM_TYPE_FOOTPRINTS,
@@ -43,6 +43,7 @@ from lilgym_mp.scene import (
     FOOTPRINTS,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
+    SIZE_PIXELS,
     Box,
     Colour,
     Item,
@@ -59,8 +60,6 @@ NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
 WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
 MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
-
-Grid = tuple[int, int]
 
 _ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
 _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
@@ -153,6 +152,14 @@ class Scatter:
     @property
     def action_count(self) -> int:
         return action_count(self.cell_count)
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        return tuple(Shape)
+
+    @property
+    def example(self) -> Action:
+        return AddItem(3, 4, Shape.CIRCLE, Colour.BLUE, Size.SMALL)
 
     @property
     def box_capacity(self) -> None:
@@ -271,6 +278,19 @@ class Scatter:
             addable = legality.addable(box.items)[..., _ADD_FOOTPRINTS].ravel()
             found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
+
+    def explain(self, rules: PlacementRules) -> Iterator[str]:
+        shapes, colours, sizes = ("|".join(member.name for member in enum) for enum in (Shape, Colour, Size))
+        pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
+        yield (
+            f"ADD(column, row, {shapes}, {colours}, {sizes}) puts an item into a box, its top-left corner at that of"
+            f" the cell. Sides in pixels: {pixels}. Items may neither cross the border of their box nor overlap."
+        )
+        if self.searches(rules):
+            yield "Where it would overlap there, a free place in the cell is looked for."
+        if not self.is_native:
+            yield "An item put within 4 pixels of another moves up to it."
+        yield "REMOVE(column, row) takes away the item that fills the cell most."
 
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):

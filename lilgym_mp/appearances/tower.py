@@ -6,7 +6,7 @@ Source: SPEC sections 1, 3 and 4.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
+from lilgym_mp.actions import BOX_NAMES, STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
 from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.arrays import BoolArray
@@ -173,6 +173,18 @@ class Tower:
         return len(ACTIONS)
 
     @property
+    def grid(self) -> None:
+        return None
+
+    @property
+    def shapes(self) -> tuple[Shape, ...]:
+        return (Shape.SQUARE,)
+
+    @property
+    def example(self) -> Action:
+        return AddBlock(0, Colour.BLUE)
+
+    @property
     def box_capacity(self) -> int:
         return CAPACITY
 
@@ -219,6 +231,11 @@ class Tower:
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         left, middle, right = scene.boxes
         return _legal_rows()[len(left.items)][len(middle.items)][len(right.items)].copy()
+
+    def explain(self, rules: PlacementRules) -> Iterator[str]:
+        boxes, colours = "|".join(BOX_NAMES), "|".join(colour.name for colour in Colour)
+        yield f"ADD({boxes}, {colours}) puts a block on top of a box's tower, which holds {CAPACITY}."
+        yield f"REMOVE({boxes}) takes the top block away."
 
     def check_scene(self, scene: Scene) -> Scene:
         """The same scene, composed of the shared boxes."""

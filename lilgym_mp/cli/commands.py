@@ -7,7 +7,7 @@ from enum import IntEnum
 from typing import Any, TypeVar
 
 from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.scene import Colour, Shape, Size
 
 Value = TypeVar("Value")
@@ -29,29 +29,30 @@ VERBS = {"add": "add", "remove": "remove", "stop": "stop"}
 
 def command_help(appearance: Appearance) -> list[str]:
     """Lines that describe the commands for actions."""
-    if isinstance(appearance, Scatter):
-        columns, rows = appearance.grid
+    if appearance.grid is None:
         return [
-            f"add COLUMN ROW SIZE COLOUR SHAPE   such as: add 3 4 small blue circle  (0..{columns - 1}, 0..{rows - 1})",
-            "remove COLUMN ROW                  remove the item that covers most of that cell",
+            f"add BOX COLOUR   such as: {format_command(appearance.example)}",
+            "remove BOX   such as: remove middle",
         ]
+    columns, rows = appearance.grid
+    example = f"{format_command(appearance.example)}  (0..{columns - 1}, 0..{rows - 1})"
     return [
-        "add BOX COLOUR   such as: add left blue",
-        "remove BOX       remove the top block, such as: remove middle",
+        f"add COLUMN ROW SIZE COLOUR SHAPE   such as: {example}",
+        "remove COLUMN ROW                  remove the item that covers most of that cell",
     ]
 
 
 def parse_command(words: Words, appearance: Appearance) -> Action:
     """The action of a command; words may be abbreviated. Raises CommandSyntaxError."""
-    verb, *rest = words
+    (verb, *rest), grid = words, appearance.grid
     match match_choice("command", verb, VERBS):
         case "stop":
             _expect(rest, 0, "stop")
             return STOP
         case "add":
-            return _add_item(rest, appearance) if isinstance(appearance, Scatter) else _add_block(rest)
+            return _add_block(rest) if grid is None else _add_item(rest, grid)
         case _:
-            return _remove_item(rest, appearance) if isinstance(appearance, Scatter) else _remove_block(rest)
+            return _remove_block(rest) if grid is None else _remove_item(rest, grid)
 
 
 def _add_block(words: Words) -> Action:
@@ -64,9 +65,9 @@ def _remove_block(words: Words) -> Action:
     return RemoveBlock(match_choice("box", words[0], BOXES))
 
 
-def _add_item(words: Words, appearance: Scatter) -> Action:
+def _add_item(words: Words, grid: Grid) -> Action:
     _expect(words, 5, "add COLUMN ROW SIZE COLOUR SHAPE, such as: add 3 4 small blue circle")
-    column, row = _cell(words, appearance)
+    column, row = _cell(words, grid)
     values: dict[type[IntEnum], IntEnum] = {}
     for word in words[2:]:
         value = match_choice("size, colour or shape", word, {**SIZES, **COLOURS, **SHAPES})
@@ -78,13 +79,13 @@ def _add_item(words: Words, appearance: Scatter) -> Action:
     return AddItem(column, row, Shape(values[Shape]), Colour(values[Colour]), Size(values[Size]))
 
 
-def _remove_item(words: Words, appearance: Scatter) -> Action:
+def _remove_item(words: Words, grid: Grid) -> Action:
     _expect(words, 2, "remove COLUMN ROW, such as: remove 3 4")
-    return RemoveItem(*_cell(words, appearance))
+    return RemoveItem(*_cell(words, grid))
 
 
-def _cell(words: Words, appearance: Scatter) -> tuple[int, int]:
-    columns, rows = appearance.grid
+def _cell(words: Words, grid: Grid) -> tuple[int, int]:
+    columns, rows = grid
     return _coordinate("column", words[0], columns), _coordinate("row", words[1], rows)
 
 
@@ -124,9 +125,9 @@ def format_command(action: Action) -> str:
 
 
 def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
-    """Lines that list the legal actions, given by index; Scatter's ADDs are counted by size and shape."""
+    """Lines that list the legal actions, given by index; ADDs to cells are counted by size and shape."""
     actions = [appearance.decode(index) for index in legal]
-    if not isinstance(appearance, Scatter):
+    if appearance.grid is None:
         yield from map(format_command, actions)
         return
     yield "stop"

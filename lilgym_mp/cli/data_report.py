@@ -11,16 +11,11 @@ from lilgym_mp.analysis.statistics import CorpusStatistics, StatementStatistics
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.official.release import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
-from lilgym_mp.envs.registration import START_TITLES
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.task import Task
 from lilgym_mp.terminal import table
 
 SHOWN_WORDS = 20  # most frequent program words in the table
-
-
-def configuration(appearance: str, start: str) -> str:
-    """The configuration's name: TowerScratch, ScatterFlipIt, ..."""
-    return appearance.capitalize() + START_TITLES[start]
 
 
 def listing(corpora: Sequence[tuple[str, str, Sequence[TaskSet]]]) -> str:
@@ -30,7 +25,7 @@ def listing(corpora: Sequence[tuple[str, str, Sequence[TaskSet]]]) -> str:
         for tasks in sets:
             origin = tasks.provenance
             rows.append(
-                (name, configuration(origin.appearance, origin.start), origin.split, len(tasks), contexts(tasks))
+                (name, configuration_name(origin.appearance, origin.start), origin.split, len(tasks), contexts(tasks))
             )
         if not sets:
             rows.append((name, remark, "", None, None))
@@ -71,7 +66,7 @@ def _counts_table(statistics: CorpusStatistics) -> str:
     rows: list[list[object]] = []
     for count in statistics.counts:
         row: list[object] = [
-            configuration(count.appearance, count.start),
+            configuration_name(count.appearance, count.start),
             count.split,
             count.tasks,
             count.contexts,

@@ -11,6 +11,7 @@ import numpy as np
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
 from lilgym_mp.cli.play import add_task_choice, input_lines
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import CommandError, add_configuration, add_settings, given_settings
 from lilgym_mp.render import text
@@ -19,9 +20,8 @@ from lilgym_mp.terminal import shows_colours
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import Partner, ProposerVerifierParallel
 
-PROTOCOLS = ("veto", "joint", "audit", "critique")
 BOTH = "both"
-SIDES = {"proposer": ("proposer_0",), "verifier": ("verifier_0",), BOTH: ("proposer_0", "verifier_0")}
+SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], BOTH: AGENTS}
 PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # default partner by the person's side
 MOST_LISTED = 40  # legal actions shown
 
@@ -39,7 +39,7 @@ def add_parser(subparsers: Any) -> None:
     )
     add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument(
-        "--protocol", choices=PROTOCOLS, default="veto", help="protocol of the game (default: %(default)s)"
+        "--protocol", choices=list(PROTOCOLS), default="veto", help="protocol of the game (default: %(default)s)"
     )
     parser.add_argument(
         "--as",
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
     """Plays one game to its end."""
-    from lilgym_mp.envs.proposer_verifier import AGENTS, PartnerTurn, Role
+    from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role
 
     lines = input_lines()
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')

@@ -11,7 +11,7 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image, ImageDraw
 
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import BOXES, COLOURS, SHAPES, SIZES
 from lilgym_mp.cli.session import Session
@@ -50,7 +50,7 @@ class ControlPanel:
 
     def __post_init__(self) -> None:
         attributes: list[Sequence[str]] = [[*COLOURS]]
-        if isinstance(self.appearance, Scatter):
+        if self.appearance.grid is not None:
             attributes += [[*SHAPES], [*SIZES]]
         self.attributes = attributes
         self.selected = {row: words[0] for row, words in enumerate(attributes)}
@@ -80,13 +80,13 @@ class ControlPanel:
         return f"remove {cell}" if button == RIGHT_BUTTON else f"add {cell} {' '.join(self.selected.values())}"
 
     def _cell_at(self, x: int, y: int) -> str | None:
-        """The cell (Scatter) or box (Tower) at a native pixel, as named in commands; None outside of the boxes."""
+        """The cell or box at a native pixel, as named in commands; None outside of the boxes."""
         if not (0 <= x < IMAGE_WIDTH and 0 <= y < IMAGE_HEIGHT and x % BOX_PITCH < BOX_SIDE):
             return None
-        if isinstance(self.appearance, Scatter):
-            columns, rows = self.appearance.grid
-            return f"{x * columns // IMAGE_WIDTH} {y * rows // IMAGE_HEIGHT}"
-        return [*BOXES][x // BOX_PITCH]
+        if self.appearance.grid is None:
+            return [*BOXES][x // BOX_PITCH]
+        columns, rows = self.appearance.grid
+        return f"{x * columns // IMAGE_WIDTH} {y * rows // IMAGE_HEIGHT}"
 
     def picture(self, frame: UInt8Array) -> UInt8Array:
         """(height, 784, 3) the frame above the buttons and the message."""

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import (
     VERBS,
@@ -97,9 +96,7 @@ class Session:
 
     def _show(self) -> None:
         picture = text(self._env.scene, [], coloured=self._coloured)
-        appearance = self._env.dynamics.appearance
-        if isinstance(appearance, Scatter):
-            picture = ruled(picture, appearance.grid)
+        picture = ruled(picture, self._env.dynamics.appearance.grid)
         prompt = ["Type next, back or quit."] if self._episode_over else []
         self._say("\n".join([picture, *self._lines(), *prompt]))
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.actions import Action, describe
-from lilgym_mp.appearances import Scatter
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
@@ -139,9 +138,7 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
     frames = [frame(state.scene, caption(state, dynamics, None), dynamics.appearance)]
     for step, action in enumerate(actions, 1):
         if show:
-            drawn = text(state.scene, [], coloured=shows_colours())
-            appearance = dynamics.appearance
-            print(ruled(drawn, appearance.grid) if isinstance(appearance, Scatter) else drawn)
+            print(ruled(text(state.scene, [], coloured=shows_colours()), dynamics.appearance.grid))
         transition = dynamics.step(state, action)
         print(f"  {step}. {describe(action)}: reward {transition.reward:+.1f}")
         last = LastAction(dynamics.appearance.encode(action), transition.result, transition.invalid)

@@ -1,23 +1,28 @@
-"""The four configurations as Gymnasium ids."""
+"""The configurations, each an appearance with a kind of start, as Gymnasium ids."""
 
 from __future__ import annotations
 
 import gymnasium as gym
 
-APPEARANCE_NAMES = ("tower", "scatter")
-START_NAMES = ("scratch", "flipit")
+from lilgym_mp.appearances import APPEARANCES
+
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
+
+
+def configuration_name(appearance: str, start: str) -> str:
+    """Such as "TowerFlipIt"."""
+    return f"{appearance.capitalize()}{START_TITLES[start]}"
 
 
 def environment_id(appearance: str, start: str) -> str:
     """The Gymnasium id, such as "lilgym_mp/TowerFlipIt-v0"."""
-    return f"lilgym_mp/{appearance.capitalize()}{START_TITLES[start]}-v0"
+    return f"lilgym_mp/{configuration_name(appearance, start)}-v0"
 
 
 def register_all() -> None:
     """Makes every configuration known to `gymnasium.make`; does nothing the second time."""
-    for appearance in APPEARANCE_NAMES:
-        for start in START_NAMES:
+    for appearance in APPEARANCES:
+        for start in START_TITLES:
             name = environment_id(appearance, start)
             if name not in gym.registry:
                 gym.register(

@@ -116,7 +116,7 @@ class ActionCells(NamedTuple):
 def action_cells(appearance: Appearance) -> ActionCells:
     """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
     actions = [appearance.decode(index) for index in range(appearance.action_count)]
-    grid: tuple[int, int] = getattr(appearance, "grid", (BOX_COUNT, 1))
+    grid = appearance.grid or (BOX_COUNT, 1)
     types = np.array([_type(action) for action in actions], np.int64)
     return ActionCells(types, np.array([_cell(action, grid[1]) for action in actions], np.int64), grid[0] * grid[1])
 

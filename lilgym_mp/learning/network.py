@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lilgym_mp.appearances import Appearance, Grid, Scatter
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, SEPARATOR_WIDTH
@@ -198,6 +198,6 @@ class ActorCritic(nn.Module):
 
 
 def _head(appearance: Appearance, widths: Widths) -> nn.Module:
-    if isinstance(appearance, Scatter):
+    if appearance.grid is not None:
         return GridHead(appearance.grid, len(ITEM_TYPES), widths)
     return ListHead(appearance.action_count, widths)

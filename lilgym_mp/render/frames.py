@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.actions import BOX_NAMES
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene, Shape
@@ -34,9 +34,9 @@ CELL_RGB = (180, 180, 180)
 
 def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
     """(224, 784, 3) the scene at twice its native size. `marked`: with the names that actions of this appearance use:
-    column and row numbers of Scatter's cells, or names of Tower's boxes."""
+    column and row numbers of cells, or names of boxes."""
     image = Image.new("RGB", (SCENE_SHAPE[1], SCENE_SHAPE[0]), PAPER_RGB)
-    grid = marked.grid if isinstance(marked, Scatter) else None
+    grid = None if marked is None else marked.grid
     image.paste(Image.fromarray(smooth_picture(scene, SCALE, grid)), (MARGIN, MARGIN))
     pen = ImageDraw.Draw(image)
     _outline_boxes(pen, SCALE, MARGIN)
@@ -133,7 +133,7 @@ def _cell_lines(left: int, grid: tuple[int, int]) -> Iterator[tuple[int, int, in
 def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
     """Draws the names of boxes, or column numbers above the boxes and row numbers on their left."""
     font = ImageFont.load_default(MARK_FONT_PIXELS)
-    if not isinstance(appearance, Scatter):
+    if appearance.grid is None:
         for box, name in enumerate(BOX_NAMES):
             middle = MARGIN + SCALE * (BOX_PITCH * box + BOX_SIDE // 2)
             pen.text((middle, MARGIN // 2), name, fill=MARK_RGB, font=font, anchor="mm")

@@ -10,11 +10,13 @@ BORDER = 1  # characters on each side of a box
 GAP = 2  # characters between two boxes
 
 
-def ruled(picture: str, grid: Grid) -> str:
-    """The picture of `render.text` with column numbers above and row numbers on the right.
+def ruled(picture: str, grid: Grid | None) -> str:
+    """The picture of `render.text` with column numbers above and row numbers on the right, unchanged without a grid.
 
     If cells are narrower than their numbers, only some are numbered.
     """
+    if grid is None:
+        return picture
     columns, rows = grid
     top, *inside, bottom = picture.split("\n")
     marks = _row_marks(rows, len(inside))

@@ -144,17 +144,17 @@ def _published(configuration: str) -> Iterator[Sequence[Cell]]:
 
 
 def figure_10(data: ReportData) -> Item:
-    """Where Scatter actions go, by cell and type."""
+    """Where actions go, by cell and type."""
     title = f"Where actions go on {data.main_split}, in per cent of the agent's edits"
     grid = data.header.settings.grid
     entries = [
         entry
         for configuration in data.configurations
         for entry in data.of(configuration)
-        if entry.header.settings.appearance == "scatter"
+        if entry.header.settings.dynamics().appearance.grid is not None
     ]
     if not entries or isinstance(grid, str):
-        why = "the grid is native" if entries else "no Scatter configuration was evaluated"
+        why = "the grid is native" if entries else "no configuration whose actions name cells was evaluated"
         return MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
     panels = [_maps(entry, grid) for entry in entries]
     note = f"Cells of the {grid[0]} x {grid[1]} grid; each map has its own scale."

@@ -8,7 +8,6 @@ from pathlib import Path
 
 from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
 from lilgym_mp.report.aggregation import MeanStd, accuracy_where
 from lilgym_mp.report.charts import BarPanel, bar_chart
@@ -68,7 +67,7 @@ def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item
         first = entries[0].runs[0].episodes
         rows: list[list[Cell]] = []
         for name in PHENOMENON_NAMES:
-            published = paper.START_SCENES_BY_PHENOMENON[name][list(CONFIGURATIONS).index(configuration)]
+            published = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True)).get(configuration)
 
             def has_phenomenon(episode: RecordedEpisode, name: str = name) -> bool:
                 return name in (episode_phenomena(episode, tags) or ())

@@ -81,8 +81,9 @@ ACCURACIES: Mapping[str, Mapping[str, Accuracy]] = {
 # Number of dev start scenes with target True and False.
 START_SCENES_BY_TARGET: Mapping[str, tuple[int, int]] = {"TowerFlipIt": (295, 381), "ScatterFlipIt": (149, 164)}
 
-# Number of dev start scenes of statements with a phenomenon, tagged by hand, in
-# TowerScratch, TowerFlipIt, ScatterScratch, ScatterFlipIt.
+PLAYED = ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt")
+
+# Number of dev start scenes of statements with a phenomenon, tagged by hand, in each of PLAYED.
 START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
     "exact cardinality": (98, 480, 35, 119),
     "soft cardinality": (21, 82, 11, 42),

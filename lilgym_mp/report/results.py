@@ -122,7 +122,7 @@ def table_2(data: ReportData) -> Item:
         entries = [data.find(agent, name, split) for name, split in (*published, *extra)]
         rows.append([agent, *(entry and aggregate_runs(entry.runs, accuracy) for entry in entries)])
     for model, cells in paper.ACCURACIES.items():
-        accuracies: list[Cell] = [getattr(cells[name], split) for name, split in published]
+        accuracies: list[Cell] = [getattr(cells.get(name), split, None) for name, split in published]
         rows.append([f"{model} †", *accuracies, *([None] * len(extra))])
     heads = ("agent", *columns, *(f"{name} {split}" for name, split in extra))
     return table("Table 2 and Table 4", "Task-completion accuracy (%)", heads, rows, PAPER_NOTE)
@@ -168,7 +168,7 @@ def figure_5(data: ReportData) -> Iterator[Item]:
                 for target in (True, False)
             ]
             starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]
-            published = paper.START_SCENES_BY_TARGET[configuration]
+            published = paper.START_SCENES_BY_TARGET.get(configuration, (None, None))
             for index, target in enumerate(("True", "False")):
                 cells = (
                     entry.agent,

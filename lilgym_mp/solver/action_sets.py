@@ -263,7 +263,7 @@ def pack_action_sets(states: Sequence[LabelledState], dynamics: Dynamics, about:
 
 
 def _settings(dynamics: Dynamics) -> dict[str, Any]:
-    grid = getattr(dynamics.appearance, "grid", None)
+    grid = dynamics.appearance.grid
     return {
         "appearance": dynamics.appearance.name,
         "grid": None if grid is None else list(grid),

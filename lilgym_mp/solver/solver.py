@@ -36,19 +36,23 @@ SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch
 CACHE_SIZE = 4_096  # action sets
 
 
+class UnsupportedAppearance(ValueError):
+    """There is no search for an appearance."""
+
+
 class Solver:
     """Finds shortest solutions of the tasks of one MDP. Results do not depend on earlier calls."""
 
     def __init__(self, dynamics: Dynamics, budget: int | None = None) -> None:
         """`budget`: how many scenes a call may examine; None is the default of the appearance.
 
-        Raises ValueError for a budget below 1 or an unsupported appearance.
+        Raises ValueError for a budget below 1, UnsupportedAppearance (a ValueError) for other appearances.
         """
         self.dynamics = dynamics
         appearance = dynamics.appearance
         if type(appearance) not in SEARCHES:
             choices = ", ".join(sorted(supported.__name__.lower() for supported in SEARCHES))
-            raise ValueError(f"no expert for appearance {appearance.name!r}; choose from {choices}")
+            raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
         self._action_sets: dict[Hashable, ActionSet] = {}  # by programs, targets, scene and edits left

@@ -19,6 +19,7 @@ class Catalogue:
         """Raises CorpusError if there is no such corpus or it has no tasks."""
         self.corpus = corpus
         next(load_all_tasks(corpus))
+        self._dynamics = cache(self._make_dynamics)
         self._solver = cache(self._make_solver)
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
@@ -38,11 +39,14 @@ class Catalogue:
 
     def dynamics(self, configuration: str, rules: str = "paper") -> Dynamics:
         """The MDP of a configuration. Raises ValueError for unknown names."""
-        return self.solver(configuration, rules).dynamics
+        return self._dynamics(configuration, rules)
 
     def solver(self, configuration: str, rules: str = "paper") -> Solver:
-        """The expert of a configuration. Raises ValueError for unknown names."""
+        """The expert of a configuration. Raises UnsupportedAppearance, other ValueErrors for unknown names."""
         return self._solver(configuration, rules)
 
     def _make_solver(self, configuration: str, rules: str) -> Solver:
-        return Solver(Settings(configuration, self.corpus, rules).dynamics())
+        return Solver(self.dynamics(configuration, rules))
+
+    def _make_dynamics(self, configuration: str, rules: str) -> Dynamics:
+        return Settings(configuration, self.corpus, rules).dynamics()

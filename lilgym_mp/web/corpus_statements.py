@@ -16,6 +16,8 @@ from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse
 from lilgym_mp.programs.tracing import trace
+from lilgym_mp.solver.solution import ActionSet
+from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import http_error
@@ -263,8 +265,10 @@ def statement_body(
 
 
 def _scene(catalogue: Catalogue, configuration: str, task: Task) -> ExploredScene:
-    solver = catalogue.solver(configuration)
-    best = solver.optimal_actions(solver.dynamics.start(task))
+    try:
+        best = catalogue.solver(configuration).optimal_actions(catalogue.dynamics(configuration).start(task))
+    except UnsupportedAppearance:
+        best = ActionSet((), complete=False, steps=0)
     return ExploredScene(
         configuration=configuration,
         task_id=task.id,

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from pydantic import AfterValidator, StringConstraints
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
+from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.scene import Colour, Shape, Size
 
 
 def storable(text: str) -> str:
@@ -17,3 +25,18 @@ def storable(text: str) -> str:
 Name = Annotated[str, StringConstraints(max_length=200), AfterValidator(storable)]
 ShortText = Annotated[str, StringConstraints(max_length=2_000), AfterValidator(storable)]
 RandomId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+
+if TYPE_CHECKING:  # type checkers know no literals made of tables
+    AppearanceName = ColourName = ConfigurationName = OutcomeName = PresetName = str
+    ProtocolName = RulesName = ShapeName = SizeName = SplitName = str
+else:
+    AppearanceName = Literal[*APPEARANCES]
+    ColourName = Literal[*Colour.__members__]
+    ConfigurationName = Literal[*CONFIGURATIONS]
+    OutcomeName = Literal[*FINAL_OUTCOMES]
+    PresetName = Literal[*PRESETS]
+    ProtocolName = Literal[*PROTOCOLS]
+    RulesName = Literal[*RULE_SETS]
+    ShapeName = Literal[*Shape.__members__]
+    SizeName = Literal[*Size.__members__]
+    SplitName = Literal[*SPLITS]

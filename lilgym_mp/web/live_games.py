@@ -21,7 +21,6 @@ import numpy as np
 from pydantic import BaseModel
 
 from lilgym_mp.actions import ActionError, describe, named
-from lilgym_mp.appearances import Scatter
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
@@ -295,7 +294,7 @@ def seat_body(live: LiveGame, role: Role) -> SeatBody:
         waiting_for_other=has_chosen,
         own_actions=live.own_actions[role],
         reward=round(live.rewards[role], 6) if live.over else None,
-        grid=appearance.grid if isinstance(appearance, Scatter) else None,
+        grid=appearance.grid,
         scene=scene_body(live.engine.state.mdp.scene) if "image" in observation else None,
         statement=read_text(observation["statement"]) if "statement" in observation else None,
         target=None if target is None else bool(target),

@@ -12,10 +12,11 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.actions import Action, ActionError, AddItem, describe, named
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.tracing import trace
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
+from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.authentication import get_or_create_visitor
 from lilgym_mp.web.catalogue import Catalogue
@@ -223,7 +224,7 @@ def episode_body(loaded: LoadedEpisode) -> EpisodeBody:
         over=loaded.over,
         outcome=row.outcome,
         shown_solution=row.shown_solution,
-        grid=appearance.grid if isinstance(appearance, Scatter) else None,
+        grid=appearance.grid,
         scene=scene_body(loaded.state.scene),
     )
 
@@ -260,8 +261,11 @@ def explanation(loaded: LoadedEpisode) -> ExplanationBody:
 
 
 def solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
-    solver = catalogue.solver(loaded.row.configuration, loaded.row.rules)
-    solved = solver.solve(loaded.task)
+    """Responds with 404 if there is no expert for the appearance."""
+    try:
+        solved = catalogue.solver(loaded.row.configuration, loaded.row.rules).solve(loaded.task)
+    except UnsupportedAppearance as fault:
+        raise http_error(404, str(fault)) from None
     state, steps = loaded.dynamics.start(loaded.task), []
     for action in solved.actions:
         state = loaded.dynamics.step(state, action).state

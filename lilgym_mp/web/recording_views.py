@@ -12,12 +12,12 @@ import numpy as np
 from pydantic import BaseModel
 
 from lilgym_mp.actions import ActionType, describe
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.evaluation.decisions import Decision, action_cells
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.rules import Dynamics
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.run_directory import RecordingFile, RunDirectory, UnreadableRecording
 from lilgym_mp.web.scene_body import SceneBody, scene_body
@@ -355,7 +355,7 @@ def episode_body(recording: Recording, index: int) -> EpisodeBody:
 
 def _grid(appearance: Appearance) -> tuple[int, int]:
     """Columns and rows."""
-    return appearance.grid if isinstance(appearance, Scatter) else (3, 1)
+    return appearance.grid or (BOX_COUNT, 1)
 
 
 def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[StepBody]:

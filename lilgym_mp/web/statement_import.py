@@ -144,7 +144,7 @@ def _validated(parsed: _ParsedStatement) -> ImportedStatement:
 def _infer_appearance(scenes: Sequence[Scene]) -> str:
     """The first appearance in which all scenes are valid. Raises SceneError if there is none."""
     faults: list[str] = []
-    for name in ("tower", "scatter"):
+    for name in APPEARANCES:
         try:
             for scene in scenes:
                 APPEARANCES[name].check_scene(scene)

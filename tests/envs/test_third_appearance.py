@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+import os
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import gymnasium as gym
@@ -11,81 +14,38 @@ import numpy as np
 import pytest
 
 from lilgym_mp import appearances
-from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, Stop
-from lilgym_mp.appearances import Edit, InvalidReason, PlacementRules
-from lilgym_mp.arrays import BoolArray
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.rules import make_dynamics
-from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
 from lilgym_mp.solver import Solver
+from tests.envs.lamps import NAME, Lamps
 
-NAME = "lamps"
-LAMP = Item(40, 40, Shape.CIRCLE, Colour.YELLOW, Size.MEDIUM)
-ACTIONS: tuple[Action, ...] = (
-    STOP,
-    *(AddBlock(box, Colour.YELLOW) for box in range(3)),
-    *(RemoveBlock(box) for box in range(3)),
-)
-
-
-class Lamps:
-    """Each box has one yellow circle or none."""
-
-    name = NAME
-    action_count = len(ACTIONS)
-    box_capacity = 1
-
-    def decode(self, index: int) -> Action:
-        return ACTIONS[index]
-
-    def encode(self, action: Action) -> int:
-        if action not in ACTIONS:
-            raise ActionError(f"{action} is not an action of lamps")
-        return ACTIONS.index(action)
-
-    def from_array(self, values: Sequence[int]) -> Action:
-        return ACTIONS[values[0]]
-
-    def to_array(self, action: Action) -> list[int]:
-        return [self.encode(action)]
-
-    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
-        assert isinstance(action, AddBlock | RemoveBlock)
-        adds, lit = isinstance(action, AddBlock), bool(scene.boxes[action.box].items)
-        if adds == lit:
-            return Edit(scene, InvalidReason.OVERLAP if adds else InvalidReason.NOTHING_TO_REMOVE)
-        return Edit(scene.with_box(action.box, Box((LAMP,) if adds else ())))
-
-    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
-        return np.array(
-            [isinstance(action, Stop) or self.apply(scene, action, rules).invalid is None for action in ACTIONS]
-        )
-
-    def check_scene(self, scene: Scene) -> Scene:
-        if any(box.items not in ((), (LAMP,)) for box in scene.boxes):
-            raise SceneError("a box of lamps holds one lamp or none")
-        return scene
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(autouse=True)
-def corpus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A corpus of the new appearance, which is known for the time of the test."""
+def known(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The new appearance is known for the time of the test."""
     monkeypatch.setitem(appearances.BUILDERS, NAME, lambda grid: Lamps())
     monkeypatch.setitem(appearances.APPEARANCES, NAME, Lamps())
+
+
+@pytest.fixture
+def corpus(tmp_path: Path) -> str:
+    """A corpus of the new appearance."""
     lamp = {"x_loc": 40, "y_loc": 40, "type": "circle", "color": "Yellow", "size": 20}
     entries = [
         {
             "id": f"{count}",
             "appearance": NAME,
-            "split": "train",
-            "statement": f"There are exactly {word} lamps.",
+            "split": split,
+            "statement": f"Exactly {word} of the lamps shine.",
             "program": f"count(all_items) == {count}",
             "starts": [{"id": f"{count}-no", "label": False, "scene": [[], [], [lamp] if count == 3 else []]}],
         }
-        for count, word in ((2, "two"), (3, "three"))
+        for count, word, split in ((2, "two", "train"), (3, "three", "train"), (1, "one", "dev"))
     ]
     path = tmp_path / "lamps.jsonl"
     header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
@@ -151,3 +111,91 @@ def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.Monk
     monkeypatch.delitem(appearances.BUILDERS, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         gym.make("lilgym_mp/TowerScratch-v0", appearance=NAME)
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of the package with the new appearance: one file, and one line with its import."""
+    ignored = shutil.ignore_patterns("__pycache__")
+    for name in ("lilgym_mp", "wrappers"):
+        shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
+    (tmp_path / "copy" / "data").symlink_to(ROOT / "data")
+    shutil.copy(ROOT / "lilgym_mp_command.py", tmp_path / "copy")
+    package = tmp_path / "copy" / "lilgym_mp" / "appearances"
+    shutil.copy(ROOT / "tests" / "envs" / "lamps.py", package)
+    table = (package / "__init__.py").read_text()
+    line = '"tower": lambda grid: Tower(), '
+    assert table.count(line) == 1
+    table = table.replace(line, line + '"lamps": lambda grid: Lamps(), ')
+    importing = "from lilgym_mp.appearances.placement import"
+    (package / "__init__.py").write_text(
+        table.replace(importing, f"from lilgym_mp.appearances.lamps import Lamps\n{importing}")
+    )
+    return tmp_path / "copy"
+
+
+EVERYTHING = """
+import contextlib, io, sys
+from pathlib import Path
+import gymnasium as gym
+import lilgym_mp
+from lilgym_mp.cli import main
+from lilgym_mp.wrappers import text_observation_v0
+corpus, place = sys.argv[1], Path(sys.argv[2])
+
+def command(*words, lines=()):
+    sys.stdin = io.StringIO("".join(line + "\\n" for line in lines))
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
+        assert main([*words, "--corpus", corpus]) == 0, words
+    return said.getvalue()
+
+env = gym.make("lilgym_mp/LampsScratch-v0", corpus=corpus, render_mode="rgb_array")
+env.reset(seed=0)
+assert env.render().shape == (304, 784, 3)
+words = text_observation_v0(gym.make("lilgym_mp/LampsFlipIt-v0", corpus=corpus))
+assert "circle" in str(words.reset(seed=0)[0])
+assert "lights the lamp" in words.instructions()
+said = command("play", "LampsScratch", "--split", "dev", lines=["help", "add left yellow", "stop", "quit"])
+assert "such as: add left yellow" in said and "success" in said
+assert "ADD(LEFT, YELLOW)" in command("play-game", "LampsScratch", "--split", "dev", lines=["legal", "quit"])
+both = ["LampsScratch", "LampsFlipIt"]
+command("evaluate", "--policy", "random-legal", "--configuration", *both, "--record", str(place))
+from lilgym_mp.report import make_report
+make_report([place], place / "report")
+assert "LampsFlipIt" in (place / "report" / "index.html").read_text()
+import warnings
+warnings.simplefilter("ignore")
+from starlette.testclient import TestClient
+from lilgym_mp.web import ServeOptions, create_app
+app = create_app(ServeOptions(database=f"sqlite:///{place / 'web.sqlite3'}", runs=place, corpus=corpus))
+browser = TestClient(app)
+recordings = browser.get("/api/watch/recordings").json()["recordings"]
+assert len(recordings) == 2
+for recording in recordings:
+    assert browser.get(f"/api/watch/recordings/{recording['id']}/episodes/0").json()["grid"] == [3, 1]
+token = browser.get("/api/session").json()["csrf_token"]
+new = {"configuration": "LampsScratch", "split": "dev"}
+episode = browser.post("/api/play/episodes", json=new, headers={"X-CSRF-Token": token}).json()
+assert episode["grid"] is None and episode["actions_left"] == 12, episode
+solution = browser.post(f"/api/play/episodes/{episode['id']}/solution", headers={"X-CSRF-Token": token})
+assert (solution.status_code, "no expert" in solution.text) == (404, True), solution.text
+app.state.services.close()
+"""
+
+
+@pytest.mark.long
+def test_third_appearance__plays_renders_records_is_watched_and_reported_after_adding_a_file_and_a_line(
+    copy: Path, corpus: str, tmp_path: Path
+):
+    for package in ("pettingzoo", "fastapi", "matplotlib", "jinja2", "httpx"):
+        pytest.importorskip(package)
+    done = subprocess.run(
+        [sys.executable, "-c", EVERYTHING, corpus, tmp_path / "runs"],
+        cwd=copy,
+        env={**os.environ, "PYTHONPATH": str(copy)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]

@@ -18,7 +18,7 @@ from torch import nn
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
-from lilgym_mp.envs.registration import START_TITLES
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
@@ -150,7 +150,7 @@ class _Run:
         self._entries = entries
         played = {settings.configuration: tasks}
         if settings.start == "flipit" and recipe.empty_starts:
-            scratch = f"{settings.appearance.capitalize()}{START_TITLES['scratch']}"
+            scratch = configuration_name(settings.appearance, "scratch")
             with suppress(NoTasksError):
                 played[scratch] = replace(settings, configuration=scratch).make("train").tasks
         self._held_out_tasks = {name: _tasks_of(task_set, self._held_out) for name, task_set in played.items()}

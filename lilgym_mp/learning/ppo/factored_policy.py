@@ -16,10 +16,10 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import Float32Array, Float64Array, Int64Array
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
 UNUSED = -1  # sentinel: an argument the type does not use, or an action without probability
 STOP = 0  # action index
@@ -139,25 +139,17 @@ def _joint_choice(appearance: Appearance, action: Action) -> tuple[int, int]:
 
 def _cell(appearance: Appearance, column: int, row: int) -> int | None:
     """The cell's index, by box, then row-major; None on a separator."""
-    assert isinstance(appearance, Scatter)
-    rows, columns, pitch = box_cells(appearance)
+    assert appearance.grid is not None
+    rows, columns, pitch = box_cells(appearance.grid)
     box, box_column = divmod(column, pitch)
     return None if box_column >= columns else (box * rows + row) * columns + box_column
 
 
-def box_cells(appearance: Scatter) -> tuple[int, int, int]:
+def box_cells(grid: Grid) -> tuple[int, int, int]:
     """Cell rows and columns of a box, and columns from a box to the next."""
-    columns, rows = appearance.grid
+    columns, rows = grid
     width = IMAGE_WIDTH // columns
     return rows, BOX_SIDE // width, BOX_PITCH // width
-
-
-def cells_of(appearance: Appearance) -> int:
-    """Cells of all boxes, separators left out."""
-    if not isinstance(appearance, Scatter):
-        return BOX_COUNT
-    rows, columns, _ = box_cells(appearance)
-    return BOX_COUNT * rows * columns
 
 
 class FactoredPolicy:

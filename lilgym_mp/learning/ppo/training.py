@@ -19,7 +19,7 @@ from torch import Tensor
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.envs.registration import START_TITLES
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.learning.clock import TrainingClock
@@ -169,7 +169,7 @@ class Run:
         own = self._settings.configuration
         if not plays_empty_starts(self.tasks):
             return (own,)
-        return own, f"{self._settings.appearance.capitalize()}{START_TITLES[SCRATCH]}"
+        return own, configuration_name(self._settings.appearance, SCRATCH)
 
     def reported_parameters(self) -> str:
         """The parameter count reported for this model by the paper or release, in parentheses; empty without one."""

@@ -16,7 +16,7 @@ from lilgym_mp.web import annotation, annotation_admin, language, statement_impo
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.authentication import ANNOTATOR, CurrentCaller, CurrentOrganiser, CurrentPerson, issue_token
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import RandomId, ShortText, storable
+from lilgym_mp.web.field_types import RandomId, ShortText, SplitName, storable
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Person, Submission, TutorialAnswer
 from lilgym_mp.web.templating import render_page
@@ -30,7 +30,6 @@ ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), After
 DisplayName = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")
 ]
-SplitName = Literal["train", "dev", "test"]
 SkipReason = Literal["ambiguous", "cannot be expressed", "wrong label", "not English", "too hard", "other"]
 
 

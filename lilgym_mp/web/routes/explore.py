@@ -2,28 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
 from lilgym_mp.analysis.phenomena import Phenomenon
+from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.web import corpus_statements
 from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.field_types import Name
+from lilgym_mp.web.field_types import AppearanceName, Name, SplitName
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
 
-AppearanceName = Literal["tower", "scatter"]
-SplitName = Literal["train", "dev", "test"]
 Count = Annotated[int, Query(ge=0, le=1_000_000)]
 TextQuery = Annotated[str, Query(max_length=200)]
 
 
 @router.get("/explore", include_in_schema=False)
 def explore_page(request: Request) -> Response:
-    return render_page(request, "explore.html")
+    return render_page(request, "explore.html", appearances=list(APPEARANCES))
 
 
 @router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)

@@ -14,8 +14,17 @@ from lilgym_mp.web import live_games
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import Name, RandomId
-from lilgym_mp.web.routes.play import ColourName, ConfigurationName, ShapeName, SizeName, SplitName
+from lilgym_mp.web.field_types import (
+    ColourName,
+    ConfigurationName,
+    Name,
+    PresetName,
+    ProtocolName,
+    RandomId,
+    ShapeName,
+    SizeName,
+    SplitName,
+)
 from lilgym_mp.web.templating import render_page
 from lilgym_mp.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
 
@@ -32,8 +41,8 @@ class NewGame(BaseModel):
 
     configuration: ConfigurationName = "TowerScratch"
     split: SplitName = "dev"
-    protocol: Literal["veto", "joint", "audit", "critique"] = "veto"
-    rewards: Literal["common", "correctness", "helpful", "sneaky", "hidden", "brier", "log"] = "common"
+    protocol: ProtocolName = "veto"
+    rewards: PresetName = "common"
     verdict_bins: int | None = Field(
         None, ge=2, le=9, description="audit: number of probabilities the verifier chooses from; null: accept or reject"
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query, Request, Response
@@ -15,19 +15,21 @@ from lilgym_mp.web import played_episodes
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import Name, RandomId
+from lilgym_mp.web.field_types import (
+    ColourName,
+    ConfigurationName,
+    Name,
+    RandomId,
+    RulesName,
+    ShapeName,
+    SizeName,
+    SplitName,
+)
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
 MAX_TASKS = 50  # per response
-
-ConfigurationName = Literal["TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"]
-SplitName = Literal["train", "dev", "test"]
-RulesName = Literal["paper", "release"]
-ShapeName = Literal["CIRCLE", "SQUARE", "TRIANGLE"]
-ColourName = Literal["YELLOW", "BLACK", "BLUE"]
-SizeName = Literal["SMALL", "MEDIUM", "LARGE"]
 
 
 Nickname = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40, pattern=r"^[\w .-]+$")]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
@@ -11,13 +11,13 @@ from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.web import recording_views
 from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.field_types import OutcomeName
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
 
 RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as returned by the list of recordings")]
-OutcomeName = Literal["success", "wrong_stop", "invalid_action", "horizon"]
 
 
 @router.get("/watch", include_in_schema=False)

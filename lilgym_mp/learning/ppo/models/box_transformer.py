@@ -17,7 +17,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from lilgym_mp.actions import ActionType
-from lilgym_mp.appearances import Appearance, Scatter
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
@@ -105,9 +105,7 @@ class BoxTransformer(Model):
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
         self.act_feedforward = Feedforward(width)
-        self.arguments = (
-            ScatterArguments(appearance, width) if isinstance(appearance, Scatter) else TowerArguments(width)
-        )
+        self.arguments = TowerArguments(width) if appearance.grid is None else ScatterArguments(appearance.grid, width)
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
@@ -271,9 +269,9 @@ class ScatterArguments(nn.Module):
 
     CELL = 32
 
-    def __init__(self, appearance: Scatter, width: int) -> None:
+    def __init__(self, grid: Grid, width: int) -> None:
         super().__init__()
-        self.rows, self.columns, _ = box_cells(appearance)
+        self.rows, self.columns, _ = box_cells(grid)
         self.seen = nn.Linear(CHANNELS, self.CELL)
         self.place = nn.Parameter(0.02 * torch.randn(self.rows * self.columns, self.CELL))
         self.box = nn.Linear(width, self.CELL)
