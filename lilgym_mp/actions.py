@@ -1,6 +1,6 @@
 """Actions as named tuples. Their effects on scenes are defined by `appearances`.
 
-Source: SPEC section 3 (Wu et al. 2023, section 4).
+Source: docs/spec.md, "Actions" (Wu et al. 2023, section 4).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Observations: the image, the statement and the target. Source: SPEC sections 1 and 2."""
+"""Observations: the image, the statement and the target. Source: docs/spec.md, "Drawing", "Tasks"."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The MDP: transitions, rewards and ends of episodes. No other module defines these rules.
 
-Source: SPEC sections 4, 5 and 7 (Wu et al. 2023, section 4, and release 0.0.1).
+Source: docs/spec.md, "Rewards and the end of an episode", "Rule sets" (Wu et al. 2023, section 4, and release 0.0.1).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Scenes: three boxes of coloured items, immutable, with the released JSON format.
 
-Source: SPEC section 1 (NLVR's `structured_rep`); colours and sizes as in Wu et al. 2023, section 3.
+Source: docs/spec.md, "Scenes" (NLVR's `structured_rep`); colours and sizes as in Wu et al. 2023, section 3.
 """
 
 from __future__ import annotations

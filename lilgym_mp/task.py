@@ -1,6 +1,6 @@
 """A task: a statement, its program, the target truth value and the start scene.
 
-Source: SPEC section 2 (Wu et al. 2023, section 4: a context is a statement and a target).
+Source: docs/spec.md, "Tasks" (Wu et al. 2023, section 4: a context is a statement and a target).
 """
 
 from __future__ import annotations

@@ -89,6 +89,19 @@ def test_tests_named_in_the_fidelity_table__exist() -> None:
     assert [name for name in named if f"def {name}(" not in sources] == []
 
 
+def test_citations_of_the_specification__name_a_heading() -> None:
+    headings = set(re.findall(r"^#+ (.+)$", (ROOT / "docs" / "spec.md").read_text(), re.MULTILINE))
+    sources = [path for place in ("lilgym_mp", "wrappers", "tests") for path in (ROOT / place).rglob("*.py")]
+    cited = [
+        (path.name, heading)
+        for path in sources
+        for quoted in re.findall(r'docs/spec\.md, ((?:"[A-Z][^"]*"(?:, )?)+)', path.read_text())
+        for heading in re.findall(r'"([^"]+)"', quoted)
+    ]
+    assert len(cited) > 30
+    assert [citation for citation in cited if citation[1] not in headings] == []
+
+
 MEASURING = re.compile(r"`python (?:-m tests\.stress\.|benchmarks/)")
 DATE = re.compile(r"20\d\d-\d\d-\d\d")
 

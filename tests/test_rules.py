@@ -1,4 +1,4 @@
-"""The table of rewards and termination of the MDP (SPEC sections 5 and 7), and purity of steps."""
+"""The table of rewards and termination of the MDP (docs/spec.md, "Rule sets"), and purity of steps."""
 
 from __future__ import annotations
 

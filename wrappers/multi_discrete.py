@@ -24,7 +24,7 @@ MASKS = {form: form for form in (NUMBERS, SLOTS)}
 
 
 class _ActionBlock(NamedTuple):
-    """The consecutive indices of one action type, last slot fastest (SPEC section 3)."""
+    """The consecutive indices of one action type, last slot fastest (docs/spec.md, "Actions")."""
 
     last: Int64Array  # (slots,) array form of the last action: the largest value of each slot, -1 if unused
     first_index: int

@@ -1,4 +1,4 @@
-"""The ablation that rewards STOP only in scenes of the corpus. Source: SPEC section 6."""
+"""The ablation that rewards STOP only in scenes of the corpus. Source: docs/spec.md, "NLVR reward"."""
 
 from __future__ import annotations
 

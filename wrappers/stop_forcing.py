@@ -1,4 +1,4 @@
-"""Stop forcing for training: STOP wherever it succeeds. Source: SPEC sections 6 and 7 (PPO+SF)."""
+"""Stop forcing for training: STOP wherever it succeeds. Source: docs/spec.md, "Stop forcing" (PPO+SF)."""
 
 from __future__ import annotations
 

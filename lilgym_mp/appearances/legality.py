@@ -1,7 +1,7 @@
 """Legal ADDs and REMOVEs of a box, by cell, for all footprints at once.
 
 Flags of pixels are packed into words along the columns, so that a few operations on small arrays find the positions
-that items leave free. Source: SPEC section 4.
+that items leave free. Source: docs/spec.md, "Legality and effects".
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 The relation of two items depends only on their footprints (shape and size) and integer offset. So the exact geometry
 is computed once, by `scripts/build_placement_tables.py` with shapely, and shipped as
 `lilgym_mp.data/placement.npz`. Only ties between several pairs of nearest points are resolved at run time, by
-`nearest`. Source: SPEC section 4; the circle is shapely's 64-sided polygon.
+`nearest`. Source: docs/spec.md, "Legality and effects"; the circle is shapely's 64-sided polygon.
 """
 
 from __future__ import annotations

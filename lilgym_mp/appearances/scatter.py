@@ -1,6 +1,6 @@
 """Scatter: items of any shape, colour and size anywhere in the boxes, placed by the cells of a grid.
 
-Source: SPEC sections 3, 4 and 7.
+Source: docs/spec.md, "Actions", "Legality and effects", "Rule sets".
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Tower: medium squares stacked in the middle of each box, added and removed at the top.
 
 There are only 121 possible stacks, so each box exists once, with its four successors.
-Source: SPEC sections 1, 3 and 4.
+Source: docs/spec.md, "Scenes", "Actions", "Legality and effects".
 """
 
 from __future__ import annotations

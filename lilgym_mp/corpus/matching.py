@@ -1,4 +1,4 @@
-"""Tasks solved by matching the corpus's own scenes instead of by program. Source: SPEC section 6 (NLVR reward)."""
+"""Tasks solved by matching the corpus's own scenes instead of by program. Source: docs/spec.md, "NLVR reward"."""
 
 from __future__ import annotations
 

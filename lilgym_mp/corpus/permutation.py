@@ -1,6 +1,6 @@
 """Augments a corpus's start scenes with all permutations of their boxes.
 
-Source: SPEC section 2 (Wu et al. 2023; NLVR's statements do not refer to the order of the boxes).
+Source: docs/spec.md, "Tasks" (Wu et al. 2023; NLVR's statements do not refer to the order of the boxes).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The released format of the official lilGym corpus: one JSON file per appearance, start and split.
 
-Source: SPEC sections 2 and 9 (`{id: {"sentence", "lf"}}`; FlipIt files add "label" and "structured_rep").
+Source: docs/spec.md, "Tasks" (`{id: {"sentence", "lf"}}`; FlipIt files add "label" and "structured_rep").
 """
 
 from __future__ import annotations

@@ -113,7 +113,7 @@ class TaskSet(Sequence[Task]):
 
 
 def contexts(tasks: Iterable[Task]) -> int:
-    """The number of contexts (MDPs) among the tasks: distinct pairs of statement and target (SPEC section 2)."""
+    """The number of contexts (MDPs) among the tasks: distinct pairs of statement and target (docs/spec.md, "Tasks")."""
     return len({(task.statement, task.target) for task in tasks})
 
 

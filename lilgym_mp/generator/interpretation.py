@@ -2,7 +2,7 @@
 
 Every generated program is checked against it. An `Interpretation` varies what people judge differently (does an item
 two pixels from the wall touch it? is "all the circles" true of none?); start scenes are chosen where all
-interpretations agree. Geometry: SPEC section 8.
+interpretations agree. Geometry: docs/spec.md, "Programs".
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ class MaskedActorCritic(MaskableActorCriticPolicy):
     """Samples legal actions only. `make_network` returns the ActorCritic to train.
 
     A mask with a single legal action means stop forcing: log-probability and entropy are then those of the unmasked
-    policy, so that it learns to choose the action itself. Source: SPEC section 6 (PPO+SF).
+    policy, so that it learns to choose the action itself. Source: docs/spec.md, "Stop forcing".
     """
 
     def __init__(

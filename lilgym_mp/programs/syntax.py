@@ -1,4 +1,4 @@
-"""Parses program text to a syntax tree, by an allow-list over Python's syntax tree (SPEC section 8).
+"""Parses program text to a syntax tree, by an allow-list over Python's syntax tree (docs/spec.md, "Programs").
 
 First a lexer checks all characters and tokens, so that Python's parser only sees a bounded number of names, integers,
 brackets and operators of the language. Then every node of Python's tree must be of an allowed type. Anything else

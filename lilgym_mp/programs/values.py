@@ -1,7 +1,7 @@
 """The object types of the program language: items, boxes, scenes, and the enums Color, Shape, Size and Side.
 
 Coordinates: left = x, right = x + side. Heights are measured upwards from the bottom of the box: top = 100 - y,
-bottom = 100 - (y + side) (SPEC section 8). Items and boxes are compared by identity.
+bottom = 100 - (y + side) (docs/spec.md, "Programs"). Items and boxes are compared by identity.
 """
 
 from __future__ import annotations

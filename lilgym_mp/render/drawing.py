@@ -1,6 +1,6 @@
 """The reference implementation of images: an image is a pure function of its scene.
 
-Source: SPEC section 1. Shapes are rasterised by Pillow, as in the release.
+Source: docs/spec.md, "Drawing". Shapes are rasterised by Pillow, as in the release.
 """
 
 from __future__ import annotations

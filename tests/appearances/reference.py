@@ -1,4 +1,4 @@
-"""Scatter's ADD and REMOVE (SPEC section 4) said with shapely, one polygon after the other: slow, plain, for tests."""
+"""Scatter's ADD and REMOVE (docs/spec.md, "Legality and effects") with shapely, polygon by polygon: slow and plain."""
 
 from __future__ import annotations
 

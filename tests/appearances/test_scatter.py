@@ -1,4 +1,4 @@
-"""Scatter: what ADD and REMOVE make of small scenes, clause by clause of SPEC sections 4 and 7.
+"""Scatter: what ADD and REMOVE make of small scenes, clause by clause of docs/spec.md, "Legality and effects".
 
 Items are written with the top-left of their bounding square; a cell of the released grid is 20 x 20 pixels.
 """

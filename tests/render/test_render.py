@@ -56,7 +56,7 @@ def pixels_in(image: UInt8Array, rgb: tuple[int, int, int]) -> list[list[int]]:
 
 
 def by_pillow(shown: Scene) -> UInt8Array:
-    """(100, 380, 3) the image drawn with Pillow as in SPEC section 1."""
+    """(100, 380, 3) the image drawn with Pillow as in docs/spec.md, "Drawing"."""
     image = Image.new("RGB", (380, 100), SEPARATOR_RGB)
     pen = ImageDraw.Draw(image)
     for index in range(3):

@@ -1,8 +1,8 @@
 """Known properties of the files in lilGym's release 0.0.1, and verification of files against them.
 
-The numbers of tasks and contexts are those of the paper (SPEC section 2). Content digests are known for the files that
-were available: Scratch train and dev, and FlipIt dev. The other files are verified by the number of entries, their
-format, and labels that agree with the programs.
+The numbers of tasks and contexts are those of the paper (docs/spec.md, "Tasks"). Content digests are known for the
+files that were available: Scratch train and dev, and FlipIt dev. The other files are verified by the number of entries,
+their format, and labels that agree with the programs.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Each place that a new item may take in a cell, by its footprint, is one bit of the cell's words, set in an empty box. An
 item clears some of them, depending on its own footprint and its offset from the cell: the words of the empty box, ANDed
 with what each item of the box leaves, show which footprints can be added. One more bit is cleared by items that cover
-part of the cell, and shows whether something can be removed. Source: SPEC section 4.
+part of the cell, and shows whether something can be removed. Source: docs/spec.md, "Legality and effects".
 """
 
 from __future__ import annotations

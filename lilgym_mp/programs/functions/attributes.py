@@ -1,4 +1,4 @@
-"""Words about the colours, shapes and sizes of items (SPEC section 8, "attributes")."""
+"""Words about the colours, shapes and sizes of items (docs/spec.md, "Attributes")."""
 
 from __future__ import annotations
 

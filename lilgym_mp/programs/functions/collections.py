@@ -1,4 +1,4 @@
-"""Words about collections, and the built-ins of Python that programs may use (SPEC section 8, "sets")."""
+"""Words about collections, and the built-ins of Python that programs may use (docs/spec.md, "Sets")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison and Boolean logic (SPEC section 8, "comparison" and "logic")."""
+"""Comparison and Boolean logic (docs/spec.md, "Comparison", "Logic")."""
 
 from __future__ import annotations
 
