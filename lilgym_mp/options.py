@@ -180,6 +180,13 @@ def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, A
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 
+def fill_options(args: argparse.Namespace, remembered: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Gives each option that was not given its value in the resumed run, if it has one there, else its default."""
+    for name, default in defaults.items():
+        if getattr(args, name) is None:
+            setattr(args, name, remembered.get(name, default))
+
+
 def check_at_least(args: argparse.Namespace, minimum: int, *names: str) -> None:
     """Raises CommandError for the first of the options that was given a lower value."""
     for name, value in given_options(args, names).items():

@@ -1,6 +1,6 @@
 """A training run on disk, common to all learners.
 
-run.json            the run's identity: written first, never changed
+run.json            the run's identity, which never changes, and its options, such as its budget
 checkpoint.pt       training state, replaced atomically
 progress.jsonl      one line per progress report
 agent.safetensors   the trained agent, replaced atomically
@@ -12,6 +12,7 @@ import io
 import json
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -41,9 +42,10 @@ class TrainingError(ValueError):
 class TrainingRun:
     """The files of one run."""
 
-    def __init__(self, path: Path, identity: Mapping[str, Any]) -> None:
+    def __init__(self, path: Path, identity: Mapping[str, Any], options: Mapping[str, Any] | None = None) -> None:
         self.path = path
         self.identity = dict(identity)
+        self.options = dict(options or {})  # what a resumed run may change, such as its budget, as last requested
 
     @property
     def agent_file(self) -> Path:
@@ -52,6 +54,11 @@ class TrainingRun:
     @property
     def has_checkpoint(self) -> bool:
         return (self.path / CHECKPOINT_FILE).exists()
+
+    def remember(self, **options: Any) -> None:
+        """Keeps these options for a run resumed without them; those that are None keep their former value."""
+        self.options |= {name: value for name, value in options.items() if value is not None}
+        _write_run_file(self.path, self.identity, self.options)
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
@@ -81,27 +88,54 @@ class TrainingRun:
             file.write(json.dumps(progress) + "\n")
 
 
-def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:
+def begin_run(
+    path: Path, identity: Mapping[str, Any], *, resume: bool = False, defaults: Mapping[str, Any] | None = None
+) -> TrainingRun:
     """A new run in an empty or new directory, or with `resume` the one already there.
 
-    `identity`: everything a resumed run must share, as JSON. Raises TrainingRunError when the directory is in use or
-    holds a different run, OutputError when it is not writable.
+    `identity`: everything a resumed run must share, as JSON. `defaults`: values of settings that a resumed run's file
+    lacks because they were added after it began. Raises TrainingRunError when the directory is in use or holds a
+    different run, OutputError when it is not writable.
     """
     identity = json.loads(json.dumps(identity))
     file = path / RUN_FILE
     if resume:
-        saved = _saved_identity(file)
+        saved, options = _read_run_file(file)
+        saved = _completed(saved, json.loads(json.dumps(defaults or {})))
         for name, kept, requested in _differences(saved, identity):
             raise TrainingRunError(
                 f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
                 " leave the option out, or choose another directory"
             )
-        return TrainingRun(path, saved)
+        return TrainingRun(path, saved, options)
     writable_directory(path)
     if file.exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
-    write_json(file, {"format": FORMAT, "version": VERSION, "identity": identity})
+    _write_run_file(path, identity, {})
     return TrainingRun(path, identity)
+
+
+def resumable_run(
+    path: Path, required: Mapping[str, Any], recipe: type[Any], defaults: Mapping[str, Any] | None = None
+) -> tuple[TrainingRun, Any]:
+    """The run to be resumed in a directory, and its recipe, made by the dataclass `recipe`.
+
+    `required`: values that its identity must have. Raises TrainingRunError naming both values otherwise.
+    """
+    run = begin_run(path, required, resume=True, defaults={"recipe": asdict(recipe()), **(defaults or {})})
+    try:
+        return run, recipe(**run.identity["recipe"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise TrainingRunError(f"{path / RUN_FILE}: cannot be used: {error}") from None
+
+
+def _completed(saved: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
+    """The saved identity with defaults for what it lacks, nested settings included."""
+    merged = {**defaults, **saved}
+    for name, value in defaults.items():
+        if isinstance(value, dict) and isinstance(merged[name], dict):
+            merged[name] = _completed(merged[name], value)
+    return merged
 
 
 def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:
@@ -114,20 +148,26 @@ def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iter
             yield name, kept, value
 
 
-def _saved_identity(file: Path) -> dict[str, Any]:
+def _write_run_file(path: Path, identity: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+    content = {"format": FORMAT, "version": VERSION, "identity": identity, "options": options}
+    write_json(path / RUN_FILE, content)
+
+
+def _read_run_file(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The run's identity and options."""
     try:
         if file.stat().st_size > LARGEST_DESCRIPTION:
             raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
             raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
+        return content["identity"], dict(content.get("options", {}))
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:
         raise
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         raise TrainingRunError(f"{file}: cannot be used: {error}") from None
-    return content["identity"]
 
 
 def shown(value: Any) -> str:

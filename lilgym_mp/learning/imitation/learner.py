@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import fields
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
@@ -17,9 +19,9 @@ from lilgym_mp.options import (
     add_device,
     add_recipe,
     add_run_directory,
-    add_seed,
     add_settings,
     check_at_least,
+    fill_options,
     given_options,
     given_settings,
 )
@@ -30,19 +32,20 @@ if TYPE_CHECKING:
 
 NAME = "imitation"
 DEFAULT_MINUTES = 10.0
+DEFAULTS = {"minutes": DEFAULT_MINUTES, "seed": 0}
+RECIPE_OPTIONS = [each.name for each in fields(ImitationRecipe)]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    add_configuration(parser)
+    add_configuration(parser, nargs="?")
     add_run_directory(parser, f"{NAME}-CONFIGURATION")
     parser.add_argument(
         "--minutes",
         type=float,
-        default=DEFAULT_MINUTES,
         metavar="N",
-        help="CPU time, including the expert's (default: %(default)s)",
+        help=f"CPU time, including the expert's (default: the resumed run's, or {DEFAULT_MINUTES:g})",
     )
-    add_seed(parser, "of the network and its data")
+    parser.add_argument("--seed", type=int, metavar="N", help="random seed of the network and its data (default: 0)")
     add_device(parser)
     add_settings(parser)
     add_recipe(parser, ImitationRecipe)
@@ -54,38 +57,55 @@ def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.imitation.training import train_imitation
 
-    choose("configuration", args.configuration, CONFIGURATIONS)
     check_at_least(args, 0, "seed")
     check_at_least(args, 1, "threads")
-    if args.minutes <= 0:
+    if args.minutes is not None and args.minutes <= 0:
         raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
     torch.set_num_threads(args.threads)
-    settings = Settings(**given_settings(args))
-    names = [name for name in ImitationRecipe.__dataclass_fields__ if hasattr(args, name)]
-    recipe = default_recipe(settings.appearance, **given_options(args, names))
-    directory = args.out or RUNS / f"{NAME}-{args.configuration}"
+    directory, settings, recipe = _resumed(args) if args.resume else _new(args)
+    minutes: float = args.minutes
     try:
-        with _Display(args.minutes, resumed=args.resume) as display:
+        with _Display(minutes, resumed=args.resume) as display:
             train_imitation(
                 settings,
                 recipe,
                 directory,
-                minutes=args.minutes,
+                minutes=minutes,
                 seed=args.seed,
                 device=args.device,
                 resume=args.resume,
                 on_progress=display,
             )
     except KeyboardInterrupt:
-        print(
-            f"interrupted; resume with: lilgym-mp train {NAME} {args.configuration} --resume"
-            f" --corpus {settings.corpus} --minutes {args.minutes:g} --seed {args.seed} --out {directory}"
-        )
+        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}")
         return INTERRUPTED
     print(
         f"saved {directory / AGENT_FILE}\nevaluate it with: lilgym-mp evaluate {directory} --corpus {settings.corpus}"
     )
     return 0
+
+
+def _new(args: argparse.Namespace) -> tuple[Path, Settings, ImitationRecipe]:
+    if args.configuration is None:
+        raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
+    choose("configuration", args.configuration, CONFIGURATIONS)
+    settings = Settings(**given_settings(args))
+    recipe = default_recipe(settings.appearance, **given_options(args, RECIPE_OPTIONS))
+    fill_options(args, {}, DEFAULTS)
+    return args.out or RUNS / f"{NAME}-{args.configuration}", settings, recipe
+
+
+def _resumed(args: argparse.Namespace) -> tuple[Path, Settings, ImitationRecipe]:
+    from lilgym_mp.learning.training_run import resumable_run
+
+    if args.out is None and args.configuration is None:
+        raise CommandError("name what to resume: --out DIR, or a configuration")
+    directory = args.out or RUNS / f"{NAME}-{args.configuration}"
+    given = {"environment": given_settings(args), "recipe": given_options(args, RECIPE_OPTIONS)}
+    required = {"learner": NAME, **given, **given_options(args, ["seed"])}
+    run, recipe = resumable_run(directory, required, ImitationRecipe)
+    fill_options(args, {**run.options, **run.identity}, DEFAULTS)
+    return directory, Settings.from_json(run.identity["environment"]), recipe
 
 
 class _Display:

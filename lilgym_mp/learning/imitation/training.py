@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -143,7 +143,9 @@ class _Run:
             "tasks_sha256": tasks.provenance.sha256,
             "held_out_sha256": digests_sha256(self._excluded),
         }
-        self._run = begin_run(out, identity, resume=resume)
+        defaults = {"recipe": asdict(ImitationRecipe()), "held_out_sha256": identity["held_out_sha256"]}
+        self._run = begin_run(out, identity, resume=resume, defaults=defaults)
+        self._run.remember(minutes=minutes, steps=steps)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
         entries, self._held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)

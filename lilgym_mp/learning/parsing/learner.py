@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.learning.parsing.recipe import RECIPE_DESCRIPTIONS, ParserRecipe
 from lilgym_mp.options import (
+    CORPUS_HELP,
     INTERRUPTED,
     RUNS,
-    add_corpus,
     add_device,
     add_recipe,
     add_run_directory,
     add_save_every,
     check_at_least,
+    fill_options,
     given_options,
 )
 from lilgym_mp.terminal import Progress
@@ -27,7 +29,7 @@ NAME = "parse-and-plan"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    add_corpus(parser)
+    parser.add_argument("--corpus", help=CORPUS_HELP)
     add_run_directory(parser, NAME)
     add_save_every(parser, 500)
     add_device(parser)
@@ -38,11 +40,20 @@ def train(args: argparse.Namespace) -> int:
     import torch
 
     from lilgym_mp.learning.parsing.training import train_parser
+    from lilgym_mp.learning.training_run import resumable_run
 
     check_at_least(args, 1, "threads", "save_every")
     torch.set_num_threads(args.threads)
-    recipe = ParserRecipe(**given_options(args, list(RECIPE_DESCRIPTIONS)))
     directory = args.out or RUNS / NAME
+    given = given_options(args, list(RECIPE_DESCRIPTIONS))
+    saved: Mapping[str, Any] = {}
+    if args.resume:
+        required = {"learner": NAME, **given_options(args, ["corpus"]), "recipe": given}
+        run, recipe = resumable_run(directory, required, ParserRecipe)
+        saved = run.identity
+    else:
+        recipe = ParserRecipe(**given)
+    fill_options(args, saved, {"corpus": "builtin"})
     with _Display(recipe.steps, resumed=args.resume) as display:
         done = train_parser(
             args.corpus,
@@ -54,7 +65,7 @@ def train(args: argparse.Namespace) -> int:
             on_progress=display,
         )
     if not done.agent_file.exists():
-        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --corpus {args.corpus} --out {directory}")
+        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}")
         return INTERRUPTED
     print(
         f"saved {done.agent_file} ({done.agent_file.stat().st_size / 1e6:.1f} MB)\n"

@@ -101,7 +101,8 @@ def train_parser(
         "held_out_sha256": data.held_out_sha256,
         "recipe": asdict(recipe),
     }
-    run = begin_run(out, identity, resume=resume)
+    defaults = {"recipe": asdict(ParserRecipe()), "held_out_sha256": data.held_out_sha256}
+    run = begin_run(out, identity, resume=resume, defaults=defaults)
     torch.manual_seed(recipe.seed)
     sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
     network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(torch_device)

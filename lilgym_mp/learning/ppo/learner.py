@@ -22,6 +22,7 @@ from lilgym_mp.options import (
     add_save_every,
     add_settings,
     check_at_least,
+    fill_options,
     given_options,
     given_settings,
 )
@@ -38,7 +39,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?")
     add_run_directory(parser, "CONFIGURATION")
     parser.add_argument(
-        "--steps", type=int, default=DEFAULT_STEPS, metavar="N", help="environment steps (default: %(default)s)"
+        "--steps", type=int, metavar="N", help=f"environment steps (default: the resumed run's, or {DEFAULT_STEPS})"
     )
     parser.add_argument(
         "--recipe",
@@ -69,6 +70,7 @@ def train(args: argparse.Namespace) -> int:
 
     check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
+    fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "evaluate_every": None})
     with _Display(args.steps, directory) as display:
         agent = train_ppo(
             out=directory,
@@ -85,7 +87,7 @@ def train(args: argparse.Namespace) -> int:
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
-        print(f"interrupted; resume with: lilgym-mp train ppo --resume --out {directory} --steps {args.steps}")
+        print(f"interrupted; resume with: lilgym-mp train ppo --resume --out {directory}")
         return INTERRUPTED
     if details["validation_accuracy"] is not None:
         accuracy, steps = 100 * details["validation_accuracy"], details["validation_steps"]

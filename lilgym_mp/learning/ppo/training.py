@@ -43,7 +43,7 @@ from lilgym_mp.learning.ppo.update import (
     update,
 )
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.training_run import TrainingError, TrainingRun, TrainingRunError, begin_run
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run, resumable_run
 
 
 class Progress(NamedTuple):
@@ -103,6 +103,7 @@ def train_ppo(
     """
     with torch_threads(threads), stop_on_signals() as stop:
         run = Run(settings, recipe, out, recipe_name, weights, device, resume=resume)
+        run.files.remember(steps=steps, evaluate_every=evaluate_every)
         if run.steps >= steps:
             raise TrainingRunError(f"the run in {out} already has {run.steps:,} steps; request more with --steps")
         curve = LearningCurve(settings, recipe, evaluate_every) if evaluate_every else None
@@ -146,7 +147,11 @@ class Run:
         settings.make(TRAINING_SPLIT)
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)
-        self.files = begin_run(out, _identity(settings, recipe, recipe_name, self.tasks, weights), resume=resume)
+        identity, defaults = (
+            _identity(settings, recipe, recipe_name, self.tasks, weights),
+            {"recipe": asdict(PPORecipe())},
+        )
+        self.files = begin_run(out, identity, resume=resume, defaults=defaults)
         _to(self.model, self._device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
@@ -323,19 +328,18 @@ def _identity(
 
 
 def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, recipe, recipe name and weights of the run in a directory, as arguments of `train_ppo`.
+    """Settings, recipe, recipe name and weights of the run in a directory, as arguments of `train_ppo`; its options.
 
     `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
     """
-    run: TrainingRun = begin_run(out, required, resume=True)
+    run, recipe = resumable_run(out, {"learner": KIND, **required}, PPORecipe)
     identity = run.identity
     try:
-        if identity["learner"] != KIND:
-            raise ValueError(f"a run of {identity['learner']}, not of {KIND}")
         weights = identity["weights"]
         return {
             "settings": Settings.from_json(identity["environment"]),
-            "recipe": PPORecipe.from_json(identity["recipe"]),
+            "recipe": recipe,
+            "options": run.options,
             "recipe_name": str(identity["recipe_name"]),
             "weights": None if weights is None else Path(weights),
         }

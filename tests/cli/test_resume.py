@@ -1,0 +1,95 @@
+"""`lilgym-mp train LEARNER --resume --out DIR`: a run goes on as it was begun, without repeating its options."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.imitation.recipe import default_recipe
+from lilgym_mp.learning.imitation.training import train_imitation
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.training import train_parser
+from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.learning.ppo.training import train_ppo
+from lilgym_mp.learning.training_run import TrainingRunError, begin_run
+from tests.own_corpus import write_own_corpus
+
+PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
+IMITATION = {"width": 32, "text_layers": 1, "item_layers": 1, "statements": 4, "pretraining": 0.0, "held_out": 0.0}
+PARSER = {"steps": 60, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> str:
+    return str(write_own_corpus(tmp_path / "own.jsonl"))
+
+
+def interrupt(progress: object) -> None:
+    """Ctrl-C."""
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_ppo__goes_on_to_the_steps_it_was_begun_with(own: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    recipe = make_recipe("ours", "TowerScratch", seed=3, **PPO)
+    settings = Settings("TowerScratch", corpus=own, horizon=7)
+    train_ppo(settings, recipe, tmp_path / "run", steps=96, device="cpu", on_progress=interrupt)
+    assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == 0
+    assert "96 steps, resumed after 32" in capsys.readouterr().out
+    assert open_agent(tmp_path / "run").description.details["steps"] == 96
+    assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == USAGE_ERROR
+    assert "already has 96 steps; request more with --steps" in capsys.readouterr().err
+
+
+def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
+    recipe = make_recipe("ours", "TowerScratch", **PPO)
+    train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=32, device="cpu")
+    train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=64, device="cpu", resume=True)
+    assert json.loads((tmp_path / "run.json").read_text())["options"]["steps"] == 64
+
+
+def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
+    own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    settings = Settings("TowerFlipIt", corpus=own, horizon=7)
+    recipe = default_recipe("tower", **IMITATION)
+    monkeypatch.setattr("lilgym_mp.learning.imitation.training.REPORT_SECONDS", 0.1)
+    with pytest.raises(KeyboardInterrupt):
+        train_imitation(settings, recipe, tmp_path / "run", minutes=0.1, seed=5, device="cpu", on_progress=interrupt)
+    assert main(["train", "imitation", "--resume", "--out", str(tmp_path / "run")]) == 0
+    details = open_agent(tmp_path / "run").description.details
+    assert 0.09 < details["cpu_minutes"] < 0.3
+    assert details["seed"] == 5
+
+
+def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    recipe = ParserRecipe(seed=2, **PARSER)
+    monkeypatch.setattr("lilgym_mp.learning.parsing.training.REPORT_EVERY", 20)
+    train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
+    assert not (tmp_path / "run" / "agent.safetensors").exists()
+    assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
+    saved = open_agent(tmp_path / "run").description.recipe
+    assert (saved["corpus"], saved["steps"], saved["seed"]) == (own, 60, 2)
+
+
+@pytest.mark.parametrize("learner", ["ppo", "imitation"])
+def test_resume__rejects_a_run_of_another_learner(learner: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    begin_run(tmp_path, {"learner": "other"})
+    assert main(["train", learner, "--resume", "--out", str(tmp_path)]) == USAGE_ERROR
+    assert f"has learner other, but {learner} was requested" in capsys.readouterr().err
+
+
+def test_begin_run__settings_absent_from_an_older_run_take_their_defaults(tmp_path: Path):
+    begin_run(tmp_path, {"learner": "one", "recipe": {"width": 8}})
+    now: dict[str, Any] = {"learner": "one", "recipe": {"width": 8, "added_later": 3}}
+    defaults = {"recipe": {"width": 128, "added_later": 3}}
+    assert begin_run(tmp_path, now, resume=True, defaults=defaults).identity == now
+    with pytest.raises(TrainingRunError, match="has added_later 3, but 4 was requested"):
+        begin_run(tmp_path, {"recipe": {"added_later": 4}}, resume=True, defaults=defaults)
