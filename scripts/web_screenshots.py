@@ -28,7 +28,7 @@ from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import issue_token
+from lilgym_mp.web.authentication import add_person, issue_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
@@ -208,7 +208,7 @@ def create_example_data(page: Page, url: str, app: Any, directory: Path) -> Exam
     """Imports statements and creates an organiser and two annotators with some submissions."""
     with app.state.services.database.write_session() as session:
         tokens = {
-            name: issue_token(session, name, role)
+            name: issue_token(add_person(session, name, role))
             for name, role in (("Olga", "organiser"), ("Ada", "annotator"), ("Bob", "annotator"))
         }
     entries = list(flipit_entries(load_tasks("builtin", "tower", "flipit", "dev")))[:8]

@@ -17,6 +17,7 @@ from lilgym_mp.extras import install
 from lilgym_mp.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
+    import uvicorn
     from fastapi import FastAPI
 
 PORT, DATABASE = 8000, "lilgym-web.sqlite3"
@@ -49,6 +50,13 @@ def add_parser(subparsers: Any) -> None:
         metavar="DIR",
         help=f"directory with training runs and recorded episodes (default: {RUNS}, if it exists)",
     )
+    parser.add_argument(
+        "--trusted-proxy",
+        action="append",
+        default=[],
+        metavar="ADDRESS",
+        help="reverse proxy whose X-Forwarded-For and X-Forwarded-Proto are believed; every visitor then needs a token",
+    )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
     parser.set_defaults(run=run)
 
@@ -66,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
     listening = _listen(args.host, args.port)
     with listening:
-        is_local = _is_loopback(listening.getsockname()[0])
+        is_local = _is_loopback(listening.getsockname()[0]) and not args.trusted_proxy
         options = ServeOptions(
             corpus=args.corpus,
             database=database_url(args.database),
@@ -75,7 +83,8 @@ def run(args: argparse.Namespace) -> int:
             hosts=(*LOOPBACK_HOSTS, args.host) if is_local else None,
         )
         app = create_app(options)
-        _serve(app, listening, url=_url(args.host, listening.getsockname()[1]), opens=args.open, is_local=is_local)
+        url = _url(args.host, listening.getsockname()[1])
+        _serve(app, listening, url=url, opens=args.open, is_local=is_local, proxies=args.trusted_proxy)
     return 0
 
 
@@ -109,14 +118,35 @@ def _url(host: str, port: int) -> str:
     return f"http://{f'[{name}]' if ':' in name else name}:{port}"
 
 
-def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_local: bool) -> None:
+def server_config(app: FastAPI, proxies: list[str]) -> uvicorn.Config:
+    """`proxies`: addresses of the reverse proxies whose headers are believed."""
+    import uvicorn
+
+    from lilgym_mp.web.protocol import TimedProtocol
+
+    return uvicorn.Config(
+        app,
+        http=TimedProtocol,
+        proxy_headers=bool(proxies),
+        forwarded_allow_ips=proxies,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=3,
+        timeout_keep_alive=30,
+    )
+
+
+def _serve(
+    app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_local: bool, proxies: list[str]
+) -> None:
     """Serves until Ctrl-C or SIGTERM."""
     import uvicorn
 
-    from lilgym_mp.web.authentication import ORGANISER, issue_token
+    from lilgym_mp.web.authentication import issue_operator_token
 
     with app.state.services.database.write_session() as session:
-        token = issue_token(session, ORGANISER, ORGANISER)
+        token = issue_operator_token(session)
     organiser_url = f"{url}/login?token={token}"
     lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C stops it")
 
@@ -127,16 +157,8 @@ def _serve(app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_
             if opens:
                 threading.Thread(target=webbrowser.open, args=[url if is_local else organiser_url]).start()
 
-    config = uvicorn.Config(
-        app,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=3,
-        timeout_keep_alive=30,
-    )
     # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
     threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
     with suppress(KeyboardInterrupt):  # raised again by uvicorn once all connections are closed
-        Server(config).run(sockets=[listening])
+        Server(server_config(app, proxies)).run(sockets=[listening])
     print("stopped", file=sys.stderr)

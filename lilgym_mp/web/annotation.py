@@ -13,7 +13,14 @@ from sqlalchemy.orm import Session
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.played_episodes import ProgramPart
-from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluation, ProgramEvaluationError, ProgramEvaluator
+from lilgym_mp.web.program_evaluator import (
+    MAX_REQUESTS,
+    EvaluatorBusy,
+    ProgramEvaluation,
+    ProgramEvaluationError,
+    ProgramEvaluator,
+    QuotaExceeded,
+)
 from lilgym_mp.web.scene_body import SceneBody, scene_body
 from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 
@@ -214,21 +221,26 @@ def save_draft(session: Session, person: Person, assignment_id: int, program: st
     return assignment.draft_version
 
 
-def evaluate_program(
-    evaluator: ProgramEvaluator, program: str, scenes: Sequence[Scene], *, traced: bool = False
+async def evaluate_program(
+    evaluator: ProgramEvaluator, person: Person, program: str, scenes: Sequence[Scene], *, traced: bool = False
 ) -> ProgramEvaluation:
-    """Responds with 422 for an invalid program or one that exceeds a limit, 503 if all workers stay busy."""
+    """Responds with 422 for an invalid program or one that exceeds a limit, 429 if the person has too many running, 503
+    if all workers stay busy."""
     try:
-        return evaluator.evaluate(program, scenes, traced=traced)
+        return await evaluator.evaluate(person.id, program, scenes, traced=traced)
     except ProgramEvaluationError as fault:
         raise http_error(422, str(fault)) from None
+    except QuotaExceeded:
+        raise http_error(429, f"{MAX_REQUESTS} of your programs are running or waiting; wait for one to end") from None
     except EvaluatorBusy:
         raise http_error(503, "too many programs are running; your text is safe: try again in a moment") from None
 
 
-def run_program(evaluator: ProgramEvaluator, program: str, scene: Scene, *, label: bool) -> RunBody:
+async def run_program(
+    evaluator: ProgramEvaluator, person: Person, program: str, scene: Scene, *, label: bool
+) -> RunBody:
     """Evaluates the program on the shown scene, with the value of each part."""
-    evaluation = evaluate_program(evaluator, program, [scene], traced=True)
+    evaluation = await evaluate_program(evaluator, person, program, [scene], traced=True)
     return RunBody(
         truth=evaluation.truths[0],
         label=label,
@@ -238,20 +250,22 @@ def run_program(evaluator: ProgramEvaluator, program: str, scene: Scene, *, labe
     )
 
 
-def check_program(evaluator: ProgramEvaluator, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int) -> str:
+async def check_program(
+    evaluator: ProgramEvaluator, person: Person, program: str, scenes: Sequence[tuple[Scene, bool]], shown: int
+) -> str:
     """ACCEPTED or FAILED; `shown` is the index of the shown scene.
 
     Responds with 409 if the program disagrees with the label of the shown scene, or cannot be evaluated on the empty
     scene, as every program of a corpus must be.
     """
-    truths = evaluate_program(evaluator, program, [Scene.empty(), *(scene for scene, _ in scenes)]).truths
-    empty_truth, scene_truths = truths[0], truths[1:]
+    evaluation = await evaluate_program(evaluator, person, program, [Scene.empty(), *(scene for scene, _ in scenes)])
+    empty_truth, *scene_truths = evaluation.truths
     if scene_truths[shown] is not scenes[shown][1]:
         raise http_error(409, "the program does not agree with the shown scene; run it, and submit it once it does")
     if empty_truth is None:
-        fault = evaluate_program(evaluator, program, [Scene.empty()]).fault
         raise http_error(
-            409, f"the program fails on a scene without items ({fault}); it must have a truth value in every scene"
+            409,
+            f"the program fails on a scene without items ({evaluation.fault}); it must have a value in every scene",
         )
     agrees = all(truth is label for truth, (_, label) in zip(scene_truths, scenes, strict=True))
     return ACCEPTED if agrees else FAILED

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from datetime import datetime
 from itertools import combinations
 from pathlib import Path
@@ -19,8 +20,9 @@ from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.exporting import LabelledScene, entry_json
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.annotation import ACCEPTED, FAILED, SKIPPED, STATE_DONE, STATE_OPEN, STATE_SKIPPED, latest_reviews
+from lilgym_mp.web.authentication import OPERATOR
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluationError, ProgramEvaluator
+from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluationError, ProgramEvaluator, QuotaExceeded
 from lilgym_mp.web.store.models import (
     Assignment,
     Batch,
@@ -43,6 +45,7 @@ class PersonSummary(BaseModel):
     name: str
     role: str
     has_token: bool
+    is_fixed: bool  # the caller, or the organiser who starts the server: link and role cannot be changed here
     open: int
     done: int
     skipped: int
@@ -110,7 +113,7 @@ class StatisticsBody(BaseModel):
     annotators: list[AnnotatorStatistics]
 
 
-def list_people(session: Session) -> list[PersonSummary]:
+def list_people(session: Session, caller: Person) -> list[PersonSummary]:
     counts = {
         (person, state): count
         for person, state, count in session.execute(
@@ -128,6 +131,7 @@ def list_people(session: Session) -> list[PersonSummary]:
             name=person.name,
             role=person.role,
             has_token=person.token_hash is not None,
+            is_fixed=person.id == caller.id or person.name == OPERATOR,
             open=counts.get((person.id, STATE_OPEN), 0),
             done=counts.get((person.id, STATE_DONE), 0),
             skipped=counts.get((person.id, STATE_SKIPPED), 0),
@@ -279,8 +283,16 @@ def _eligible_submissions(records: Iterable[_SubmissionRecord]) -> dict[int, dic
     return found
 
 
-def review_page(session: Session, evaluator: ProgramEvaluator, first: int, most: int) -> list[StatementReview]:
-    """At most `most` statements with submissions, from id `first` on, with inter-annotator agreement."""
+class ComparedPrograms(NamedTuple):
+    """A statement's review, the programs whose truth values it compares, and the scenes to compare them on."""
+
+    review: StatementReview
+    programs: list[str]
+    scenes: list[Scene]
+
+
+def review_page(session: Session, first: int, most: int) -> list[ComparedPrograms]:
+    """At most `most` statements with submissions, from id `first` on, whose agreement is still to be computed."""
     submitted = select(Assignment.statement_id).join(Submission, Submission.assignment_id == Assignment.id)
     statements = session.scalars(
         select(Statement).where(Statement.id.in_(submitted), Statement.id >= first).order_by(Statement.id).limit(most)
@@ -288,26 +300,36 @@ def review_page(session: Session, evaluator: ProgramEvaluator, first: int, most:
     records = _submission_records(session, [statement.id for statement in statements])
     eligible = _eligible_submissions(records)
     comparison_scenes: dict[str, list[Scene]] = {}  # by appearance
-    reviews: list[StatementReview] = []
+    compared: list[ComparedPrograms] = []
     for statement in statements:
         programs = [submission.program for submission in eligible.get(statement.id, {}).values()]
-        agreement, compared = None, 0
-        if len(programs) > 1:
-            if statement.appearance not in comparison_scenes:
-                comparison_scenes[statement.appearance] = _comparison_scenes(session, statement.appearance)
-            agreement, compared = _agreement(evaluator, programs, comparison_scenes[statement.appearance])
-        reviews.append(
-            StatementReview(
-                id=statement.id,
-                name=statement.name,
-                statement=statement.text,
-                appearance=statement.appearance,
-                agreement=agreement,
-                compared_scenes=compared,
-                submissions=[_reviewed(record) for record in records if record.statement_id == statement.id],
-            )
+        if len(programs) > 1 and statement.appearance not in comparison_scenes:
+            comparison_scenes[statement.appearance] = _comparison_scenes(session, statement.appearance)
+        review = StatementReview(
+            id=statement.id,
+            name=statement.name,
+            statement=statement.text,
+            appearance=statement.appearance,
+            agreement=None,
+            compared_scenes=0,
+            submissions=[_reviewed(record) for record in records if record.statement_id == statement.id],
         )
-    return reviews
+        compared.append(ComparedPrograms(review, programs, comparison_scenes.get(statement.appearance, [])))
+    return compared
+
+
+async def with_agreement(
+    evaluator: ProgramEvaluator, person: Person, compared: Sequence[ComparedPrograms]
+) -> list[StatementReview]:
+    """The reviews with inter-annotator agreement, as far as the programs can be evaluated."""
+    for review, programs, scenes in compared:
+        if len(programs) < 2:
+            continue
+        with suppress(ProgramEvaluationError, EvaluatorBusy, QuotaExceeded):
+            truths = [(await evaluator.evaluate(person.id, program, scenes)).truths for program in programs]
+            shares = [mean(x is y for x, y in zip(a, b, strict=True)) for a, b in combinations(truths, 2)]
+            review.agreement, review.compared_scenes = round(mean(shares), 4), len(scenes)
+    return [review for review, _, _ in compared]
 
 
 def _reviewed(record: _SubmissionRecord) -> ReviewedSubmission:
@@ -338,17 +360,6 @@ def _comparison_scenes(session: Session, appearance: str) -> list[Scene]:
         .limit(MAX_COMPARED_SCENES - 1)
     )
     return [Scene.empty(), *map(Scene.from_json, rows)]
-
-
-def _agreement(
-    evaluator: ProgramEvaluator, programs: Sequence[str], panel: Sequence[Scene]
-) -> tuple[float | None, int]:
-    try:
-        truths = [evaluator.evaluate(program, panel).truths for program in programs]
-    except (ProgramEvaluationError, EvaluatorBusy):
-        return None, 0
-    shares = [mean(x is y for x, y in zip(a, b, strict=True)) for a, b in combinations(truths, 2)]
-    return round(mean(shares), 4), len(panel)
 
 
 def add_review(session: Session, reviewer: Person, submission_id: int, verdict: str, note: str) -> None:

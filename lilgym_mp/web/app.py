@@ -16,7 +16,7 @@ from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
 from lilgym_mp.web.security import (
     AllowedHostsMiddleware,
-    BodySizeLimitMiddleware,
+    BodyLimitsMiddleware,
     CallerMiddleware,
     SecurityHeadersMiddleware,
 )
@@ -55,7 +55,7 @@ def create_app(options: ServeOptions) -> FastAPI:
     signer = CookieSigner(database.secret(COOKIE_KEY))
     rate, requires_tokens = options.requests_per_second, options.requires_tokens
     app.add_middleware(CallerMiddleware, services.login_cache, signer, rate, requires_tokens=requires_tokens)
-    app.add_middleware(BodySizeLimitMiddleware)
+    app.add_middleware(BodyLimitsMiddleware)
     app.add_middleware(AllowedHostsMiddleware, options.hosts)
     app.add_middleware(SecurityHeadersMiddleware)
     return app

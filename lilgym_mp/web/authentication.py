@@ -23,6 +23,7 @@ COOKIE_SECONDS = 400 * 24 * 3600
 LOGIN_CACHE_SECONDS = 10.0  # upper bound on how long a change by another server on the same database goes unnoticed
 MAX_CACHED_LOGINS = 20_000
 ORGANISER, ANNOTATOR = "organiser", "annotator"
+OPERATOR = "organiser"  # name of the person whose link the server prints when it starts
 
 
 @dataclass(slots=True)
@@ -80,7 +81,7 @@ class LoginCache:
         self._generation = 0
 
     async def person(self, visitor_id: str) -> Person | None:
-        """The person logged in from this browser whose token has not been revoked."""
+        """The person logged in from this browser, unless the token has been revoked or replaced since."""
         expires, person = self._entries.get(visitor_id, (0.0, None))
         if time.monotonic() < expires:
             return person
@@ -99,9 +100,8 @@ class LoginCache:
 
     def _query(self, visitor_id: str) -> Person | None:
         with self._database.read_session() as session:
-            return session.scalar(
-                select(Person).join(Visitor).where(Visitor.id == visitor_id, Person.token_hash.is_not(None))
-            )
+            logged_in = select(Visitor.token_hash).where(Visitor.id == visitor_id)
+            return session.scalar(select(Person).where(Person.token_hash == logged_in.scalar_subquery()))
 
 
 def get_or_create_visitor(session: Session, visitor_id: str) -> Visitor:
@@ -114,15 +114,50 @@ def get_or_create_visitor(session: Session, visitor_id: str) -> Visitor:
     return visitor
 
 
-def issue_token(session: Session, name: str, role: str) -> str:
-    """A new token for the person of that name, created with that role if missing; it replaces any older token."""
+def issue_token(person: Person) -> str:
+    """A new token for the person; it replaces any older token and ends the logins made with that."""
     token = secrets.token_urlsafe(24)
-    person = session.scalar(select(Person).where(Person.name == name))
-    if person is None:
-        person = Person(name=name, role=role)
-        session.add(person)
     person.token_hash = hash_token(token)
     return token
+
+
+def issue_operator_token(session: Session) -> str:
+    """A new token for the organiser who starts the server."""
+    person = session.scalar(select(Person).where(Person.name == OPERATOR))
+    if person is None:
+        person = Person(name=OPERATOR)
+        session.add(person)
+    person.role = ORGANISER
+    return issue_token(person)
+
+
+def add_person(session: Session, name: str, role: str) -> Person:
+    """Responds with 409 if the name is reserved or taken."""
+    if name.casefold() == OPERATOR:
+        raise http_error(409, f"the name {name!r} is reserved for the organiser who starts the server; choose another")
+    existing = session.scalar(select(Person).where(Person.name == name))
+    if existing is not None:
+        raise http_error(
+            409, f"there is already {existing.role} {name!r}; issue a new link in the list, or choose another name"
+        )
+    person = Person(name=name, role=role)
+    session.add(person)
+    return person
+
+
+def find_other_person(session: Session, organiser: Person, person_id: int) -> Person:
+    """The person whose login or role the organiser wants to change.
+
+    Responds with 404 if there is none, 409 if it is the organiser, or the one who starts the server.
+    """
+    person = session.get(Person, person_id)
+    if person is None:
+        raise http_error(404, f"there is no person with id {person_id}")
+    if person.id == organiser.id:
+        raise http_error(409, "you cannot change your own link or role; ask another organiser")
+    if person.name == OPERATOR:
+        raise http_error(409, f"{OPERATOR!r} starts the server, which prints the link; it cannot be changed here")
+    return person
 
 
 async def get_caller(request: Request) -> Caller:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import multiprocessing
+import os
 import queue
 import signal
 import sys
-import threading
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
@@ -18,6 +20,8 @@ from lilgym_mp.scene import Scene
 
 START_SECONDS = 60.0  # timeout for a new worker's imports on a busy machine
 WAIT_SECONDS = 20.0  # timeout for a free worker
+MAX_REQUESTS = 4  # of one person, running and waiting; one runs at a time
+NICENESS = 10  # workers leave the processor to the server, which answers everybody else
 MAX_MEMORY = 2 << 30  # bytes of address space
 
 
@@ -37,6 +41,10 @@ class EvaluatorBusy(Exception):
     """No worker became free in time."""
 
 
+class QuotaExceeded(Exception):
+    """MAX_REQUESTS of this person are running or waiting already."""
+
+
 def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> ProgramEvaluation:
     """Evaluates in this process. Raises ProgramError if the source is not a valid program."""
     program = compile_program(source)
@@ -54,7 +62,7 @@ def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> ProgramEv
 def _worker_main(connection: Connection) -> None:
     """Serves evaluation requests until the connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Ctrl-C the server closes the connection
-    _limit_memory()
+    _limit_resources()
     connection.send("ready")
     while True:
         try:
@@ -71,11 +79,12 @@ def _worker_main(connection: Connection) -> None:
         connection.send(reply)
 
 
-def _limit_memory() -> None:
+def _limit_resources() -> None:
     if sys.platform != "win32":
         import resource
 
         with suppress(ValueError, OSError):
+            os.nice(NICENESS)
             resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY, MAX_MEMORY))
 
 
@@ -114,16 +123,27 @@ class _Worker:
         return parent_end
 
     def kill(self) -> None:
-        if self._connection is not None:
-            self._connection.close()
-        if self._process is not None:
-            self._process.kill()
-            self._process.join(5)
-        self._process = self._connection = None
+        process, connection, self._process, self._connection = self._process, self._connection, None, None
+        if connection is not None:
+            connection.close()
+        if process is not None:
+            process.kill()
+            process.join(5)
+
+
+class _Person:
+    """A person's requests: how many there are, and the lock held by the one that runs."""
+
+    def __init__(self) -> None:
+        self.requests = 0
+        self.running = asyncio.Lock()
 
 
 class ProgramEvaluator:
-    """Thread-safe pool of worker processes that evaluate programs."""
+    """Evaluates programs in worker processes, in order of arrival, for each person one at a time.
+
+    Waiting occupies no thread of the pool that serves pages.
+    """
 
     def __init__(self, processes: int, seconds: float) -> None:
         self._seconds = seconds
@@ -131,26 +151,42 @@ class ProgramEvaluator:
         self._free: queue.LifoQueue[_Worker] = queue.LifoQueue()
         for worker in self._workers:
             self._free.put(worker)
-        self._closing = threading.Lock()
+        self._threads = ThreadPoolExecutor(processes, "lilgym-mp programs")
+        self._people: dict[Hashable, _Person] = {}
 
-    def evaluate(self, source: str, scenes: Sequence[Scene], *, traced: bool = False) -> ProgramEvaluation:
+    async def evaluate(
+        self, person_id: Hashable, source: str, scenes: Sequence[Scene], *, traced: bool = False
+    ) -> ProgramEvaluation:
         """Evaluates the program on the scenes; `traced` adds the value of each part on the first scene.
 
-        Raises ProgramEvaluationError for an invalid program or one that exceeds a limit, EvaluatorBusy.
+        Raises ProgramEvaluationError for an invalid program or one that exceeds a limit, QuotaExceeded, EvaluatorBusy.
         """
+        person = self._people.setdefault(person_id, _Person())
+        if person.requests >= MAX_REQUESTS:
+            raise QuotaExceeded
+        person.requests += 1
         try:
-            worker = self._free.get(timeout=WAIT_SECONDS)
-        except queue.Empty:
+            async with asyncio.timeout(WAIT_SECONDS + self._seconds), person.running:
+                loop = asyncio.get_running_loop()
+                reply = await loop.run_in_executor(self._threads, self._evaluate, source, scenes, traced)
+        except TimeoutError:
             raise EvaluatorBusy from None
-        try:
-            reply = worker.evaluate(source, scenes, self._seconds, traced=traced)
         finally:
-            self._free.put(worker)
+            person.requests -= 1
+            if not person.requests:
+                del self._people[person_id]
         if isinstance(reply, str):
             raise ProgramEvaluationError(reply)
         return reply
 
+    def _evaluate(self, source: str, scenes: Sequence[Scene], traced: bool) -> ProgramEvaluation | str:
+        worker = self._free.get()  # there are as many workers as threads
+        try:
+            return worker.evaluate(source, scenes, self._seconds, traced=traced)
+        finally:
+            self._free.put(worker)
+
     def close(self) -> None:
-        with self._closing:
-            for worker in self._workers:
-                worker.kill()
+        for worker in self._workers:
+            worker.kill()
+        self._threads.shutdown(cancel_futures=True)

@@ -5,13 +5,14 @@ Plain ASGI rather than Starlette's BaseHTTPMiddleware: body bytes are counted as
 
 from __future__ import annotations
 
+import asyncio
 import hmac
 import time
 from collections import OrderedDict
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
-from fastapi import Request, Response
+from fastapi import HTTPException, Request, Response
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -21,8 +22,9 @@ from lilgym_mp.web.errors import error_response
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 PUBLIC_PATHS = ("/assets/", "/login", "/healthz")  # path prefixes served without a login
-MAX_BODY_BYTES = 256 * 1024
-MAX_IMPORT_BYTES = 32 * 1024 * 1024
+BODY_LIMITS = 256 * 1024, 30  # bytes, seconds until the last of them
+IMPORT_LIMITS = 32 * 1024 * 1024, 300
+CLOSE = {"Connection": "close"}  # the rest of the body is not read
 IMPORT_PATH = "/api/annotate/imports"
 BURST_SECONDS = 10  # capacity of a token bucket, in seconds of its rate
 ADDRESS_FACTOR = 50  # rate limit of an IP address, as a multiple of a visitor's
@@ -81,12 +83,8 @@ def _host_name(host: str) -> str:
         return ""
 
 
-class _TooLarge(Exception):
-    """The body received so far exceeds the limit."""
-
-
-class BodySizeLimitMiddleware:
-    """Refuses request bodies that are too large, by Content-Length and by the bytes actually received."""
+class BodyLimitsMiddleware:
+    """Refuses request bodies that are too large, by Content-Length and by the bytes actually received, or too slow."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app
@@ -95,32 +93,29 @@ class BodySizeLimitMiddleware:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        max_bytes = MAX_IMPORT_BYTES if scope["path"] == IMPORT_PATH else MAX_BODY_BYTES
+        max_bytes, seconds = IMPORT_LIMITS if scope["path"] == IMPORT_PATH else BODY_LIMITS
         content_length = Headers(scope=scope).get("content-length", "0")
-        error = f"the body of this request may have at most {max_bytes:,} bytes"
+        too_large = f"the body of this request may have at most {max_bytes:,} bytes"
         if not content_length.isdecimal() or int(content_length[:20]) > max_bytes:
-            await _send_error(scope, receive, send, 413, error)
+            await _send_error(scope, receive, send, 413, too_large, CLOSE)
             return
-        received, response_started = 0, False
+        received, is_complete = 0, False
+        deadline = asyncio.get_running_loop().time() + seconds
 
-        async def receive_counted() -> Message:
-            nonlocal received
-            message = await receive()
+        async def receive_limited() -> Message:
+            nonlocal received, is_complete
+            try:
+                async with asyncio.timeout_at(None if is_complete else deadline):
+                    message = await receive()
+            except TimeoutError:
+                raise HTTPException(408, f"the body of this request did not arrive in {seconds} s", CLOSE) from None
             received += len(message.get("body", b""))
             if received > max_bytes:
-                raise _TooLarge
+                raise HTTPException(413, too_large, CLOSE)
+            is_complete = not message.get("more_body", False)
             return message
 
-        async def send_tracked(message: Message) -> None:
-            nonlocal response_started
-            response_started = True
-            await send(message)
-
-        try:
-            await self.app(scope, receive_counted, send_tracked)
-        except _TooLarge:
-            if not response_started:
-                await _send_error(scope, receive, send, 413, error)
+        await self.app(scope, receive_limited, send)
 
 
 class _TokenBuckets:

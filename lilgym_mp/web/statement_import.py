@@ -154,9 +154,10 @@ def _infer_appearance(scenes: Sequence[Scene]) -> str:
     raise SceneError("; ".join(faults))
 
 
-def store_statements(session: Session, statements: Iterable[ImportedStatement]) -> int:
+def store_statements(session: Session, statements: Sequence[ImportedStatement]) -> int:
     """Inserts the statements whose names are new; returns how many."""
-    known = set(session.scalars(select(Statement.name)))
+    names = [statement.name for statement in statements]
+    known = set(session.scalars(select(Statement.name).where(Statement.name.in_(names))))
     added = 0
     for statement in statements:
         if statement.name in known:

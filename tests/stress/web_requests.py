@@ -24,7 +24,8 @@ from random import Random
 from typing import Any
 
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER, issue_token
+from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER
+from tests.web.web_app import login_token
 
 METHODS = ("get", "post", "put", "delete", "patch")
 HOSTILE_VALUES: tuple[Any, ...] = (
@@ -152,8 +153,7 @@ def _client(app: Any, name: str | None, role: str) -> Any:
 
     client = TestClient(app, raise_server_exceptions=False)
     if name is not None:
-        with app.state.services.database.write_session() as session:
-            token = issue_token(session, name, role)
+        token = login_token(app, name, role)
         client.get("/login", params={"token": token}, follow_redirects=False)
     client.headers["X-CSRF-Token"] = client.get("/api/session").json()["csrf_token"]
     return client

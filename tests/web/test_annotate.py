@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
-import sqlite3
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from sqlalchemy import inspect
 
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
@@ -17,7 +16,8 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
-from lilgym_mp.web.program_evaluator import ProgramEvaluationError, ProgramEvaluator
+from lilgym_mp.web.authentication import issue_operator_token
+from lilgym_mp.web.program_evaluator import MAX_REQUESTS, ProgramEvaluationError, ProgramEvaluator, QuotaExceeded
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.models import Base
 from lilgym_mp.web.tutorial import TASKS
@@ -193,13 +193,34 @@ def test_program__failing_on_the_empty_scene_is_refused(organiser: Browser):
 def test_evaluator__kills_a_slow_program_and_recovers():
     evaluator = ProgramEvaluator(1, 0.000001)
     try:
-        scenes = [Scene.empty()] * 50_000
         with pytest.raises(ProgramEvaluationError, match="took longer than"):
-            evaluator.evaluate(BLUE, scenes)
+            asyncio.run(evaluator.evaluate("Ada", BLUE, [Scene.empty()] * 50_000))
         evaluator._seconds = 30.0
-        assert evaluator.evaluate(BLUE, [Scene.empty()]).truths == [False]
+        assert asyncio.run(evaluator.evaluate("Ada", BLUE, [Scene.empty()])).truths == [False]
     finally:
         evaluator.close()
+
+
+def test_evaluator__runs_one_program_of_a_person_at_a_time_and_limits_those_waiting():
+    async def evaluate_all() -> list[str]:
+        ended: list[str] = []
+
+        async def run(name: str, scenes: int) -> None:
+            try:
+                await evaluator.evaluate(name, BLUE, [Scene.empty()] * scenes)
+                ended.append(name)
+            except QuotaExceeded:
+                ended.append(f"{name} refused")
+
+        await asyncio.gather(*(run("Ada", 30_000) for _ in range(MAX_REQUESTS + 1)), run("Bob", 1), run("Bob", 1))
+        return ended
+
+    evaluator = ProgramEvaluator(1, 60.0)
+    try:
+        ended = asyncio.run(evaluate_all())
+    finally:
+        evaluator.close()
+    assert ended == ["Ada refused", "Ada", "Bob", "Ada", "Bob", "Ada", "Ada"]
 
 
 def test_annotators__can_neither_see_nor_change_each_others_assignments(organiser: Browser):
@@ -300,16 +321,70 @@ def test_agreement__compares_truth_values_and_not_texts(organiser: Browser):
     assert other["agreement"] == pytest.approx(5 / 6, abs=1e-4)
 
 
-def test_tokens__revoking_one_ends_its_logins(organiser: Browser):
-    response = organiser.post(f"{API}/people", {"name": "Eve"})
-    path = response.json()["path"]
-    eve = Browser(organiser.app)
-    assert eve.get(path, follow_redirects=False).status_code == 303
+def _add(organiser: Browser, name: str, role: str = "annotator") -> tuple[str, str]:
+    """A new person's login path, and the path of the API for the person."""
+    path = organiser.post(f"{API}/people", {"name": name, "role": role}).json()["path"]
+    (number,) = [line["id"] for line in organiser.get(f"{API}/people").json() if line["name"] == name]
+    return path, f"{API}/people/{number}"
+
+
+def _opened(app: Any, path: str) -> Browser:
+    """A browser that has opened the login link."""
+    browser = Browser(app)
+    assert browser.get(path, follow_redirects=False).status_code == 303
+    return browser
+
+
+@pytest.mark.parametrize("ending", ["revoked", "replaced", "revoked, then issued anew"])
+def test_links__revoking_or_replacing_one_ends_its_logins_for_good(organiser: Browser, ending: str):
+    path, person = _add(organiser, "Eve")
+    eve = _opened(organiser.app, path)
     assert eve.get(f"{API}/assignments").status_code == 200
-    (number,) = [line["id"] for line in organiser.get(f"{API}/people").json() if line["name"] == "Eve"]
-    assert organiser.send("DELETE", f"{API}/people/{number}/token").status_code == 204
+    if ending != "replaced":
+        assert organiser.send("DELETE", f"{person}/token").status_code == 204
+    if ending != "revoked":
+        new_path = organiser.post(f"{person}/token").json()["path"]
+        assert _opened(organiser.app, new_path).get(f"{API}/assignments").status_code == 200
     assert eve.get(f"{API}/assignments").status_code == 401
     assert Browser(organiser.app).get(path).status_code == 401
+
+
+@pytest.mark.parametrize("name", ["organiser", "Organiser", " ORGANISER "])
+def test_people__the_name_of_the_organiser_who_starts_the_server_is_reserved(organiser: Browser, name: str):
+    with organiser.app.state.services.database.write_session() as session:
+        printed = f"/login?token={issue_operator_token(session)}"
+    response = organiser.post(f"{API}/people", {"name": name})
+    assert response.status_code == 409
+    assert "reserved" in response.json()["message"]
+    (number,) = [line["id"] for line in organiser.get(f"{API}/people").json() if line["name"] == "organiser"]
+    for method, path, body in (
+        ("POST", "token", None),
+        ("DELETE", "token", None),
+        ("PUT", "role", {"role": "annotator"}),
+    ):
+        response = organiser.send(method, f"{API}/people/{number}/{path}", body)
+        assert response.status_code == 409
+        assert "starts the server" in response.json()["message"]
+    assert _opened(organiser.app, printed).get(f"{API}/people").status_code == 200
+
+
+def test_people__a_taken_name_is_refused_and_changes_nothing(organiser: Browser):
+    path, _ = _add(organiser, "Eve")
+    response = organiser.post(f"{API}/people", {"name": "Eve", "role": "organiser"})
+    assert response.status_code == 409
+    assert "already annotator 'Eve'" in response.json()["message"]
+    assert _opened(organiser.app, path).get(f"{API}/people").status_code == 403
+
+
+def test_people__a_changed_role_applies_to_existing_logins(organiser: Browser):
+    path, person = _add(organiser, "Eve")
+    eve = _opened(organiser.app, path)
+    assert eve.get(f"{API}/people").status_code == 403
+    assert organiser.send("PUT", f"{person}/role", {"role": "organiser"}).status_code == 204
+    assert eve.get(f"{API}/people").status_code == 200
+    response = eve.send("PUT", f"{person}/role", {"role": "annotator"})
+    assert response.status_code == 409
+    assert "your own" in response.json()["message"]
 
 
 def test_import__reads_the_corpus_format_and_reports_errors(organiser: Browser, tmp_path: Path):
@@ -368,32 +443,6 @@ def test_pages__load_for_an_organiser(organiser: Browser, path: str):
 def test_pages__ask_anonymous_visitors_to_log_in(app: Any):
     assert "to log in" in Browser(app).get("/annotate").text
     assert Browser(app).get("/annotate/tutorial").status_code == 401
-
-
-def test_database__of_an_older_version_is_migrated_and_keeps_its_rows(tmp_path: Path):
-    from alembic import command
-    from alembic.config import Config
-    from sqlalchemy import create_engine
-
-    from lilgym_mp.web.store.database import MIGRATIONS
-
-    url = f"sqlite:///{tmp_path / 'web.sqlite3'}"
-    config = Config()
-    config.set_main_option("script_location", str(MIGRATIONS))
-    engine = create_engine(url)
-    with engine.begin() as connection:
-        config.attributes["connection"] = connection
-        command.upgrade(config, "0001")
-    with sqlite3.connect(tmp_path / "web.sqlite3") as older:
-        older.execute("INSERT INTO people (name, role, created) VALUES ('Ada', 'annotator', '2026-01-01')")
-    older.close()
-    database = open_database(url)
-    tables = set(inspect(database.engine).get_table_names())
-    assert tables - {"alembic_version"} == set(Base.metadata.tables)
-    with sqlite3.connect(tmp_path / "web.sqlite3") as newer:
-        assert newer.execute("SELECT name FROM people").fetchall() == [("Ada",)]
-    newer.close()
-    database.close()
 
 
 def test_database__migrations_create_the_schema_of_the_models(tmp_path: Path):

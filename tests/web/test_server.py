@@ -2,22 +2,30 @@
 
 from __future__ import annotations
 
+import asyncio
 import signal
 import socket
 import sqlite3
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli.serve import server_config
 from lilgym_mp.extras import install
 from lilgym_mp.web import ServeOptions
 from lilgym_mp.web.store import DatabaseError, open_database
 from tests.web.web_app import Browser, server
+
+httpx = pytest.importorskip("httpx")
+uvicorn = pytest.importorskip("uvicorn")
 
 STARTED = "organiser's link"
 
@@ -84,11 +92,86 @@ def test_hosts__an_unknown_host_name_is_refused(app: Any):
 @pytest.mark.parametrize("has_content_length", [True, False])
 def test_size__a_large_body_is_refused_by_header_and_by_received_bytes(app: Any, has_content_length: bool):
     body = b"x" * 10_000_000
+    content: Any = body if has_content_length else iter([body[:100_000]] * 100)
+    response = Browser(app).post("/api/annotate/check", content=content)
+    assert response.status_code == 413
+    assert response.headers["connection"] == "close"
+    assert "at most 262,144 bytes" in response.json()["message"]
+
+
+@contextmanager
+def _listening(app: Any, *proxies: str) -> Iterator[int]:
+    """The port of a server started as the command does."""
+    running = uvicorn.Server(server_config(app, list(proxies)))
+    with socket.socket() as listening:
+        listening.bind(("127.0.0.1", 0))
+        listening.listen()
+        thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]})
+        thread.start()
+        try:
+            yield listening.getsockname()[1]
+        finally:
+            running.should_exit = True
+            thread.join(30)
+
+
+def _sent(port: int, *lines: str) -> bytes:
+    """What the server answers to an unfinished request until it closes the connection."""
+    with socket.create_connection(("127.0.0.1", port), timeout=10) as connection:
+        connection.sendall("\r\n".join(lines).encode())
+        return b"".join(iter(lambda: connection.recv(1 << 16), b""))
+
+
+def test_unfinished_requests__are_closed_after_a_limit(app: Any, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("lilgym_mp.web.security.BODY_LIMITS", (1_000, 0.3))
+    monkeypatch.setattr("lilgym_mp.web.protocol.REQUEST_SECONDS", 0.3)
     browser = Browser(app)
     token = browser.get("/api/session").json()["csrf_token"]
-    content: Any = body if has_content_length else iter([body[:100_000]] * 100)
-    response = browser.client.post("/api/session/logout", content=content, headers={"X-CSRF-Token": token})
-    assert response.status_code in ((413,) if has_content_length else (204, 413))  # 204: a body that is never read
+    cookie = f"Cookie: lilgym_visitor={browser.client.cookies['lilgym_visitor']}"
+    with _listening(app) as port:
+        begun = ("POST /api/annotate/check HTTP/1.1", "Host: 127.0.0.1", cookie, f"X-CSRF-Token: {token}")
+        body = _sent(port, *begun, "Content-Type: application/json", "Content-Length: 100", "", "{")
+        assert b" 408 " in body.splitlines()[0]
+        assert b"did not arrive in 0.3 s" in body
+        assert _sent(port, *begun[:2]) == b""
+        assert _sent(port, "GET /healthz HTTP/1.1", "Host: 127.0.0.1", "", "GET /hea").count(b"HTTP/1.1") == 1
+
+
+@pytest.mark.parametrize(("proxies", "limited"), [((), True), (("127.0.0.1",), False)])
+def test_rate__forwarded_addresses_count_only_from_a_trusted_proxy(
+    tmp_path: Path, proxies: tuple[str, ...], limited: bool
+):
+    with server(tmp_path, requests_per_second=1.0) as app, _listening(app, *proxies) as port:
+        url = f"http://127.0.0.1:{port}/healthz"
+        answers = [httpx.get(url, headers={"X-Forwarded-For": f"10.0.0.{n}"}).status_code for n in range(20)]
+    assert (429 in answers) is limited
+
+
+def test_database__a_lock_held_by_another_program_delays_writes_alone(
+    app: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("lilgym_mp.web.store.database.LOCK_SECONDS", 0.5)
+    browser = Browser(app)
+    begin = {"configuration": "TowerScratch"}
+    episode = browser.post("/api/play/episodes", begin).json()["id"]
+
+    async def send_all(count: int) -> list[int]:
+        transport = httpx.ASGITransport(app, raise_app_exceptions=False)
+        headers, cookies = {"X-CSRF-Token": browser.csrf_token}, dict(browser.client.cookies)
+        async with httpx.AsyncClient(transport=transport, base_url="http://testserver", headers=headers) as client:
+            client.cookies.update(cookies)
+            sent = [client.post("/api/play/episodes", json=begin) for _ in range(count)]
+            return [response.status_code for response in await asyncio.gather(*sent)]
+
+    holder = sqlite3.connect(tmp_path / "web.sqlite3", isolation_level=None)
+    holder.execute("BEGIN IMMEDIATE")
+    start = time.monotonic()
+    assert asyncio.run(send_all(60)) == [503] * 60
+    assert time.monotonic() - start < 20  # one after the other they would wait for 30 seconds
+    assert browser.get(f"/api/play/episodes/{episode}").status_code == 200
+    holder.execute("ROLLBACK")
+    holder.close()
+    assert asyncio.run(send_all(2)) == [201] * 2
 
 
 def test_rate__requests_beyond_the_limit_are_refused(tmp_path: Path):
@@ -146,13 +229,13 @@ def test_database__of_another_program_is_refused(tmp_path: Path):
         open_database(f"sqlite:///{tmp_path / 'other.sqlite3'}")
 
 
-def test_database__of_a_newer_version_is_refused(tmp_path: Path):
+def test_database__of_another_version_is_refused(tmp_path: Path):
     url = f"sqlite:///{tmp_path / 'web.sqlite3'}"
     open_database(url).close()
     with sqlite3.connect(tmp_path / "web.sqlite3") as newer:
         newer.execute("UPDATE alembic_version SET version_num = '9999'")
     newer.close()
-    with pytest.raises(DatabaseError, match=r"newer version .*pip install --upgrade"):
+    with pytest.raises(DatabaseError, match=r"another version .*pip install --upgrade"):
         open_database(url)
 
 

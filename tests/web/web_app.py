@@ -18,10 +18,20 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # Starlette deprecates httpx in favour of a successor
     from starlette.testclient import TestClient
 
+from sqlalchemy import select
+
 from lilgym_mp.web import ServeOptions, create_app
-from lilgym_mp.web.authentication import issue_token
+from lilgym_mp.web.authentication import add_person, issue_token
+from lilgym_mp.web.store.models import Person
 
 UNLIMITED: dict[str, Any] = {"requests_per_second": None}
+
+
+def login_token(app: Any, name: str, role: str = "annotator") -> str:
+    """A new login token of the person, who is added if missing."""
+    with app.state.services.database.write_session() as session:
+        person = session.scalar(select(Person).where(Person.name == name)) or add_person(session, name, role)
+        return issue_token(person)
 
 
 class Browser:
@@ -35,11 +45,15 @@ class Browser:
     def get(self, path: str, **options: Any) -> Any:
         return self.client.get(path, **options)
 
+    @property
+    def csrf_token(self) -> str:
+        if self._token is None:
+            self._token = str(self.client.get("/api/session").json()["csrf_token"])
+        return self._token
+
     def send(self, method: str, path: str, body: Any = None, **options: Any) -> Any:
         """Sends a state-changing request with the CSRF token."""
-        if self._token is None:
-            self._token = self.client.get("/api/session").json()["csrf_token"]
-        headers = {"X-CSRF-Token": self._token, **options.pop("headers", {})}
+        headers = {"X-CSRF-Token": self.csrf_token, **options.pop("headers", {})}
         return self.client.request(method, path, json=body, headers=headers, **options)
 
     def post(self, path: str, body: Any = None, **options: Any) -> Any:
@@ -47,8 +61,7 @@ class Browser:
 
     def log_in(self, name: str, role: str = "annotator") -> Browser:
         """Logs in as a person, created if missing."""
-        with self.app.state.services.database.write_session() as session:
-            token = issue_token(session, name, role)
+        token = login_token(self.app, name, role)
         assert self.client.get("/login", params={"token": token}, follow_redirects=False).status_code == 303
         self._token = None
         return self

@@ -28,10 +28,20 @@ async function showPeople() {
   const line = (person) => {
     const choice = element("input", { type: "checkbox", "aria-label": `Select ${person.name}`, change: (event) => (event.target.checked ? selectedPeople.add(person.id) : selectedPeople.delete(person.id)) });
     choice.checked = selectedPeople.has(person.id);
-    const revoke = element("button", { type: "button", class: "quiet", click: () => attempt(async () => { await request("DELETE", `/api/annotate/people/${person.id}/token`); await showPeople(); }) }, "Revoke link");
-    return [choice, person.name, person.role, person.open, person.done, person.skipped, person.tutorial, person.has_token ? revoke : "no link"];
+    if (person.is_fixed) return [choice, person.name, person.role, person.open, person.done, person.skipped, person.tutorial, ""];
+    const change = (name, work) => element("button", { type: "button", class: "quiet", click: () => attempt(async () => { await work(); await showPeople(); }) }, name);
+    const path = `/api/annotate/people/${person.id}`;
+    const role = element("select", { "aria-label": `Role of ${person.name}`, change: (event) => attempt(async () => { await request("PUT", `${path}/role`, { role: event.target.value }); }) }, ...["annotator", "organiser"].map((name) => element("option", {}, name)));
+    role.value = person.role;
+    const links = element("div", { class: "row" }, change("New link", async () => showLink(await request("POST", `${path}/token`))), person.has_token ? change("Revoke link", () => request("DELETE", `${path}/token`)) : "no link");
+    return [choice, person.name, role, person.open, person.done, person.skipped, person.tutorial, links];
   };
   byId("people").replaceChildren(table(["Select", "Name", "Role", "To do", "Done", "Skipped", "Tutorial", "Link"], found.map(line)));
+}
+
+function showLink(issued) {
+  byId("link").hidden = false;
+  byId("link").textContent = `Link for ${issued.name}, shown only once: ${location.origin}${issued.path}`;
 }
 
 async function showBatches() {
@@ -93,9 +103,7 @@ byId("import").addEventListener("submit", (event) => {
 byId("person").addEventListener("submit", (event) => {
   event.preventDefault();
   attempt(async () => {
-    const created = await request("POST", "/api/annotate/people", { name: event.target.elements.name.value, role: event.target.role.value });
-    byId("link").hidden = false;
-    byId("link").textContent = `Link for ${created.name}, shown only once: ${location.origin}${created.path}`;
+    showLink(await request("POST", "/api/annotate/people", { name: event.target.elements.name.value, role: event.target.role.value }));
     await showPeople();
   });
 });

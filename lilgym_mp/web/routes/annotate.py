@@ -2,29 +2,40 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Annotated, Literal, get_args
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import AfterValidator, BaseModel, Field, StringConstraints
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.syntax import MAX_LENGTH
 from lilgym_mp.scene import Scene
 from lilgym_mp.web import annotation, annotation_admin, language, statement_import, tutorial
 from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.authentication import ANNOTATOR, CurrentCaller, CurrentOrganiser, CurrentPerson, issue_token
+from lilgym_mp.web.authentication import (
+    ANNOTATOR,
+    CurrentCaller,
+    CurrentOrganiser,
+    CurrentPerson,
+    add_person,
+    find_other_person,
+    issue_token,
+)
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import RandomId, ShortText, SplitName, storable
 from lilgym_mp.web.scene_body import SceneBody, scene_body
-from lilgym_mp.web.store.models import Person, Submission, TutorialAnswer
+from lilgym_mp.web.store.models import Submission, TutorialAnswer
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
 MAX_ROW_ID = 2**31 - 1
+IMPORT_BATCH = 200  # statements stored at once; other writes take their turn in between
 RowId = Annotated[int, Path(ge=1, le=MAX_ROW_ID)]
 ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
 DisplayName = Annotated[
@@ -65,9 +76,16 @@ class NewSkip(BaseModel):
     question: ShortText = ""
 
 
+RoleName = Literal["annotator", "organiser"]
+
+
 class NewPerson(BaseModel):
     name: DisplayName
-    role: Literal["annotator", "organiser"] = ANNOTATOR
+    role: RoleName = ANNOTATOR
+
+
+class RoleBody(BaseModel):
+    role: RoleName
 
 
 class TokenBody(BaseModel):
@@ -202,12 +220,18 @@ async def draft(services: Services, person: CurrentPerson, assignment_id: RowId,
 
 
 @api.post("/assignments/{assignment_id}/run")
-def run(services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody) -> annotation.RunBody:
+async def run(
+    services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody
+) -> annotation.RunBody:
     """Runs a program on the shown scene."""
-    with services.database.read_session() as session:
-        found = annotation.find_assignment(session, person, assignment_id)
-    scene = Scene.from_json(found.shown.scene)
-    return annotation.run_program(services.evaluator, written.program, scene, label=found.shown.label)
+
+    def read() -> tuple[Scene, bool]:
+        with services.database.read_session() as session:
+            shown = annotation.find_assignment(session, person, assignment_id).shown
+        return Scene.from_json(shown.scene), shown.label
+
+    scene, label = await run_sync(read)
+    return await annotation.run_program(services.evaluator, person, written.program, scene, label=label)
 
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
@@ -216,16 +240,16 @@ async def submit(
 ) -> annotation.VerdictBody:
     """Submits a program that agrees with the shown scene; it is then checked on the hidden scenes."""
 
-    def check_unless_stored() -> Submission | str:
+    def read() -> tuple[Submission | None, list[tuple[Scene, bool]], int]:
         with services.database.read_session() as session:
             found = annotation.find_assignment(session, person, assignment_id)
             stored = annotation.find_submission(session, assignment_id, new.key)
-        scenes = annotation.labelled_scenes(found)
-        return stored or annotation.check_program(services.evaluator, new.program, scenes, found.assignment.shown)
+        return stored, annotation.labelled_scenes(found), found.assignment.shown
 
-    submission = await run_sync(check_unless_stored)
-    if isinstance(submission, str):
-        verdict, columns = submission, new.model_dump(exclude={"key"})
+    submission, scenes, shown = await run_sync(read)
+    if submission is None:
+        verdict = await annotation.check_program(services.evaluator, person, new.program, scenes, shown)
+        columns = new.model_dump(exclude={"key"})
         submission = await services.database.write(
             lambda session: annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
         )
@@ -233,12 +257,12 @@ async def submit(
 
 
 @api.post("/assignments/{assignment_id}/skip", status_code=201)
-def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
+async def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
     """Skips the statement, with a reason."""
-    with services.database.write_session() as session:
-        columns = new.model_dump(exclude={"key"})
-        verdict = annotation.SKIPPED
-        submission = annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
+    verdict, columns = annotation.SKIPPED, new.model_dump(exclude={"key"})
+    submission = await services.database.write(
+        lambda session: annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
+    )
     return annotation.verdict_body(submission)
 
 
@@ -278,22 +302,22 @@ def _tutorial_task(name: str) -> tutorial.TutorialTask:
 
 
 @api.post("/tutorial/{name}/run")
-def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> annotation.RunBody:
+async def run_tutorial(
+    services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
+) -> annotation.RunBody:
     scene, label = _tutorial_task(name).scenes[0]
-    return annotation.run_program(services.evaluator, written.program, scene, label=label)
+    return await annotation.run_program(services.evaluator, person, written.program, scene, label=label)
 
 
 @api.post("/tutorial/{name}/submissions", status_code=201)
-def submit_tutorial(
+async def submit_tutorial(
     services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
 ) -> annotation.VerdictBody:
     task = _tutorial_task(name)
-    verdict = annotation.check_program(services.evaluator, written.program, task.scenes, 0)
+    verdict = await annotation.check_program(services.evaluator, person, written.program, task.scenes, 0)
     if verdict == annotation.ACCEPTED:
-        with services.database.write_session() as session:
-            answer = session.get(TutorialAnswer, (person.id, name)) or TutorialAnswer(person_id=person.id, task=name)
-            answer.program = written.program
-            session.add(answer)
+        answer = TutorialAnswer(person_id=person.id, task=name, program=written.program)
+        await services.database.write(lambda session: session.merge(answer))
     return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.VERDICT_MESSAGES[verdict])
 
 
@@ -307,44 +331,63 @@ async def import_file(
     """Imports the file in the request's body: a corpus file, or NLVR's JSON lines, which are added to `split`."""
     data = await request.body()
 
-    def read_and_store() -> ImportBody:
-        try:
-            result = statement_import.read_statements(data, split)
-        except CorpusError as fault:
-            raise http_error(422, str(fault)) from None
-        with services.database.write_session() as session:
-            added = statement_import.store_statements(session, result.statements)
-        first = result.faults[: statement_import.MAX_REPORTED_FAULTS]
-        return ImportBody(read=len(result.statements), added=added, faults=len(result.faults), first_faults=first)
-
-    return await run_sync(read_and_store)
+    try:
+        result = await run_sync(statement_import.read_statements, data, split)
+    except CorpusError as fault:
+        raise http_error(422, str(fault)) from None
+    added = 0
+    for first in range(0, len(result.statements), IMPORT_BATCH):
+        batch = result.statements[first : first + IMPORT_BATCH]
+        added += await services.database.write(partial(statement_import.store_statements, statements=batch))
+    first_faults = result.faults[: statement_import.MAX_REPORTED_FAULTS]
+    return ImportBody(read=len(result.statements), added=added, faults=len(result.faults), first_faults=first_faults)
 
 
 @api.get("/people")
 def people(services: Services, person: CurrentOrganiser) -> list[annotation_admin.PersonSummary]:
     with services.database.read_session() as session:
-        return annotation_admin.list_people(session)
+        return annotation_admin.list_people(session, person)
 
 
 @api.post("/people", status_code=201)
-def add_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> TokenBody:
-    """Issues a login token for a person, replacing any older one."""
-    with services.database.write_session() as session:
-        token = issue_token(session, new.name, new.role)
-    services.login_cache.invalidate()
+async def new_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> TokenBody:
+    """Adds a person with a login link."""
+    token = await services.database.write(lambda session: issue_token(add_person(session, new.name, new.role)))
     return TokenBody(name=new.name, path=f"/login?token={token}")
 
 
+@api.post("/people/{person_id}/token", status_code=201)
+async def new_token(services: Services, person: CurrentOrganiser, person_id: RowId) -> TokenBody:
+    """Issues a new login link for a person, which ends the older link and all of the person's logins."""
+
+    def replace_token(session: Session) -> tuple[str, str]:
+        found = find_other_person(session, person, person_id)
+        return found.name, issue_token(found)
+
+    name, token = await services.database.write(replace_token)
+    services.login_cache.invalidate()
+    return TokenBody(name=name, path=f"/login?token={token}")
+
+
+@api.put("/people/{person_id}/role", status_code=204)
+async def change_role(services: Services, person: CurrentOrganiser, person_id: RowId, new: RoleBody) -> None:
+    """Makes a person an annotator or an organiser."""
+
+    def set_role(session: Session) -> None:
+        find_other_person(session, person, person_id).role = new.role
+
+    await services.database.write(set_role)
+    services.login_cache.invalidate()
+
+
 @api.delete("/people/{person_id}/token", status_code=204)
-def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
+async def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
     """Revokes a person's token, which ends all of their logins."""
-    with services.database.write_session() as session:
-        found = session.get(Person, person_id)
-        if found is None:
-            raise http_error(404, f"there is no person with id {person_id}")
-        if found.id == person.id:
-            raise http_error(409, "you cannot revoke your own token")
-        found.token_hash = None
+
+    def remove_token(session: Session) -> None:
+        find_other_person(session, person, person_id).token_hash = None
+
+    await services.database.write(remove_token)
     services.login_cache.invalidate()
 
 
@@ -355,38 +398,47 @@ def batches(services: Services, person: CurrentOrganiser) -> list[annotation_adm
 
 
 @api.post("/batches", status_code=201)
-def create_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
+async def create_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
     """Assigns unassigned statements to people in turn."""
-    with services.database.write_session() as session:
-        batch, count = annotation_admin.create_batch(session, new.name, new.people, new.statements, new.annotators_each)
-        return CreatedBatch(id=batch.id, assignments=count)
+    batch, count = await services.database.write(
+        lambda session: annotation_admin.create_batch(
+            session, new.name, new.people, new.statements, new.annotators_each
+        )
+    )
+    return CreatedBatch(id=batch.id, assignments=count)
 
 
 @api.post("/redistributions", status_code=201)
-def redistribute(services: Services, person: CurrentOrganiser, new: NewRedistribution) -> CreatedBatch:
+async def redistribute(services: Services, person: CurrentOrganiser, new: NewRedistribution) -> CreatedBatch:
     """Assigns skipped and disputed statements to people who have not had them."""
-    with services.database.write_session() as session:
-        batch, count = annotation_admin.redistribute(session, new.name, new.people)
-        return CreatedBatch(id=batch.id, assignments=count)
+    batch, count = await services.database.write(
+        lambda session: annotation_admin.redistribute(session, new.name, new.people)
+    )
+    return CreatedBatch(id=batch.id, assignments=count)
 
 
 @api.get("/reviews")
-def reviews(
+async def reviews(
     services: Services,
     person: CurrentOrganiser,
     first: Annotated[int, Query(ge=0, le=MAX_ROW_ID)] = 0,
     most: Annotated[int, Query(ge=1, le=100)] = 20,
 ) -> list[annotation_admin.StatementReview]:
     """Statements with their submissions, from id `first` on."""
-    with services.database.read_session() as session:
-        return annotation_admin.review_page(session, services.evaluator, first, most)
+
+    def read() -> list[annotation_admin.ComparedPrograms]:
+        with services.database.read_session() as session:
+            return annotation_admin.review_page(session, first, most)
+
+    return await annotation_admin.with_agreement(services.evaluator, person, await run_sync(read))
 
 
 @api.post("/submissions/{submission_id}/reviews", status_code=204)
-def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
+async def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
     """Reviews a submission; its author sees the verdict and the note."""
-    with services.database.write_session() as session:
-        annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
+    await services.database.write(
+        lambda session: annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
+    )
 
 
 @api.get("/statistics")

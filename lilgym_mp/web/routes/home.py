@@ -8,6 +8,7 @@ from fastapi import APIRouter, Query, Request, Response
 from fastapi.responses import RedirectResponse
 from pydantic import BaseModel
 from sqlalchemy import select
+from sqlalchemy.orm import Session
 
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor, hash_token, new_visitor_id
@@ -32,7 +33,7 @@ def home(request: Request, services: Services) -> Response:
 
 
 @router.get("/healthz", include_in_schema=False)
-def health() -> dict[str, str]:
+async def health() -> dict[str, str]:  # async: needs no thread, so a busy thread pool does not delay it
     return {"status": "ok"}
 
 
@@ -48,27 +49,33 @@ def session(caller: CurrentCaller) -> SessionBody:
 
 
 @router.get("/login", include_in_schema=False)
-def login(request: Request, services: Services, token: Annotated[str, Query(max_length=200)] = "") -> Response:
+async def login(
+    services: Services, caller: CurrentCaller, token: Annotated[str, Query(max_length=200)] = ""
+) -> Response:
     """Logs the browser in as the token's owner, with a new cookie against session fixation."""
-    with services.database.write_session() as session:
-        person = session.scalar(select(Person).where(Person.token_hash == hash_token(token))) if token else None
-        if person is None:
+    token_hash = hash_token(token)
+
+    def log_in(session: Session) -> str:
+        if session.scalar(select(Person.id).where(Person.token_hash == token_hash)) is None:
             raise http_error(401, "this link is invalid or has been revoked; ask the organiser for a new one")
-        caller = request.scope["caller"]
         previous = session.get(Visitor, caller.id)
         visitor = get_or_create_visitor(session, new_visitor_id())
         visitor.nickname = previous.nickname if previous else None
-        visitor.person_id = person.id
+        visitor.token_hash = token_hash
+        return visitor.id
+
+    caller.id, caller.is_new = await services.database.write(log_in), True  # the middleware sets the new cookie
     services.login_cache.invalidate()
-    caller.id, caller.is_new = visitor.id, True  # makes the middleware set the new cookie
     return RedirectResponse("/annotate", 303)
 
 
 @router.post("/api/session/logout", tags=["session"], status_code=204)
-def logout(services: Services, caller: CurrentCaller) -> None:
+async def logout(services: Services, caller: CurrentCaller) -> None:
     """Logs the browser out."""
-    if caller.person is None:
-        return
-    with services.database.write_session() as session:
-        get_or_create_visitor(session, caller.id).person_id = None
-    services.login_cache.invalidate()
+
+    def log_out(session: Session) -> None:
+        get_or_create_visitor(session, caller.id).token_hash = None
+
+    if caller.person is not None:
+        await services.database.write(log_out)
+        services.login_cache.invalidate()

@@ -164,13 +164,16 @@ def explanation(episode_id: RandomId, services: Services, caller: CurrentCaller)
 
 
 @api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.SolutionBody:
+async def solution(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.SolutionBody:
     """The expert's solution. An episode whose solution is requested before its end is excluded from statistics."""
-    with services.database.write_session(durable=False) as session:
+
+    def load_and_mark(session: Session) -> played_episodes.LoadedEpisode:
         loaded = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
-        if not loaded.over:
-            loaded.row.shown_solution = True
-    return played_episodes.solution(services.catalogue, loaded)
+        loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
+        return loaded
+
+    loaded = await services.database.write(load_and_mark, durable=False)
+    return await run_sync(played_episodes.solution, services.catalogue, loaded)
 
 
 @api.get("/progress")
@@ -188,10 +191,13 @@ def best(services: Services, caller: CurrentCaller) -> list[played_episodes.Lead
 
 
 @api.put("/nickname", status_code=204)
-def rename(chosen: NicknameBody, services: Services, caller: CurrentCaller) -> None:
+async def rename(chosen: NicknameBody, services: Services, caller: CurrentCaller) -> None:
     """Sets this browser's name on the leaderboard."""
-    with services.database.write_session() as session:
+
+    def set_nickname(session: Session) -> None:
         get_or_create_visitor(session, caller.id).nickname = chosen.nickname
+
+    await services.database.write(set_nickname)
 
 
 router.include_router(api)

@@ -6,10 +6,10 @@ import asyncio
 import os
 import secrets
 import sqlite3
-import threading
+import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
@@ -22,13 +22,14 @@ from alembic.util import CommandError as AlembicError
 from anyio.to_thread import run_sync
 from sqlalchemy import Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError, SQLAlchemyError, TimeoutError
 from sqlalchemy.orm import Session
 
 from lilgym_mp.web.store.models import Secret
 
 MIGRATIONS = Path(__file__).parent / "migrations"
-LOCK_SECONDS = 10.0  # timeout for a write lock held by another process
+LOCK_SECONDS = 5.0  # a write waits this long for its turn and for a lock held by another process, then fails
+POSTGRES_WRITERS = 20  # threads
 CHECKPOINT_COMMITS = 500  # between checkpoints of SQLite's write-ahead log
 COOKIE_KEY = "cookie key"
 
@@ -45,9 +46,8 @@ class Database:
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
         self._log = _WriteAheadLog(engine) if engine.dialect.name == "sqlite" else None
-        # SQLite makes concurrent writers poll for its lock; queueing on a mutex is faster and fairer.
-        self._write_lock = threading.Lock() if self._log else nullcontext()
-        self._writer = ThreadPoolExecutor(1, "lilgym-mp writer")
+        # SQLite makes concurrent writers poll for its lock; queueing for a single thread is faster and fairer.
+        self._writers = ThreadPoolExecutor(1 if self._log else POSTGRES_WRITERS, "lilgym-mp writer")
 
     @contextmanager
     def read_session(self) -> Iterator[Session]:
@@ -56,40 +56,40 @@ class Database:
             yield session
 
     @contextmanager
-    def write_session(self, *, durable: bool = True) -> Iterator[Session]:
-        """A session that is committed when the block ends, or rolled back if it raises.
-
-        On SQLite it holds the write lock from the start, so what it reads cannot change before it writes. A commit
-        survives a crash of this process; with `durable` it also survives a power failure, at the price of waiting for
-        the disk.
-        """
-        with self._session(durable=durable) as session:
+    def write_session(self) -> Iterator[Session]:
+        """A durable write session outside of requests, as at startup; requests use `write`."""
+        with self._session(LOCK_SECONDS, durable=True) as session:
             yield session
         if self._log:
-            self._log.after_commit(durable=durable)
+            self._log.after_commit(durable=True)
 
     async def write(self, work: Callable[[Session], T], *, durable: bool = True) -> T:
-        """Runs `work` in a write session and returns its result; for frequent requests.
+        """Runs `work` in a session that is then committed, or rolled back if it raises; returns its result.
 
-        On SQLite a single thread runs all of them, so the write lock is never held by a thread waiting to be
-        scheduled, nor while syncing to disk.
+        A commit survives a crash of this process; with `durable` it also survives a power failure, at the price of
+        waiting for the disk. On SQLite a single thread runs all of them, holding the write lock from the start: what
+        they read cannot change before they write, and the lock is never held by a thread waiting to be scheduled, nor
+        while syncing to disk. Raises sqlalchemy's TimeoutError or OperationalError after LOCK_SECONDS of waiting.
         """
+        deadline = time.monotonic() + LOCK_SECONDS
 
         def run_in_session() -> T:
-            with self._session(durable=durable) as session:
+            seconds = deadline - time.monotonic()
+            if seconds <= 0:
+                raise TimeoutError("other writes did not end in time")
+            with self._session(seconds, durable=durable) as session:
                 return work(session)
 
-        if self._log is None:
-            return await run_sync(run_in_session)
-        result = await asyncio.wrap_future(self._writer.submit(run_in_session))
-        if durable or self._log.needs_checkpoint:
+        result = await asyncio.wrap_future(self._writers.submit(run_in_session))
+        if self._log and (durable or self._log.needs_checkpoint):
             await run_sync(partial(self._log.after_commit, durable=durable))
         return result
 
     @contextmanager
-    def _session(self, *, durable: bool) -> Iterator[Session]:
-        with self._write_lock, Session(self.engine, expire_on_commit=False) as session, session.begin():
+    def _session(self, lock_seconds: float, *, durable: bool) -> Iterator[Session]:
+        with Session(self.engine, expire_on_commit=False) as session, session.begin():
             if self._log:
+                session.connection().exec_driver_sql(f"PRAGMA busy_timeout={int(1000 * lock_seconds)}")
                 session.connection().exec_driver_sql("BEGIN IMMEDIATE")
             elif not durable:
                 session.execute(text("SET LOCAL synchronous_commit TO off"))
@@ -107,7 +107,7 @@ class Database:
             return secret.value
 
     def close(self) -> None:
-        self._writer.shutdown()
+        self._writers.shutdown()
         self.engine.dispose()
 
 
@@ -131,7 +131,7 @@ class _WriteAheadLog:
             self._sync()
         if self.needs_checkpoint:
             self.commits = 0
-            with self._engine.connect() as connection:
+            with self._engine.connect() as connection, suppress(OperationalError):  # locked: the next one will do
                 connection.exec_driver_sql("PRAGMA wal_checkpoint(PASSIVE)")
 
     def _sync(self) -> None:
@@ -145,7 +145,7 @@ class _WriteAheadLog:
 def open_database(url: str) -> Database:
     """The database at an SQLAlchemy URL, migrated to the current schema.
 
-    Raises DatabaseError if it cannot be reached, written or locked, belongs to another program, or has a newer schema.
+    Raises DatabaseError if it cannot be reached, written or locked, or belongs to another program or version.
     """
     label = _without_password(url)
     engine = _create_engine(url, label)
@@ -224,7 +224,8 @@ def _migrate(engine: Engine, label: str) -> None:
     known = {script.revision for script in scripts.walk_revisions()}
     if set(current) - known:
         raise DatabaseError(
-            f"database {label}: was written by a newer version ({', '.join(current)}); pip install --upgrade lilgym-mp"
+            f"database {label}: was written by another version ({', '.join(current)}); "
+            "pip install --upgrade lilgym-mp, or name another file"
         )
     with engine.begin() as connection:
         if engine.dialect.name == "sqlite":

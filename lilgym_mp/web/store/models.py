@@ -60,7 +60,7 @@ class Visitor(Base):
     __tablename__ = "visitors"
     id: Mapped[str] = mapped_column(String(43), primary_key=True)
     nickname: Mapped[str | None] = mapped_column(String(40))  # shown on the leaderboard
-    person_id: Mapped[int | None] = mapped_column(ForeignKey("people.id"))
+    token_hash: Mapped[str | None] = mapped_column(String(64))  # of the token it logged in with; None: not logged in
     created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
