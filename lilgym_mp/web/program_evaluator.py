@@ -8,6 +8,7 @@ import os
 import queue
 import signal
 import sys
+import threading
 from collections.abc import Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
@@ -62,6 +63,7 @@ def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> ProgramEv
 def _worker_main(connection: Connection) -> None:
     """Serves evaluation requests until the connection is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Ctrl-C the server closes the connection
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     _limit_resources()
     connection.send("ready")
     while True:
@@ -77,6 +79,14 @@ def _worker_main(connection: Connection) -> None:
         except (MemoryError, RecursionError):
             reply = "the program needs too much memory"
         connection.send(reply)
+
+
+def _end_with_parent() -> None:
+    """Also in the middle of a program."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _limit_resources() -> None:

@@ -1,23 +1,27 @@
-"""Kills the server during submissions: every acknowledged submission must be stored after a restart."""
+"""Kills the server while people submit, save drafts, play and run programs; starts it again on what is left."""
 
 from __future__ import annotations
 
 import json
 import signal
+import sqlite3
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.stress.program_language import ATTACKS
 from tests.web.web_app import Browser, server
 
-httpx = pytest.importorskip("httpx", reason="the browser suite's tests need httpx")
+httpx = pytest.importorskip("httpx", reason="tests of the web application need httpx")
 
-STATEMENTS, SENDERS, ENOUGH = 160, 4, 30
+STATEMENTS, SENDERS, ENOUGH = 160, 4, 60
 BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "Black", "size": 20}
 SCENE = {"label": "true", "structured_rep": [[BLOCK], [], []]}
 
@@ -49,49 +53,100 @@ def _prepare(directory: Path) -> list[str]:
     return paths
 
 
-def _send(url: str, path: str, acknowledged: list[tuple[int, str]]) -> None:
-    """Submits until the connection breaks; collects acknowledged submissions."""
-    with httpx.Client(base_url=url, timeout=60) as client:
+@contextmanager
+def _client(url: str, path: str) -> Iterator[Any]:
+    """A client that has opened the page; the block ends quietly when the connection breaks."""
+    with suppress(httpx.HTTPError), httpx.Client(base_url=url, timeout=60) as client:
         client.get(path)
         client.headers["X-CSRF-Token"] = client.get("/api/session").json()["csrf_token"]
+        yield client
+
+
+def _submit(url: str, path: str, acknowledged: list[tuple[int, str]]) -> None:
+    """Saves drafts and submits until the connection breaks; collects what was acknowledged."""
+    with _client(url, path) as client:
         for line in client.get("/api/annotate/assignments").json():
             key = f"key-{line['id']}"
-            where = f"/api/annotate/assignments/{line['id']}/skip"
-            try:
-                response = client.post(where, json={"key": key, "reason": "other", "comment": key})
-            except httpx.HTTPError:
-                return
-            if response.status_code == 201:
+            where = f"/api/annotate/assignments/{line['id']}"
+            if client.put(f"{where}/draft", json={"program": key, "version": 0}).status_code == 200:
+                acknowledged.append((line["id"], "draft"))
+            if client.post(f"{where}/skip", json={"key": key, "reason": "other", "comment": key}).status_code == 201:
                 acknowledged.append((line["id"], key))
 
 
+def _play(url: str, played: list[tuple[str, int]], cookies: dict[str, str]) -> None:
+    """Plays until the connection breaks; collects each episode's acknowledged number of steps."""
+    with _client(url, "/play") as client:
+        cookies.update(client.cookies)
+        while True:
+            episode = client.post("/api/play/episodes", json={"configuration": "TowerScratch"}).json()
+            played.append((episode["id"], 0))
+            for steps, action in enumerate(("ADD(LEFT, BLUE)", "REMOVE(LEFT)", "ADD(RIGHT, BLACK)")):
+                body = {"action": action, "steps": steps}
+                client.post(f"/api/play/episodes/{episode['id']}/actions", json=body).raise_for_status()
+                played[-1] = episode["id"], steps + 1
+
+
+def _run_slow_programs(url: str, path: str) -> None:
+    """Keeps a worker process evaluating."""
+    with _client(url, path) as client:
+        (line, *_) = client.get("/api/annotate/assignments").json()
+        while True:
+            client.post(f"/api/annotate/assignments/{line['id']}/run", json={"program": ATTACKS["text of filters"]})
+
+
+def _children(pid: int) -> list[int]:
+    lists = Path(f"/proc/{pid}/task").glob("*/children")  # of each thread
+    return [int(child) for children in lists for child in children.read_text().split()]
+
+
 @pytest.mark.long
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGKILL")
-def test_kill__loses_no_acknowledged_submission(tmp_path: Path):
+@pytest.mark.skipif(sys.platform != "linux", reason="finds the worker processes in /proc")
+def test_kill__loses_nothing_acknowledged_and_leaves_no_process(tmp_path: Path):
     paths = _prepare(tmp_path)
     running, url, _ = _started(tmp_path)
     acknowledged: list[list[tuple[int, str]]] = [[] for _ in paths]
+    played: list[tuple[str, int]] = []
+    cookies: dict[str, str] = {}
+    slow = threading.Thread(target=_run_slow_programs, args=(url, paths[0]))
+    slow.start()
+    end = time.monotonic() + 60
+    while not _children(running.pid) and time.monotonic() < end:
+        time.sleep(0.05)
     threads = [
-        threading.Thread(target=_send, args=(url, path, kept)) for path, kept in zip(paths, acknowledged, strict=True)
+        threading.Thread(target=_submit, args=(url, path, kept)) for path, kept in zip(paths, acknowledged, strict=True)
     ]
+    threads.append(threading.Thread(target=_play, args=(url, played, cookies)))
     for thread in threads:
         thread.start()
-    end = time.monotonic() + 60
     while sum(map(len, acknowledged)) < ENOUGH and time.monotonic() < end:
         time.sleep(0.005)
+    workers = _children(running.pid)
     running.send_signal(signal.SIGKILL)
     running.wait()
     assert running.stdout is not None
     running.stdout.close()
-    for thread in threads:
+    for thread in [*threads, slow]:
         thread.join()
-    sent = sum(map(len, acknowledged))
-    assert ENOUGH <= sent < STATEMENTS, "the server must be killed while submissions are under way"
+    assert workers
+    assert ENOUGH <= sum(map(len, acknowledged)) < 2 * STATEMENTS, "the server must be killed during submissions"
+    with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as database:
+        assert database.execute("PRAGMA integrity_check").fetchall() == [("ok",)]
     with server(tmp_path) as app:
         for path, kept in zip(paths, acknowledged, strict=True):
             browser = Browser(app)
             browser.get(path, follow_redirects=False)
             found: list[dict[str, Any]] = browser.get("/api/annotate/history").json()
             stored = {(line["assignment"], line["comment"]) for line in found}
-            assert set(kept) <= stored
+            assert {entry for entry in kept if entry[1] != "draft"} <= stored
             assert len(stored) == len(found) <= len(kept) + 1
+            for number in (number for number, what in kept if what == "draft"):
+                assert browser.get(f"/api/annotate/assignments/{number}").json()["draft"] == f"key-{number}"
+        player = Browser(app)
+        player.client.cookies.update(cookies)
+        for episode, steps in played:
+            assert player.get(f"/api/play/episodes/{episode}").json()["steps"] in (steps, steps + 1)
+    end = time.monotonic() + 30
+    while any(Path(f"/proc/{pid}").exists() for pid in workers) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not [pid for pid in workers if Path(f"/proc/{pid}").exists()]
