@@ -24,9 +24,9 @@ from lilgym_mp.scene import Scene, SceneError
 
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2
-READABLE = (1, VERSION)  # version 1 has no decisions
 SUFFIX = ".episodes.jsonl.gz"
 GREEDY, SAMPLED = "greedy", "sampled"
+MAX_NUMBER = 1e15
 MAX_LINE_LENGTH = 1 << 20  # characters
 
 
@@ -67,13 +67,20 @@ class Header:
         """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
         file_format, version = values.pop("format"), values.pop("version")
-        if file_format != FORMAT or version not in READABLE:
-            versions = " or ".join(map(str, READABLE))
-            raise ValueError(f"format {file_format!r}, version {version!r}; must be {FORMAT!r}, version {versions}")
+        if (file_format, version) != (FORMAT, VERSION):
+            raise ValueError(f"format {file_format!r}, version {version!r}; must be {FORMAT!r}, version {VERSION}")
         values["settings"] = Settings.from_json(values["settings"])
         header = cls(**values)
         for name in ("seed", "passes", "episodes", "start_scenes", "contexts"):
             _check(name, getattr(header, name), "a whole number", lambda value: type(value) is int and value >= 0)
+        for name in ("package", "split", "agent", "supervision", "corpus", "tasks_sha256"):
+            _check(name, getattr(header, name), "a string", lambda value: isinstance(value, str))
+        for name in ("mask", "stop_forcing", "expert"):
+            _check(name, getattr(header, name), "true or false", lambda value: isinstance(value, bool))
+        _check("run", header.run, "a string or null", lambda value: value is None or isinstance(value, str))
+        _check("training_seed", header.training_seed, "a whole number or null", _is_count)
+        _check("recipe", header.recipe, "an object", lambda value: isinstance(value, dict))
+        _check("training", header.training, "an object of numbers", lambda value: all(map(_is_number, value.values())))
         _check("actions", header.actions, f"{GREEDY!r} or {SAMPLED!r}", lambda value: value in (GREEDY, SAMPLED))
         return header
 
@@ -144,6 +151,11 @@ class RecordedEpisode:
         for name in ("phenomena", "tags", "rewards", "stop_probabilities"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
+        for name in ("rewards", "stop_probabilities"):
+            _check(name, values.get(name) or (), "numbers", lambda value: all(map(_is_number, value)))
+        for name in ("optimal_actions", "actions_left"):
+            _check(name, values.get(name), "a whole number or null", _is_count)
+        _check("tags", values["tags"], "strings", lambda value: all(isinstance(tag, str) for tag in value))
         if values.get("decisions") is not None:
             values["decisions"] = tuple(map(Decision.from_json, values["decisions"]))
         if not values["actions"]:
@@ -152,6 +164,14 @@ class RecordedEpisode:
             if values.get(name) is not None and len(values[name]) != len(values["actions"]):
                 raise ValueError(f"{len(values[name])} {name} for {len(values['actions'])} actions")
         return cls(**values)
+
+
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) < MAX_NUMBER
+
+
+def _is_count(value: Any) -> bool:
+    return value is None or (type(value) is int and 0 <= value < MAX_NUMBER)
 
 
 def _among(choices: Sequence[str]) -> Callable[[Any], bool]:
@@ -209,7 +229,7 @@ def _read(path: Path, line_number: int, parse: Callable[[Any], Any], data: Any) 
         return parse(data)
     except KeyError as error:
         raise EpisodesError(f"{path}, line {line_number}: missing key {error}") from None
-    except (ActionError, SceneError, ValueError, TypeError) as error:
+    except (ActionError, SceneError, ValueError, TypeError, AttributeError, OverflowError) as error:
         raise EpisodesError(f"{path}, line {line_number}: {error}") from None
 
 
@@ -221,7 +241,7 @@ def _lines(path: Path) -> Iterator[tuple[int, Any]]:
                 yield line_number, json.loads(line)
     except EOFError:
         raise EpisodesError(f"{path}: truncated: the compressed data end too early") from None
-    except (gzip.BadGzipFile, zlib.error, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (gzip.BadGzipFile, zlib.error, ValueError, RecursionError) as error:
         raise EpisodesError(f"{path}: damaged, or not a file of recorded episodes: {error}") from None
     except OSError as error:
         raise EpisodesError(f"{path}: cannot be read: {error.strerror or error}") from None

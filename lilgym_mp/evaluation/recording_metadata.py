@@ -10,7 +10,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -23,7 +23,6 @@ from lilgym_mp.evaluation.report import software
 CIRCUMSTANCES_SUFFIX = ".made.json"
 MAX_BYTES = 1 << 20  # bytes
 MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
-_OLD_MODIFIED_SUFFIX = ", changed"  # used in older files
 
 
 @dataclass(frozen=True)
@@ -53,12 +52,15 @@ class RecordingMetadata:
             if file.stat().st_size > MAX_BYTES:
                 raise EpisodesError(f"{file}: larger than {MAX_BYTES} bytes")
             read = cls(**json.loads(file.read_text(encoding="utf-8")))
-            return replace(read, commit=read.commit and read.commit.replace(_OLD_MODIFIED_SUFFIX, MODIFIED_SUFFIX))
+            texts = [read.date, read.command, read.machine, read.commit or "", *read.software.items()]
+            if not all(isinstance(text, str | tuple) for text in texts):
+                raise ValueError("date, command, machine and commit must be texts")
+            return read
         except FileNotFoundError:
             return None
         except EpisodesError:
             raise
-        except (OSError, ValueError, TypeError, AttributeError) as error:
+        except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
             raise EpisodesError(f"{file}: not valid metadata of a recording: {error}") from None
 
 

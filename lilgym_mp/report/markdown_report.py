@@ -11,8 +11,10 @@ from lilgym_mp.plotting import save
 from lilgym_mp.report.items import Chart, Item, MissingItem, Table
 from lilgym_mp.report.report_data import ReportData
 from lilgym_mp.report.results import PROVENANCE_TITLE
+from lilgym_mp.terminal import printable
 
 MARK = "<!-- made by lilgym-mp report; do not edit -->"
+FENCE = "```"
 PICTURES = "pictures"  # directory next to the page
 INCLUDED_CHARTS = ("Figure 3", "Figure 4", "Edits needed", "Calibration of STOP", "Figure 10")
 
@@ -28,11 +30,16 @@ def check_document(file: Path) -> None:
 
 def write_document(file: Path, data: ReportData, made: Sequence[tuple[str, Sequence[Item]]], command: str) -> None:
     """Writes the page and its pictures; `command` is quoted as its origin."""
-    blocks = [MARK, f"# {_title(data)}", *_origin(data, command)]
+    blocks = [f"# {_title(data)}", *_origin(data, command)]
     for heading, items in made:
         item_blocks = [block for item in items for block in _item_blocks(file, item)]
         blocks += [f"## {heading}", *item_blocks] if item_blocks else []
-    write_text(file, "\n\n".join(blocks) + "\n")
+    write_text(file, "\n\n".join([MARK, *map(_without_markup, blocks)]) + "\n")
+
+
+def _without_markup(block: str) -> str:
+    """The block with HTML in names from recordings escaped; code blocks show it as it is."""
+    return block if block.endswith(FENCE) else block.replace("<", "&lt;")
 
 
 def _title(data: ReportData) -> str:
@@ -74,7 +81,8 @@ def commits_text(metadata: Sequence[RecordingMetadata]) -> str:
 
 
 def _commands(heading: str, commands: Sequence[str] | dict[str, None]) -> str:
-    return f"{heading}:\n\n```\n" + "\n".join(commands) + "\n```"
+    lines = [" ".join(printable(command).split()).replace(FENCE, "") for command in commands]
+    return "\n".join([f"{heading}:\n\n{FENCE}", *lines, FENCE])
 
 
 def _item_blocks(file: Path, item: Item) -> Iterator[str]:

@@ -6,17 +6,20 @@ import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from lilgym_mp.evaluation.episodes import SAMPLED, SUFFIX, Header, Recording, read_episodes
+from lilgym_mp.corpus.records import shown
+from lilgym_mp.evaluation.episodes import MAX_NUMBER, SAMPLED, SUFFIX, Header, Recording, read_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.learners import find_learner
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
 SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
 EXPERT = "expert"
-LEARNER_BY_FORMAT = {"run": "ppo", "imitation-run": "imitation"}  # for run.json files that name no learner
+STEPS = ("step", "steps")  # keys of a progress record, of which it has one
+ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
 
 class ReportError(ValueError):
@@ -225,27 +228,39 @@ def _curves(places: Iterable[Path]) -> Iterator[TrainingCurve]:
             if not description.exists():
                 continue
             try:
-                run = json.loads(description.read_text(encoding="utf-8"))
-                progress, evaluations = (
-                    _json_lines(file.with_name(name)) for name in (PROGRESS_FILE, EVALUATIONS_FILE)
-                )
-                identity = run.get("identity", run)
-                settings = identity.get("environment", identity.get("settings", {}))
-                name: str = identity.get("learner") or run["format"].removeprefix("lilgym_mp-")
-                configuration: str = settings.get("configuration", "")
-                recipe: Mapping[str, Any] = identity.get("recipe", {})
-            except (OSError, ValueError, AttributeError, KeyError, TypeError) as fault:
+                identity = _object(json.loads(description.read_text(encoding="utf-8")).get("identity"))
+                learner = str(identity.get("learner"))
+                configuration = identity.get("environment", {}).get("configuration", "")
+                if configuration not in ("", *CONFIGURATIONS):
+                    raise ValueError(f"unknown configuration {shown(configuration)}")
+                progress = _records(file, find_learner(learner).progress[0])
+                evaluations = _records(file.with_name(EVALUATIONS_FILE), *ACCURACIES)
+                recipe = _object(identity.get("recipe", {}))
+            except (OSError, ValueError, AttributeError, RecursionError) as fault:
                 raise ReportError(f"{file}: damaged, or not the progress of a training run: {fault}") from None
-            yield TrainingCurve(
-                file.parent, LEARNER_BY_FORMAT.get(name, name), configuration, progress, evaluations, recipe
-            )
+            yield TrainingCurve(file.parent, learner, configuration, progress, evaluations, recipe)
 
 
-def _json_lines(file: Path) -> tuple[dict[str, Any], ...]:
-    """The records of a JSON Lines file; empty if there is no such file."""
+def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:
+    """The records of a JSON Lines file; empty if there is no such file. Raises ValueError for an invalid number."""
     if not file.exists():
         return ()
-    return tuple(json.loads(line) for line in file.read_text(encoding="utf-8").splitlines())
+    records = [_object(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    for record in records:
+        if not any(record.get(key) is not None for key in STEPS):
+            raise ValueError(f"a record has none of {', '.join(STEPS)}")
+        for key in (*STEPS, *keys):
+            value = record.get(key, 0)
+            if value is not None and (not isinstance(value, int | float) or not abs(value) < MAX_NUMBER):
+                raise ValueError(f"{key} must be a number, not {shown(value)}")
+    return tuple(records)
+
+
+def _object(value: object) -> dict[str, Any]:
+    """`value` if it is a JSON object. Raises ValueError otherwise."""
+    if not isinstance(value, dict):
+        raise ValueError(f"must be a JSON object, not {shown(value)}")
+    return cast("dict[str, Any]", value)
 
 
 def _training_commands(places: Iterable[Path]) -> Iterator[str]:

@@ -176,13 +176,3 @@ def test_write__rejects_a_header_with_another_episode_count(recording: Recording
     with pytest.raises(ValueError, match="the header says"):
         write_episodes(tmp_path / "new", recording.header, recording.episodes[1:])
     assert not (tmp_path / "new").exists()
-
-
-def test_read__a_file_of_version_1_has_no_decisions(recording: Recording):
-    def as_of_version_1(rows: list[Any]) -> None:
-        rows[0].update(version=1)
-        for row in rows[1:]:
-            del row["decisions"]
-
-    rewrite(recording.path, as_of_version_1)
-    assert read_episodes(recording.path) == recording

@@ -10,6 +10,7 @@ import pytest
 
 from tests.stress.broken_rules import BREAKS, ROOT, Break, broken, first_failure
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
+from tests.stress.hostile_records import hostile_reports
 from tests.stress.kills import matrix
 
 
@@ -33,6 +34,11 @@ def test_corrupt_corpora__are_reported_in_printable_text() -> None:
     for corruption in CORRUPTIONS:
         if corruption not in ("gzip", "flip", "odd value"):
             assert f"{corruption}: reported" in found
+
+
+@pytest.mark.long
+def test_hostile_records__give_a_page_or_one_line() -> None:
+    assert sum(hostile_reports(12, seed=1).values()) == 12
 
 
 @pytest.mark.parametrize("chosen", BREAKS, ids=lambda chosen: chosen.rule)
