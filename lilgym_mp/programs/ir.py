@@ -1,12 +1,13 @@
-"""The typed intermediate representation of generated code: what a fragment of Python source evaluates to.
+"""The typed intermediate representation of generated code: values that a program computes, and the code that does so.
 
-`text` is the source of an expression. `total`: evaluating it never raises.
+A `Code` is Python source. Where it consists of operations on integers it also has that structure, from which
+`instructions` are made. `total`: evaluating a value never raises.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NoReturn
@@ -27,53 +28,137 @@ class Unsupported(Exception):
 
 
 @dataclass(frozen=True)
-class Bool:
+class Code:
+    """The source of an expression, and the operation on integers that it is, if any."""
+
+    text: str
+    operation: str = ""  # an operator, comparison operators separated by blanks, or the name of a function
+    operands: tuple[Code, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Number(Code):
+    value: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class ItemCount(Code):
+    """The number of items in a box."""
+
+    box: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class BoxCall(Code):
+    """A call of a function of a box: a vectorised word, or a kernel with its own code."""
+
+    box: str
+    function: box_functions.BoxFunction
+    kernel: Code | None  # the function's own code, in which the box is LOCAL_BOX; None for a vectorised word
+
+
+def number(value: int) -> Code:
+    return Number(str(value), value=value)
+
+
+def item_count(box: str) -> Code:
+    return ItemCount(f"len({box}.items)", box=box)
+
+
+def operate(operator: str, *operands: Code) -> Code:
+    """The operands joined by a binary operator, from left to right."""
+    return Code(f"({f' {operator} '.join(operand.text for operand in operands)})", operator, operands)
+
+
+def compare(operators: Sequence[str], *operands: Code) -> Code:
+    """A chain of comparisons."""
+    steps = zip(operators, operands[1:], strict=True)
+    text = " ".join([operands[0].text, *(f"{operator} {operand.text}" for operator, operand in steps)])
+    return Code(f"({text})", " ".join(operators), operands)
+
+
+def invert(mask: Code) -> Code:
+    return Code(f"~{mask.text}", "~", (mask,))
+
+
+def negative(truth: Code) -> Code:
+    """0 or, if true, a mask of all bits."""
+    return Code(f"-({truth.text})", "negative", (truth,))
+
+
+def has_bit(mask: Code, position: Code) -> Code:
+    return operate("&", operate(">>", mask, position), number(1))
+
+
+def bits_at(positions: Iterable[Code]) -> Code:
+    """The mask of the bits at one or more positions."""
+    return operate("|", *(operate("<<", number(1), position) for position in positions))
+
+
+def bit_count(mask: Code) -> Code:
+    return Code(f"({mask.text}).bit_count()", "bit_count", (mask,))
+
+
+def only(mask: Code) -> Code:
+    return Code(f"only({mask.text})", "only", (mask,))
+
+
+def occurring(mask: Code, by_value: Sequence[Code]) -> Code:
+    """`runtime._occurring`."""
+    return Code(f"occurring({', '.join(code.text for code in (mask, *by_value))})", "occurring", (mask, *by_value))
+
+
+@dataclass(frozen=True)
+class Coded:
+    """A value that one expression computes."""
+
+    code: Code
+    total: bool = True
+
+    @property
+    def text(self) -> str:
+        return self.code.text
+
+
+@dataclass(frozen=True)
+class Bool(Coded):
     """0, 1, False or True."""
 
-    text: str
-    total: bool = True
-
 
 @dataclass(frozen=True)
-class Int:
-    text: str
-    total: bool = True
+class Int(Coded):
+    pass
 
 
-@dataclass(frozen=True)
-class AttributeValue:
+@dataclass(frozen=True, kw_only=True)
+class AttributeValue(Coded):
     """An enum member, represented by its integer value."""
 
     enum: type[Enum]
-    text: str
-    total: bool = True
 
 
-@dataclass(frozen=True)
-class AttributeSet:
+@dataclass(frozen=True, kw_only=True)
+class AttributeSet(Coded):
     """A set of enum members, represented as a bitmask of their integer values."""
 
     enum: type[Enum]
-    text: str
-    total: bool = True
 
 
-@dataclass(frozen=True)
-class AttributeList:
+@dataclass(frozen=True, kw_only=True)
+class AttributeList(Coded):
     """A list of enum members, represented as a list of their integer values."""
 
     enum: type[Enum]
-    text: str
-    total: bool = True
 
 
-@dataclass(frozen=True)
-class ItemRef:
+@dataclass(frozen=True, kw_only=True)
+class ItemRef(Coded):
     """An item, represented by its index in a box."""
 
     box: str
-    text: str
-    total: bool = True
+
+
+TRUE, FALSE = Bool(Number("True", value=1)), Bool(Number("False", value=0))
 
 
 @dataclass(frozen=True)
@@ -84,23 +169,25 @@ class BoxRef:
 
 @dataclass(frozen=True)
 class BoxItems:
-    """Items of one box, represented as a bitmask; `text` None means all items."""
+    """Items of one box, represented as a bitmask; `chosen` None means all items."""
 
     box: str
-    text: str | None
+    chosen: Code | None
     total: bool = True
 
     @property
-    def mask(self) -> str:
-        return self.text if self.text is not None else f"((1 << len({self.box}.items)) - 1)"
+    def mask(self) -> Code:
+        if self.chosen is not None:
+            return self.chosen
+        return operate("-", operate("<<", number(1), item_count(self.box)), number(1))
 
     @property
-    def nonempty(self) -> str:
-        return f"({self.mask} != 0)" if self.text is not None else f"(len({self.box}.items) != 0)"
+    def nonempty(self) -> Code:
+        return operate("!=", item_count(self.box) if self.chosen is None else self.chosen, number(0))
 
     @property
-    def count(self) -> str:
-        return f"({self.mask}).bit_count()" if self.text is not None else f"len({self.box}.items)"
+    def count(self) -> Code:
+        return item_count(self.box) if self.chosen is None else bit_count(self.chosen)
 
 
 @dataclass(frozen=True)
@@ -129,7 +216,7 @@ class StaticList:
 
     @property
     def unconditional(self) -> bool:
-        return all(condition.text == "True" for condition in self.conditions)
+        return all(condition == TRUE for condition in self.conditions)
 
     @property
     def is_indexable(self) -> bool:
@@ -150,7 +237,7 @@ class Combinations:
 
     parts: tuple[BoxItems, ...]
     size: int
-    count: str
+    count: Code
     total: bool = True
     filtered: bool = False
 
@@ -177,15 +264,17 @@ def unsupported(construct: object = "") -> NoReturn:
 
 @dataclass(frozen=True)
 class ItemMask:
-    text: str
+    """A condition on the items of a box."""
+
+    code: Code
     in_range: bool = True  # no bits set beyond the last item of the box
     total: bool = True
 
 
 def narrow(part: BoxItems, mask: ItemMask) -> BoxItems:
-    if part.text is None and mask.in_range:
-        return BoxItems(part.box, mask.text, mask.total)
-    return BoxItems(part.box, f"({part.mask} & {mask.text})", part.total and mask.total)
+    if part.chosen is None and mask.in_range:
+        return BoxItems(part.box, mask.code, mask.total)
+    return BoxItems(part.box, operate("&", part.mask, mask.code), part.total and mask.total)
 
 
 def max_elements(value: Value) -> int:
@@ -232,7 +321,10 @@ def text_length(value: Value, limit: int) -> int:
             return len(value.text)
     length = 0
     for part in parts:
-        length += len(part.text or "") if isinstance(part, BoxItems) else text_length(part, limit)
+        if isinstance(part, BoxItems):
+            length += 0 if part.chosen is None else len(part.chosen.text)
+        else:
+            length += text_length(part, limit)
         if length > limit:
             break
     return length
@@ -240,9 +332,9 @@ def text_length(value: Value, limit: int) -> int:
 
 def as_static_list(values: AttributeSet) -> StaticList:
     """An attribute set as a list of all members of the enum, each present if its bit is set."""
-    numbers = [str(value.value) for value in values.enum]
-    conditions = (Bool(f"({values.text} >> {number} & 1)", values.total) for number in numbers)
-    return StaticList(tuple(AttributeValue(values.enum, number) for number in numbers), tuple(conditions))
+    members = [AttributeValue(number(value.value), enum=values.enum) for value in values.enum]
+    conditions = (Bool(has_bit(values.code, member.code), values.total) for member in members)
+    return StaticList(tuple(members), tuple(conditions))
 
 
 def all_total(values: Iterable[Any]) -> bool:
@@ -250,7 +342,7 @@ def all_total(values: Iterable[Any]) -> bool:
 
 
 def negate(truth: Bool) -> Bool:
-    return Bool(f"(not {truth.text})", truth.total)
+    return Bool(Code(f"(not {truth.text})", "not", (truth.code,)), truth.total)
 
 
 def as_collection(value: Value) -> Value:
@@ -260,10 +352,10 @@ def as_collection(value: Value) -> Value:
     if isinstance(value, StaticList) and value.unconditional and value.elements:
         items = [element for element in value.elements if isinstance(element, ItemRef)]
         if len(items) == len(value.elements):  # one of several combinations, in scene order
-            parts: dict[str, list[str]] = {}
+            parts: dict[str, list[Code]] = {}
             for item in items:
-                parts.setdefault(item.box, []).append(f"1 << {item.text}")
-            return Items(tuple(BoxItems(box, f"({' | '.join(bits)})") for box, bits in parts.items()), ordered=True)
+                parts.setdefault(item.box, []).append(item.code)
+            return Items(tuple(BoxItems(box, bits_at(indices)) for box, indices in parts.items()), ordered=True)
     return value
 
 
@@ -272,27 +364,27 @@ def as_truth(value: Value) -> Bool:
         case Bool():
             return value
         case Int() | AttributeSet():
-            return Bool(f"({value.text} != 0)", value.total)
+            return Bool(operate("!=", value.code, number(0)), value.total)
         case AttributeList():
-            return Bool(f"({value.text} != [])", value.total)
+            return Bool(Code(f"({value.text} != [])"), value.total)
         case Items() | Combinations():
             return existence(value)
         case BoxRef():
             return existence(Items((BoxItems(value.box, None),), ordered=True))
         case StaticList():
-            return existence(value) if value.elements else Bool("False")
+            return existence(value) if value.elements else FALSE
         case _:
-            return Bool("True") if value.total else unsupported("truth of a value that may raise")
+            return TRUE if value.total else unsupported("truth of a value that may raise")
 
 
 def existence(value: Items | StaticList | Combinations) -> Bool:
     if isinstance(value, Combinations):
-        return Bool(f"({value.count} != 0)", value.total)
+        return Bool(operate("!=", value.count, number(0)), value.total)
     if isinstance(value, StaticList):
-        texts = [condition.text for condition in value.conditions]
+        codes = [condition.code for condition in value.conditions]
     else:
-        texts = [part.nonempty for part in value.parts]
-    return Bool("(" + (" or " if value.total else " | ").join(texts) + ")", value.total)
+        codes = [part.nonempty for part in value.parts]
+    return Bool(operate("or" if value.total else "|", *codes), value.total)
 
 
 def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
@@ -303,8 +395,8 @@ def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
     return pairs
 
 
-def conjunction(texts: list[str], *, total: bool) -> Bool:
-    return Bool("(" + (" and " if total else " & ").join(texts) + ")", total)
+def conjunction(codes: Iterable[Code], *, total: bool) -> Bool:
+    return Bool(operate("and" if total else "&", *codes), total)
 
 
 def equality(left: Value, right: Value) -> Bool:
@@ -312,17 +404,17 @@ def equality(left: Value, right: Value) -> Bool:
     total = all_total((left, right))
     match left, right:
         case (Bool() | Int(), Bool() | Int()):
-            return Bool(f"({left.text} == {right.text})", total)
+            return Bool(operate("==", left.code, right.code), total)
         case (
             (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) | (AttributeList(), AttributeList())
         ):
             same = left.enum is right.enum
-            return Bool(f"({left.text} == {right.text})", total) if same else unsupported("different attributes")
+            return Bool(operate("==", left.code, right.code), total) if same else unsupported("different attributes")
         case (Items(), Items()) if left.ordered == right.ordered:
-            return conjunction([f"({a.mask} == {b.mask})" for a, b in paired_by_box(left, right)], total=total)
+            return conjunction((operate("==", a.mask, b.mask) for a, b in paired_by_box(left, right)), total=total)
         case (ItemRef(), ItemRef()) if left.box == right.box:
-            return Bool(f"({left.text} == {right.text})", total)
+            return Bool(operate("==", left.code, right.code), total)
         case (BoxRef(), BoxRef()):
-            return Bool(str(left.box == right.box), total)
+            return TRUE if left.box == right.box else FALSE
         case _:
             unsupported("equality")

@@ -16,26 +16,35 @@ from lilgym_mp.programs.ir import (
     ATTRIBUTE_TYPES,
     ITEM_FIELDS,
     MAX_ITEMS,
+    TRUE,
     AttributeList,
     AttributeSet,
     AttributeValue,
     Bool,
     BoxItems,
     BoxRef,
+    Code,
     Combinations,
     Int,
     ItemMask,
     ItemRef,
     Items,
+    Number,
     StaticList,
     UniqueItem,
     Value,
     all_total,
     as_truth,
+    bit_count,
     conjunction,
     equality,
+    invert,
     max_elements,
     narrow,
+    number,
+    occurring,
+    only,
+    operate,
     paired_by_box,
     unsupported,
 )
@@ -46,7 +55,7 @@ MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 class Generator(Protocol):
     """The part of the code generator that lowerings use."""
 
-    def box_call(self, name: str, function: Any, box: str) -> str: ...
+    def box_call(self, name: str, function: Any, box: str) -> Code: ...
     def attribute_of(self, item: ItemRef, name: str) -> AttributeValue: ...
     def membership(self, value: Value, collection: Value) -> Bool: ...
     def charge(self, steps: int) -> None: ...
@@ -61,17 +70,16 @@ def _lower_exist(_: Generator, s: Value) -> Bool:
 def _lower_count(_: Generator, s: Value) -> Int:
     match s:
         case Items():
-            return Int("(" + " + ".join(part.count for part in s.parts) + ")", s.total)
+            return Int(operate("+", *(part.count for part in s.parts)), s.total)
         case StaticList():
-            present: dict[object, list[str]] = {}  # conditions of each object; a box may be listed twice
+            present: dict[object, list[Code]] = {}  # conditions of each object; a box may be listed twice
             for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
-                present.setdefault(element if isinstance(element, BoxRef) else index, []).append(condition.text)
-            counts = [f"({' | '.join(texts)})" for texts in present.values()]
-            return Int(f"({' + '.join(['0', *counts])})", s.total)
+                present.setdefault(element if isinstance(element, BoxRef) else index, []).append(condition.code)
+            return Int(operate("+", number(0), *(operate("|", *codes) for codes in present.values())), s.total)
         case AttributeSet():
-            return Int(f"({s.text}).bit_count()", s.total)
+            return Int(bit_count(s.code), s.total)
         case AttributeList():
-            return Int(f"len(set({s.text}))", s.total)
+            return Int(Code(f"len(set({s.text}))"), s.total)
         case Combinations():
             return Int(s.count, s.total)
         case _:
@@ -81,9 +89,9 @@ def _lower_count(_: Generator, s: Value) -> Int:
 def _lower_len(generator: Generator, s: Value) -> Int:
     match s:
         case AttributeList():
-            return Int(f"len({s.text})", s.total)
+            return Int(Code(f"len({s.text})"), s.total)
         case StaticList():
-            return Int("(" + " + ".join(["0", *(condition.text for condition in s.conditions)]) + ")", s.total)
+            return Int(operate("+", number(0), *(condition.code for condition in s.conditions)), s.total)
         case _:
             return _lower_count(generator, s)
 
@@ -93,7 +101,7 @@ def _lower_unique(_: Generator, s: Value) -> ItemRef | UniqueItem:
         unsupported("unique")
     if len(s.parts) != 1:
         return UniqueItem(s)
-    return ItemRef(s.parts[0].box, f"only({s.parts[0].mask})", total=False)
+    return ItemRef(only(s.parts[0].mask), total=False, box=s.parts[0].box)
 
 
 def _lower_set(_: Generator, s: Value) -> Value:
@@ -106,9 +114,9 @@ def _lower_set(_: Generator, s: Value) -> Value:
             boxes = {element.box for element in s.elements if isinstance(element, BoxRef)}
             if not all(isinstance(element, BoxRef) for element in s.elements):
                 unsupported("set")
-            return StaticList(tuple(map(BoxRef, sorted(boxes))), (Bool("True"),) * len(boxes), ordered=False)
+            return StaticList(tuple(map(BoxRef, sorted(boxes))), (TRUE,) * len(boxes), ordered=False)
         case AttributeList():
-            return AttributeSet(s.enum, f"mask_of({s.text})", s.total)
+            return AttributeSet(Code(f"mask_of({s.text})"), s.total, enum=s.enum)
         case _:
             unsupported("set")
 
@@ -117,10 +125,10 @@ def _lower_set_operation(sign: str) -> Callable[..., Value]:
     def lower(generator: Generator, a: Value, b: Value) -> Value:
         a, b = _lower_set(generator, a), _lower_set(generator, b)
         if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
-            return AttributeSet(a.enum, f"({a.text} {sign} {b.text})", all_total((a, b)))
+            return AttributeSet(operate(sign, a.code, b.code), all_total((a, b)), enum=a.enum)
         if isinstance(a, Items) and isinstance(b, Items):
             pairs = paired_by_box(a, b)
-            parts = (BoxItems(x.box, f"({x.mask} {sign} {y.mask})", all_total((x, y))) for x, y in pairs)
+            parts = (BoxItems(x.box, operate(sign, x.mask, y.mask), all_total((x, y))) for x, y in pairs)
             return Items(tuple(parts), ordered=False)
         unsupported("set operation")
 
@@ -131,10 +139,14 @@ def _lower_contained(generator: Generator, a: Value, b: Value) -> Bool:
     a, b = _lower_set(generator, a), _lower_set(generator, b)
     total = all_total((a, b))
     if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
-        return Bool(f"({a.text} & ~{b.text} == 0)", total)
+        return Bool(_is_contained(a.code, b.code), total)
     if isinstance(a, Items) and isinstance(b, Items):
-        return conjunction([f"({x.mask} & ~{y.mask} == 0)" for x, y in paired_by_box(a, b)], total=total)
+        return conjunction((_is_contained(x.mask, y.mask) for x, y in paired_by_box(a, b)), total=total)
     unsupported("contained")
+
+
+def _is_contained(mask: Code, other: Code) -> Code:
+    return operate("==", operate("&", mask, invert(other)), number(0))
 
 
 def _lower_equal_set(generator: Generator, a: Value, b: Value) -> Bool:
@@ -154,7 +166,8 @@ def _lower_member_of(generator: Generator, x: Value, s: Value) -> Bool:
 def _lower_combinations(generator: Generator, s: Value, k: Value) -> StaticList | Combinations:
     if isinstance(s, Items) and isinstance(k, Int) and k.text in ("2", "3"):
         size = int(k.text)
-        combined = Combinations(s.parts, size, f"comb({' + '.join(part.count for part in s.parts)}, {size})", s.total)
+        items = " + ".join(part.count.text for part in s.parts)
+        combined = Combinations(s.parts, size, Code(f"comb({items}, {size})"), s.total)
         count = binomial(MAX_ITEMS, size)
         if len({part.box for part in s.parts}) == len(s.parts) and count <= costs.SIZE_LIMIT:
             generator.charge(costs.SUBSET_ELEMENT * (1 + size) * count)
@@ -167,8 +180,8 @@ def _lower_combinations(generator: Generator, s: Value, k: Value) -> StaticList 
         unsupported("combinations of many")
     generator.charge(costs.SUBSET_ELEMENT * (1 + int(k.text)) * (1 + count) * max_elements(s))
     chosen = itertools.combinations(s.elements, int(k.text))
-    tuples = tuple(StaticList(elements, (Bool("True"),) * len(elements)) for elements in chosen)
-    return StaticList(tuples, (Bool("True"),) * len(tuples))
+    tuples = tuple(StaticList(elements, (TRUE,) * len(elements)) for elements in chosen)
+    return StaticList(tuples, (TRUE,) * len(tuples))
 
 
 # Words with one variant per attribute
@@ -178,12 +191,12 @@ def _lower_query(attribute: str) -> Callable[..., AttributeList]:
     def lower(generator: Generator, x: Value) -> AttributeList:
         if isinstance(x, ItemRef):
             value = generator.attribute_of(x, attribute)
-            return AttributeList(value.enum, f"[{value.text}]", value.total)
+            return AttributeList(Code(f"[{value.text}]"), value.total, enum=value.enum)
         if not isinstance(x, Items):
             unsupported("query")
         field = ITEM_FIELDS[attribute]
-        texts = [f"[{part.box}.items[i][{field}] for i in bits({part.mask})]" for part in x.parts]
-        return AttributeList(ATTRIBUTE_TYPES[attribute], f"({' + '.join(texts)})", x.total)
+        texts = [f"[{part.box}.items[i][{field}] for i in bits({part.mask.text})]" for part in x.parts]
+        return AttributeList(Code(f"({' + '.join(texts)})"), x.total, enum=ATTRIBUTE_TYPES[attribute])
 
     return lower
 
@@ -194,11 +207,11 @@ def _lower_values(attribute: str) -> Callable[..., AttributeSet]:
     def lower(generator: Generator, s: Value) -> AttributeSet:
         if not isinstance(s, Items):
             unsupported("values")
-        texts: list[str] = []
-        for part in s.parts:
-            masks = [_value_mask(generator, attribute, value, part.box) for value in enum]
-            texts.append(f"occurring({part.mask}, {', '.join(masks)})")
-        return AttributeSet(enum, f"({' | '.join(texts)})", s.total)
+        found = [
+            occurring(part.mask, [_value_mask(generator, attribute, value, part.box) for value in enum])
+            for part in s.parts
+        ]
+        return AttributeSet(operate("|", *found), s.total, enum=enum)
 
     return lower
 
@@ -209,16 +222,16 @@ def _lower_filter(attribute: str) -> Callable[..., Items]:
     def lower(generator: Generator, s: Value, value: Value) -> Items:
         if not isinstance(s, Items) or not isinstance(value, AttributeValue) or value.enum is not enum:
             unsupported("filter")
-        if not value.text.isdecimal():
+        if not isinstance(value.code, Number):
             unsupported("filter by a variable")
-        wanted = enum(int(value.text))
+        wanted = enum(value.code.value)
         parts = (narrow(part, ItemMask(_value_mask(generator, attribute, wanted, part.box))) for part in s.parts)
         return Items(tuple(parts), ordered=True)
 
     return lower
 
 
-def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> str:
+def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> Code:
     function = box_functions.vectorised_attribute(attribute, value)
     return generator.box_call(f"{type(value).__name__}_{value.name}", function, box)
 
@@ -228,7 +241,7 @@ def _lower_all_same(attribute: str) -> Callable[..., Bool]:
 
     def lower(generator: Generator, s: Value) -> Bool:
         found = values(generator, s)
-        return Bool(f"(({found.text}).bit_count() == 1)", found.total)
+        return Bool(operate("==", bit_count(found.code), number(1)), found.total)
 
     return lower
 
