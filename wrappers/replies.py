@@ -91,13 +91,13 @@ def marked_answers(text: str) -> list[str]:
 def _named(text: str, appearance: Appearance, shown: Collection[int]) -> set[int | None]:
     """The actions that the reply names; None stands for a marked answer that is no action."""
     if marked := marked_answers(text):
-        return {_action_on(answer, appearance, shown) for answer in marked}
+        return {action_on(answer, appearance, shown) for answer in marked}
     lines = [line for line in text.splitlines() if line.strip(_DECORATION + ".")]
-    actions = {_action_on(line, appearance, ()) for line in lines[:-1]}
-    return {*actions, *(_action_on(line, appearance, shown) for line in lines[-1:])} - {None}
+    actions = {action_on(line, appearance, ()) for line in lines[:-1]}
+    return {*actions, *(action_on(line, appearance, shown) for line in lines[-1:])} - {None}
 
 
-def _action_on(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
+def action_on(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
     """The action if the line consists of exactly one."""
     if len(line) > MAX_LINE:
         return None

@@ -24,7 +24,7 @@ from lilgym_mp_command import INTERRUPTED
 # Modules of this package, in the order of --help.
 COMMANDS = (
     *("demo", "play", "play-game", "train", "evaluate", "evaluate-game", "report", "experiment"),
-    *("explain", "solve", "demos", "data", "program", "llm", "bench", "serve"),
+    *("explain", "solve", "demos", "data", "program", "llm", "prompts", "score", "bench", "serve"),
 )
 
 PROGRAM = "lilgym-mp"

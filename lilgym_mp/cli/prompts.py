@@ -1,0 +1,57 @@
+"""`lilgym-mp prompts`: generates tasks for language models as rows with prompts."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.files import fresh_file, write_atomically
+from lilgym_mp.options import add_seed, check_at_least
+from lilgym_mp.terminal import Progress
+
+
+def add_parser(subparsers: Any) -> None:
+    parser = subparsers.add_parser(
+        "prompts",
+        help="generate prompts for training language models",
+        description="Writes generated tasks as JSON lines, each with its prompt and all that scoring a reply needs.",
+    )
+    parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth, scene or program")
+    parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
+    parser.add_argument(
+        "--level", type=int, default=3, metavar="L", help="difficulty of statements, 1 to 5 (default: 3)"
+    )
+    parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")
+    parser.add_argument("--min-actions", type=int, default=2, metavar="N", help="of the shortest plan (default: 2)")
+    parser.add_argument("--max-actions", type=int, metavar="N", help="of the shortest plan (default: the horizon)")
+    parser.add_argument("--count", type=int, default=1_000, metavar="N", help="number of prompts (default: 1000)")
+    add_seed(parser, "of the tasks")
+    parser.add_argument("--answers", action="store_true", help='add the expert\'s reply as "answer"')
+    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.rlvr import expert_reply, rows
+
+    check_at_least(args, 1, "count")
+    lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}
+    endless = rows(args.task, args.appearance, args.level, seed=args.seed, split=args.split, **lengths)
+    fresh_file(args.out, force=args.force)
+
+    def write(path: Path) -> None:
+        with path.open("w", encoding="utf-8") as file, Progress(args.count, "prompts") as progress:
+            for row in islice(endless, args.count):
+                answer = {"answer": expert_reply(row)} if args.answers else {}
+                file.write(json.dumps({**row.to_json(), **answer}, ensure_ascii=False) + "\n")
+                progress.advance()
+
+    write_atomically(args.out, write)
+    print(f"{args.count:,} prompts: {args.out}")
+    return 0

@@ -1,0 +1,177 @@
+"""Scores replies exactly. No reply raises: what cannot be read scores like a failure, and says why."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, lru_cache
+from typing import Any, NamedTuple
+
+from lilgym_mp.actions import describe
+from lilgym_mp.choices import choose
+from lilgym_mp.generator import ScenePool
+from lilgym_mp.llm.summary import progression
+from lilgym_mp.programs import ProgramError, ProgramRuntimeError, StepLimitError, bounded_truths, compile_program
+from lilgym_mp.rlvr.answers import NotUnderstood, read_plan, read_program, read_scene, read_truth
+from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of, solver_of
+from lilgym_mp.rules import Outcome, State
+from lilgym_mp.scene import Scene
+
+CHECKED_SCENES = (100, 70, 40)  # on which a program must agree with the statement's; fewer if that one is slow
+LEAST_SCENES = 3  # of each truth value among them
+CHECKED_WALKS = 64
+STEP_LIMIT = 100_000  # of a program on all these scenes together; the statement's own needs at most half of them
+SUCCESS, WRONG, NO_STOP, NOT_UNDERSTOOD = "success", "wrong", "no_stop", "not_understood"  # besides the rules' outcomes
+
+
+class Score(NamedTuple):
+    """The score of a reply."""
+
+    reward: float
+    outcome: str
+    details: Mapping[str, Any]
+
+    @property
+    def success(self) -> bool:
+        return self.outcome == SUCCESS
+
+
+class Played(NamedTuple):
+    """A plan carried out."""
+
+    row: Row
+    outcome: str
+    last: State
+    total: float  # the environment's return; a plan without STOP is rewarded as if a wrong STOP followed
+
+
+def _progress(played: Played) -> float:
+    solver, start = solver_of(played.row.appearance), played.last._replace(scene=played.row.task.start)
+    return progression(solver, start, played.last, success=played.outcome == SUCCESS)
+
+
+REWARDS: Mapping[str, Callable[[Played], float]] = {
+    "success": lambda played: float(played.outcome == SUCCESS),
+    "progress": _progress,
+    "return": lambda played: played.total,
+}
+
+
+def score(reply: object, row: Row, reward: str = "success") -> Score:
+    """The score of a model's reply, which may be of any type.
+
+    `reward`: "success", 1 or 0; for plans also "progress" towards the goal from 0 to 1, or the environment's "return".
+    Raises ValueError for another reward, RowError for a program row whose own program `checked_truths` refuses.
+    """
+    rewarded = choose("reward", reward, REWARDS)
+    if row.kind == "plan":
+        played, details = _play(reply, row)
+        return Score(rewarded(played), played.outcome, details)
+    if reward != SUCCESS:
+        raise ValueError(f"the reward {reward!r} is for plans; a {row.kind} is rewarded by success")
+    try:
+        is_right, details = _CHECKS[row.kind](reply, row)
+    except NotUnderstood as error:
+        return Score(0.0, NOT_UNDERSTOOD, {"reason": str(error)})
+    return Score(float(is_right), SUCCESS if is_right else WRONG, details)
+
+
+def _play(reply: object, row: Row) -> tuple[Played, dict[str, Any]]:
+    """The plan in a reply carried out, and its actions or why it is not understood."""
+    dynamics = dynamics_of(row.appearance)
+    state, total, outcome = dynamics.start(row.task), 0.0, NO_STOP
+    names: list[str] = []
+    try:
+        plan = read_plan(reply, dynamics.appearance)
+    except NotUnderstood as error:
+        wrong_stop = dynamics.rules.signals[Outcome.WRONG_STOP].reward
+        return Played(row, NOT_UNDERSTOOD, state, wrong_stop), {"reason": str(error)}
+    for index in plan:
+        action = dynamics.appearance.decode(index)
+        names.append(describe(action))
+        state, result, _ = dynamics.step(state, action)
+        total += result.reward
+        if result.ends:
+            outcome = str(result.outcome)
+            break
+    else:
+        total += dynamics.rules.signals[Outcome.WRONG_STOP].reward
+    return Played(row, outcome, state, round(total, 6)), {"actions": names}
+
+
+def _check_truth(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
+    answer = read_truth(reply)
+    return answer == row.task.truth(row.task.start), {"answer": answer}
+
+
+def _check_scene(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
+    scene = read_scene(reply, dynamics_of(row.appearance).appearance)
+    try:
+        (value,) = bounded_truths(row.task.program, (scene,))
+    except StepLimitError as error:
+        raise NotUnderstood(str(error)) from None
+    return value == row.task.target, {"scene": scene.to_json()}
+
+
+def _check_program(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
+    program = read_program(reply)
+    expected = checked_truths(row.task.program, row.appearance)
+    if expected is None:
+        raise RowError(f"row {row.id!r:.80}: its program is too slow, or too rarely true or false, to check others")
+    try:
+        truths = bounded_truths(program, tuple(expected), step_limit=STEP_LIMIT)
+    except (ProgramError, StepLimitError) as error:
+        raise NotUnderstood(str(error)) from None
+    agreeing = sum(map(bool.__eq__, map(bool, truths), expected.values()))
+    return agreeing == len(expected), {"program": program, "agreement": agreeing / len(expected)}
+
+
+_CHECKS: Mapping[str, Callable[[object, Row], tuple[bool, dict[str, Any]]]] = {
+    "truth": _check_truth,
+    "scene": _check_scene,
+    "program": _check_program,
+}
+
+
+@lru_cache(maxsize=4_096)
+def checked_truths(program: str, appearance: str) -> Mapping[Scene, bool] | None:
+    """Scenes with the program's truth values, half of them true if possible.
+
+    None if one value is too rare, or the program too slow, to check others against it.
+    """
+    evaluate = compile_program(program).evaluate
+    found: dict[bool, list[Scene]] = {True: [], False: []}
+    for scene in _scenes(appearance):
+        try:
+            value = evaluate(scene)
+        except ProgramRuntimeError:
+            value = False
+        found[value].append(scene)
+        if min(map(len, found.values())) >= max(CHECKED_SCENES) // 2:
+            break
+    rarer = len(found[True]) < len(found[False])
+    for total in CHECKED_SCENES:
+        count = min(len(found[rarer]), total // 2)
+        truths = {
+            **dict.fromkeys(found[rarer][:count], rarer),
+            **dict.fromkeys(found[not rarer][: total - count], not rarer),
+        }
+        if count >= LEAST_SCENES and _is_within(STEP_LIMIT // 2, program, truths):
+            return truths
+    return None
+
+
+def _is_within(step_limit: int, program: str, scenes: Iterable[Scene]) -> bool:
+    try:
+        bounded_truths(program, tuple(scenes), step_limit=step_limit)
+    except StepLimitError:
+        return False
+    return True
+
+
+@cache
+def _scenes(appearance: str) -> tuple[Scene, ...]:
+    """Random scenes, many of them one edit apart."""
+    rng = random.Random(f"checks {appearance}")
+    scenes = ScenePool.sample(appearance, rng, CHECKED_WALKS).scenes
+    return tuple(rng.sample(scenes, len(scenes)))

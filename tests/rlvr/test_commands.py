@@ -1,0 +1,68 @@
+"""`lilgym-mp prompts` and `lilgym-mp score`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.cli import main
+from lilgym_mp.rlvr import KINDS
+
+
+def written(path: Path, *lines: object) -> str:
+    path.write_text("".join(line if isinstance(line, str) else json.dumps(line) + "\n" for line in lines))
+    return str(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    prompts = tmp_path / "prompts.jsonl"
+    command = ["prompts", "--task", kind, "--level", "2", "--count", "4", "--out", str(prompts)]
+    assert main(command) == 0
+    rows = [json.loads(line) for line in prompts.read_text().splitlines()]
+    assert [set(row) & {"prompt", "answer"} for row in rows] == [{"prompt"}] * 4
+    assert main(command) == 2
+    assert "--force overwrites it" in capsys.readouterr().err
+    assert main([*command, "--answers", "--force"]) == 0
+    rows = [json.loads(line) for line in prompts.read_text().splitlines()]
+    replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in rows[:3]))
+    assert main(["score", str(prompts), "--answers", replies, "--json", str(tmp_path / "scores.json")]) == 0
+    shown = capsys.readouterr().out
+    assert "success   100.0% (3 of 3; 95 % interval " in shown
+    assert "missing   1 prompts have no reply" in shown
+    summary = json.loads((tmp_path / "scores.json").read_text())
+    assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (1.0, 1, 3)
+
+
+def test_prompts__invalid_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main(["prompts", "--task", "plan", "--level", "9", "--out", str(tmp_path / "x")]) == 2
+    assert "unknown level 9; choose from 1, 2, 3, 4, 5" in capsys.readouterr().err
+    assert main(["prompts", "--task", "plan", "--count", "0", "--out", str(tmp_path / "x")]) == 2
+    assert "--count must be at least 1, not 0" in capsys.readouterr().err
+
+
+def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    prompts = str(tmp_path / "prompts.jsonl")
+    assert main(["prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
+    row = json.loads(Path(prompts).read_text().splitlines()[0])
+    good = written(tmp_path / "good", {"id": row["id"], "reply": None})
+    for file, replies, message in (
+        (prompts, written(tmp_path / "a", {"id": "other", "reply": ""}), "has no row 'other'"),
+        (
+            prompts,
+            written(tmp_path / "b", {"id": row["id"]}),
+            'line 1: a reply must be an object with "id" and "reply"',
+        ),
+        (prompts, written(tmp_path / "c", "{\n"), "not JSON lines"),
+        (prompts, written(tmp_path / "d", "[" * 100_000), "not JSON lines"),
+        (prompts, written(tmp_path / "e"), "there are no replies"),
+        (prompts, str(tmp_path / "none"), "cannot be read: No such file"),
+        (written(tmp_path / "f", {**row, "format": "lilgym_mp row 0"}), good, "line 1: a row must have the format"),
+        (prompts, good, "unknown reward 'style'"),
+    ):
+        style = ["--reward", "style"] if "style" in message else []
+        assert main(["score", file, "--answers", replies, *style]) == 2
+        (line,) = capsys.readouterr().err.splitlines()[-1:]
+        assert message in line

@@ -1,0 +1,266 @@
+"""Rows for training language models: generation, prompts, exact scores, conversations, baselines."""
+
+from __future__ import annotations
+
+import json
+import random
+from dataclasses import replace
+from itertools import islice
+from typing import Any
+
+import pytest
+
+from lilgym_mp.actions import describe
+from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.generator.generated_corpus import split_of
+from lilgym_mp.rlvr import BASELINES, KINDS, Conversation, Row, RowError, expert_reply, random_reply, rows, score
+from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver import Solver
+from lilgym_mp.task import Task
+from tests.scenes import B, K, Y, scene, tower
+from tests.stress.hostile_replies import examined
+
+BLUE = "exist(filter_color(all_items, Color.BLUE))"
+TASK = Task("t", "There is a blue block.", BLUE, True, scene(tower(K)))
+PLAN = Row("plan", "tower", TASK)
+KINDS_AND_APPEARANCES = [(kind, appearance) for kind in KINDS for appearance in APPEARANCES]
+
+
+def some(kind: str, appearance: str = "tower", count: int = 8, **settings: Any) -> list[Row]:
+    return list(islice(rows(kind, appearance, **settings), count))
+
+
+@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
+def test_rows__are_deterministic_and_complete_in_themselves(kind: str, appearance: str):
+    found = some(kind, appearance)
+    assert some(kind, appearance) == found
+    assert [Row.from_json(json.loads(json.dumps(row.to_json()))) for row in found] == found
+    assert len({row.id for row in found}) == len(found)
+
+
+@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
+def test_expert__is_always_right_and_an_empty_reply_never(kind: str, appearance: str):
+    for row in some(kind, appearance):
+        assert score(expert_reply(row), row)[:2] == (1.0, "success")
+        assert score("", row)[:2] == (0.0, "not_understood")
+
+
+@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
+def test_random_replies__are_understood(kind: str, appearance: str):
+    rng = random.Random(0)
+    outcomes = [score(random_reply(row, rng), row).outcome for row in some(kind, appearance)]
+    assert "not_understood" not in outcomes
+    assert set(BASELINES) == {"expert", "random", "nothing"}
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance: str):
+    solver = Solver(make_dynamics(APPEARANCES[appearance]))
+    for row in some("plan", appearance, 6, min_actions=4, max_actions=5):
+        assert row.steps in (4, 5)
+        assert solver.solve(row.task).steps == row.steps
+
+
+def test_splits__share_no_program_and_statements_are_not_repeated():
+    by_split = {split: some("program", count=60, level=2, seed=1, split=split) for split in ("train", "dev", "test")}
+    for split, found in by_split.items():
+        assert {split_of(row.task.program) for row in found} == {split}
+    train = by_split["train"]
+    assert len({(row.task.statement, row.task.program) for row in train}) == len(train)
+
+
+def test_truth_rows__come_in_pairs_one_edit_apart():
+    dynamics = make_dynamics(APPEARANCES["tower"])
+    for one, other in zip(*[iter(some("truth"))] * 2, strict=True):
+        assert one.pair == other.pair
+        assert one.task.statement == other.task.statement
+        assert one.task.truth(one.task.start) != other.task.truth(other.task.start)
+        edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
+        nexts = [dynamics.step(dynamics.start(one.task), edit).state.scene for edit in edits]
+        assert other.task.start in nexts or one.task.start in [
+            dynamics.step(dynamics.start(other.task), edit).state.scene for edit in edits
+        ]
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"kind": "essay"}, "unknown kind 'essay'; choose from plan, program, scene, truth"),
+        ({"appearance": "mosaic"}, "unknown appearance 'mosaic'"),
+        ({"level": 6}, "unknown level 6; choose from 1, 2, 3, 4, 5"),
+        ({"split": "all"}, "unknown split 'all'"),
+        ({"min_actions": 1}, "min_actions and max_actions must be 2 to 12, ascending, not 1 and 12"),
+        ({"min_actions": 5, "max_actions": 4}, "ascending, not 5 and 4"),
+    ],
+)
+def test_invalid_settings__are_refused_at_once(settings: dict[str, Any], message: str):
+    with pytest.raises(ValueError, match=message):
+        rows(**{"kind": "plan", **settings})
+
+
+PLANS = {
+    "ADD(LEFT, BLUE)\nSTOP": "success",
+    "1. ADD(LEFT, BLUE)\n2. STOP": "success",
+    "ADD(LEFT, BLUE), STOP": "success",
+    "ADD(LEFT, BLUE); add right yellow -> stop": "success",
+    "Black is there already, so I add blue.\n- `add_left_blue`\n- `STOP`": "success",
+    "<think>\nSTOP\n</think>\nADD(LEFT, BLUE)\nSTOP": "success",
+    "STOP\nNo: <answer>\nADD(LEFT, BLUE)\nSTOP\n</answer>": "success",
+    "ADD(LEFT, BLUE)": "no_stop",
+    "STOP": "wrong_stop",
+    "ADD(LEFT, YELLOW)\nSTOP": "wrong_stop",
+    "REMOVE(RIGHT)\nADD(LEFT, BLUE)\nSTOP": "invalid_action",
+    "ADD(LEFT, BLUE)\nREMOVE(LEFT)\n" * 6 + "STOP": "horizon",
+    "STOP\nADD(LEFT, BLUE)": "not_understood",
+    "ADD(LEFT, BLUE)\nSTOP\nSTOP": "not_understood",
+    "<think>\nADD(LEFT, BLUE)\nSTOP": "not_understood",
+    "I would ADD(LEFT, BLUE) and STOP": "not_understood",
+    "3": "not_understood",
+    "": "not_understood",
+}
+
+
+@pytest.mark.parametrize("reply", PLANS)
+def test_plan__is_carried_out_as_in_the_environment(reply: str):
+    found = score(reply, PLAN)
+    assert found.outcome == PLANS[reply]
+    assert found.reward == float(PLANS[reply] == "success") == float(found.success)
+
+
+@pytest.mark.parametrize(
+    ("reply", "progress", "total"),
+    [
+        ("ADD(LEFT, BLUE)\nSTOP", 1, 0.9),
+        ("STOP", 0, -1),
+        ("", 0, -1),
+        ("ADD(LEFT, YELLOW)\nSTOP", 0, -1.1),
+        ("ADD(LEFT, BLUE)", 0.5, -1.1),
+        ("REMOVE(LEFT)\nREMOVE(LEFT)", 0, -1.1),
+    ],
+)
+def test_rewards__progress_and_the_environments_return(reply: str, progress: float, total: float):
+    assert score(reply, PLAN, "progress").reward == progress
+    assert score(reply, PLAN, "return").reward == pytest.approx(total)
+
+
+def test_rewards__unknown_or_for_another_kind_are_refused():
+    with pytest.raises(ValueError, match="unknown reward 'style'; choose from progress, return, success"):
+        score("", PLAN, "style")
+    with pytest.raises(ValueError, match="the reward 'return' is for plans; a truth is rewarded by success"):
+        score("", replace(PLAN, kind="truth"), "return")
+
+
+@pytest.mark.parametrize(
+    ("reply", "outcome"),
+    [
+        ("false", "success"),
+        ("There is a black one only.\n**False.**", "success"),
+        ("Answer: false\nThat is not true", "success"),
+        ("true", "wrong"),
+        ("true\nfalse", "not_understood"),
+        ("It is false that it is true", "not_understood"),
+    ],
+)
+def test_truth__is_one_word_on_a_line(reply: str, outcome: str):
+    assert score(reply, replace(PLAN, kind="truth")).outcome == outcome
+
+
+@pytest.mark.parametrize(
+    ("reply", "outcome"),
+    [
+        ("LEFT: black; blue\nMIDDLE:\nRIGHT: yellow", "success"),
+        ("So:\n**LEFT:**\nMIDDLE box: Blue\nRIGHT:", "success"),
+        ("LEFT: black\nMIDDLE:\nRIGHT:", "wrong"),
+        ("LEFT: blue", "not_understood"),
+        ("LEFT: green\nMIDDLE:\nRIGHT:", "not_understood"),
+        ("LEFT: blue; blue; blue; blue; blue\nMIDDLE:\nRIGHT:", "not_understood"),
+    ],
+)
+def test_scene__is_a_line_for_each_box(reply: str, outcome: str):
+    assert score(reply, replace(PLAN, kind="scene")).outcome == outcome
+
+
+def test_scene__of_scatter_must_be_possible():
+    row = replace(PLAN, kind="scene", appearance="scatter", task=replace(TASK, start=Scene.empty()))
+    overlapping = "LEFT: small blue circle (10, 20); large blue square (5, 15)\nMIDDLE:\nRIGHT:"
+    assert score(overlapping, row).outcome == "not_understood"
+    assert score(overlapping.replace("(5, 15)", "(50, 15)"), row).success
+
+
+@pytest.mark.parametrize(
+    ("reply", "outcome"),
+    [
+        (BLUE, "success"),
+        (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
+        ("Program: Any(all_items, is_blue)", "success"),
+        ("exist(all_items)", "wrong"),
+        ("True", "wrong"),
+        ("exist(filter_color(all_items, Color.GREEN))", "not_understood"),
+        ("import os", "not_understood"),
+    ],
+)
+def test_program__must_agree_on_every_checked_scene(reply: str, outcome: str):
+    found = score(reply, replace(PLAN, kind="program"))
+    assert found.outcome == outcome
+    assert ("agreement" in found.details) == (outcome != "not_understood")
+
+
+def test_program__that_is_always_true_cannot_be_checked():
+    with pytest.raises(RowError, match="too rarely true or false"):
+        score("True", replace(PLAN, kind="program", task=replace(TASK, program="True")))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"format": "lilgym_mp row 0"}, "a row must have the format 'lilgym_mp row 1', not 'lilgym_mp row 0'"),
+        ({"kind": "essay"}, "row 't': unknown kind 'essay'"),
+        ({"appearance": "mosaic"}, "row 't': unknown appearance 'mosaic'"),
+        ({"level": "three"}, "level and steps must be whole numbers"),
+        ({"task": None}, "row 't': a task must be an object"),
+        ({"task": {**TASK.to_json(), "program": "exist("}}, "its program: "),
+        ({"task": {**TASK.to_json(), "program": "is_blue(unique(all_boxes))"}}, "its program: "),
+        ({"task": {**TASK.to_json(), "target": False}}, "has the target value at the start, so there is no plan"),
+        ({"task": {**TASK.to_json(), "start": scene(tower(B, Y, K)).to_json()[::-1]}}, "has the target value"),
+    ],
+)
+def test_row__that_cannot_be_scored_is_refused(change: dict[str, Any], message: str):
+    with pytest.raises(RowError, match=message):
+        Row.from_json({**PLAN.to_json(), **change})
+
+
+@pytest.mark.parametrize("data", [None, [], "row", {}, {"format": ["lilgym_mp row 1"]}])
+def test_other_data__is_no_row(data: Any):
+    with pytest.raises(RowError, match="a row must have the format"):
+        Row.from_json(data)
+
+
+@pytest.mark.parametrize("reward", ["success", "progress", "return"])
+def test_conversation__plays_one_action_for_each_reply(reward: str):
+    for row in some("plan", count=4):
+        talk, solver = Conversation(row, reward), Solver(make_dynamics(APPEARANCES["tower"]))
+        assert row.task.statement in talk.prompt
+        total = 0.0
+        while not talk.done:
+            turn = talk.step(f"Thus\n{describe(solver.solve_from(talk.state).actions[0])}")
+            total += turn.reward
+        assert turn.outcome == "success"
+        assert total == pytest.approx(1.1 - 0.1 * (row.steps or 0) if reward == "return" else 1)
+        with pytest.raises(ValueError, match="the episode is over"):
+            talk.step("STOP")
+
+
+def test_conversation__asks_again_once_and_then_stops():
+    talk = Conversation(PLAN)
+    asked, ended = talk.step(None), talk.step("hm")
+    assert (asked.action, asked.done, asked.reward) == (None, False, 0)
+    assert (ended.action, ended.done, ended.outcome) == ("STOP", True, "wrong_stop")
+    with pytest.raises(RowError, match="is a truth row; only plans have several turns"):
+        Conversation(replace(PLAN, kind="truth"))
+
+
+def test_hostile_replies__are_scored_in_bounded_time():
+    outcomes, _ = examined(800, seed=1)
+    assert sum(outcomes.values()) == 800
+    assert outcomes["not_understood"] > 400

@@ -1,0 +1,114 @@
+"""Hostile replies to rows of every kind: none raises, and none takes more than 50 ms of CPU time to score.
+
+Run: python -m tests.stress.hostile_replies
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import time
+from collections import Counter
+from collections.abc import Iterator
+from itertools import cycle, islice
+from typing import Any
+
+from lilgym_mp.rlvr import KINDS, REWARDS, Conversation, Row, random_reply, rows, score
+from tests.stress.program_language import ATTACKS
+
+MAX_SECONDS = 0.05
+MEGABYTE = 1_000_000
+PIECES = (
+    *("ADD(LEFT, BLUE)", "STOP", "add left blue", "remove", "ADD(", "ADD((((", "true", "false", "<think>", "</think>"),
+    *("<answer>", "</answer>", "\\boxed{", "Action:", "Answer: ", "LEFT:", "MIDDLE: ;;;", "RIGHT: blue; black", "1. "),
+    *(
+        "small blue circle (1, 2); ",
+        "\x00",
+        "\x1b[31m",
+        "\ud800",
+        "\u202e",
+        "９",
+        "²",
+        "\n",
+        "\r\n",
+        " ",
+        "\t",
+        ",",
+        "->",
+    ),
+    *("{", "}", "[" * 40, "lambda x: ", "exist(all_items)", "9" * 5_000, "-", "`", "*" * 30, "é", "\u2028", "not "),
+    *("import os; os.abort()", "__import__('os')", "eval(", "while True: pass", "print(1)", "{{7*7}}", "'; DROP TABLE"),
+)
+VALUES: tuple[Any, ...] = (None, 3, 0.5, True, b"STOP", [], ["STOP"], {"action": "STOP"}, object(), float("nan"))
+
+
+def hostile_replies(rng: random.Random, example: str) -> Iterator[Any]:
+    """Endless: values of other types, long repetitions, programs as bombs, random pieces, a right form broken."""
+    yield from VALUES
+    for piece in PIECES:
+        yield piece * (MEGABYTE // len(piece))
+        yield piece * (20_000 // len(piece))
+        yield (piece + "\n") * (19_000 // (len(piece) + 1))
+        yield "<answer>" + piece * (5_000 // len(piece))
+    yield from ATTACKS.values()
+    yield from (f"{source}\n" * 3 for source in ATTACKS.values())
+    while True:
+        match rng.randrange(3):
+            case 0:
+                yield "".join(rng.choices(PIECES, k=rng.randrange(1, 200)))
+            case 1:
+                cut = rng.randrange(len(example) + 1)
+                yield example[:cut] + rng.choice(PIECES) * rng.randrange(1, 50) + example[cut:]
+            case _:
+                yield "".join(map(chr, rng.choices(range(0x110000), k=rng.randrange(1, 500))))
+
+
+def examined(count: int, seed: int) -> tuple[Counter[str], float]:
+    """Scores `count` replies; returns how many had each outcome, and the most CPU seconds that one took."""
+    rng = random.Random(seed)
+    sources = [
+        (row, hostile_replies(rng, random_reply(row, rng)))
+        for kind in KINDS
+        for appearance in ("tower", "scatter")
+        for row in islice(rows(kind, appearance, 5, seed=seed), 1)
+    ]
+    outcomes: Counter[str] = Counter()
+    slowest = 0.0
+    for row, replies in islice(cycle(sources), count):
+        reply = next(replies)
+        outcome, seconds = _timed(reply, row)
+        for _ in range(3):  # on a busy machine, a measurement can be too high
+            if seconds > MAX_SECONDS:
+                seconds = min(seconds, _timed(reply, row)[1])
+        if seconds > MAX_SECONDS:
+            raise AssertionError(f"{seconds:.3f} s for a {row.kind} of {row.appearance}: {str(reply)[:80]!r}")
+        slowest = max(slowest, seconds)
+        outcomes[outcome] += 1
+    return outcomes, slowest
+
+
+def _timed(reply: Any, row: Row) -> tuple[str, float]:
+    """The outcome of a reply, and the CPU seconds it took."""
+    begun = time.process_time()
+    return _outcome(reply, row), time.process_time() - begun
+
+
+def _outcome(reply: Any, row: Row) -> str:
+    if row.kind != "plan":
+        return score(reply, row).outcome
+    Conversation(row).step(reply)
+    return score(reply, row, "return" if row.appearance == "scatter" else "progress").outcome
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    assert set(REWARDS) == {"success", "progress", "return"}
+    outcomes, slowest = examined(args.count, args.seed)
+    print(f"{sum(outcomes.values()):,} replies, at most {slowest * 1e3:.1f} ms; {dict(sorted(outcomes.items()))}")
+
+
+if __name__ == "__main__":
+    main()
