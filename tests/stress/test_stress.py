@@ -11,6 +11,7 @@ import pytest
 from tests.stress.broken_rules import BREAKS, ROOT, Break, broken, first_failure
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_reports
+from tests.stress.interrupts import interrupts
 from tests.stress.kills import matrix
 
 
@@ -34,6 +35,11 @@ def test_corrupt_corpora__are_reported_in_printable_text() -> None:
     for corruption in CORRUPTIONS:
         if corruption not in ("gzip", "flip", "odd value"):
             assert f"{corruption}: reported" in found
+
+
+@pytest.mark.long
+def test_interrupts__end_commands_without_traceback() -> None:
+    assert sum(interrupts(4, seed=1).values()) == 4
 
 
 @pytest.mark.long
