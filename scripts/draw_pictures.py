@@ -41,12 +41,7 @@ PICTURES = ROOT / "docs" / "pictures"
 AGENT, SPLIT = "parse-and-plan", "dev"
 # numbers of actions, and of characters in the statement, that suit a film
 ACTIONS, CHARACTERS = range(3, 7), range(30, 75)
-PROPOSERS = {
-    "veto": HELPFUL_PROPOSER,
-    "joint": HELPFUL_PROPOSER,
-    "audit": HELPFUL_PROPOSER,
-    "critique": SNEAKY_PROPOSER,
-}
+PROPOSERS = {"critique": SNEAKY_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
 GAME_SEED = 2
 
 ELSEWHERE = {  # pictures made by other commands
@@ -109,7 +104,9 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     game = parallel_env(protocol=protocol, split=SPLIT, render_mode="rgb_array")
     rng = np.random.default_rng(seed)
     game.reset(seed=seed)
-    players: dict[str, Partner] = dict(zip(AGENTS, (PROPOSERS[protocol], OracleVerifier()), strict=True))
+    players: dict[str, Partner] = dict(
+        zip(AGENTS, (PROPOSERS.get(protocol, HELPFUL_PROPOSER), OracleVerifier()), strict=True)
+    )
     frames = [np.asarray(game.render(), np.uint8)]
     while game.agents:
         seats = {agent: PartnerTurn(game.engine, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}

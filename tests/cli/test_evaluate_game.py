@@ -79,7 +79,7 @@ def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: 
     ("arguments", "message"),
     [
         (["nowhere"], "no trained agent at nowhere"),
-        (["--protocol", "vote"], "unknown protocol 'vote'; choose from audit, critique, joint, veto"),
+        (["--protocol", "vote"], "unknown protocol 'vote'; choose from "),
         (["--configuration", "Towers"], "unknown configuration 'Towers'"),
         (["--best-response", "1"], "--best-response needs runs and more than 0 minutes, not 1.0"),
         (["--seed", "-1"], "seed"),

@@ -8,6 +8,7 @@ import sys
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 
 pytest.importorskip("pettingzoo", reason="needs the extra pettingzoo")
 
@@ -44,7 +45,7 @@ def test_play_game__explains_invalid_input(run_with_input):
     assert shown.splitlines()[-1] == "quit before the end of the game"
 
 
-@pytest.mark.parametrize("protocol", ["veto", "joint", "audit", "critique"])
+@pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_play_game__as_verifier_in_every_protocol(protocol: str, run_with_input):
     lines = "accept\ncontinue\n" * 30 + "quit\n"
     shown = run_with_input(lines, "--as", "verifier", "--protocol", protocol, "--seed", "0")

@@ -1,4 +1,4 @@
-"""The four protocols: who moves when, and what the choices of a turn do to the MDP.
+"""The protocols: who moves when, and what the choices of a turn do to the MDP.
 
 Each is a pure function of its config and the turn. An illegal choice counts as no choice: the proposer uses up the
 round, the verifier rejects, continues or gives the lowest verdict. `game.DecisionTable` tabulates all decisions.
@@ -107,6 +107,7 @@ class GameProtocol:
     """The rules of one protocol."""
 
     name: str
+    summary: str  # one sentence for people who choose a protocol
     endings: tuple[str, ...]  # valid names in ENDINGS, the default first
     first_movers: tuple[Role, ...]  # the agents to move when no proposal is pending
     answers: Callable[[ProtocolConfig], tuple[str, ...]]  # names of the verifier's choices, all legal in its turn
@@ -195,9 +196,39 @@ def _verdicts(config: ProtocolConfig) -> tuple[str, ...]:
 PROTOCOLS: Mapping[str, GameProtocol] = {
     protocol.name: protocol
     for protocol in (
-        GameProtocol("veto", tuple(ENDINGS), PROPOSER_MOVES, _consent_answers, _veto),
-        GameProtocol("joint", ("verifier", "either", "agreement"), BOTH_MOVE, _joint_answers, _joint),
-        GameProtocol("audit", ("proposer",), PROPOSER_MOVES, _verdicts, _audit, takes_bins=True),
-        GameProtocol("critique", tuple(ENDINGS), PROPOSER_MOVES, _consent_answers, _critique, message_sizes=(0, 4)),
+        GameProtocol(
+            "veto",
+            "The verifier accepts or rejects each proposal; a rejection uses up the round.",
+            tuple(ENDINGS),
+            PROPOSER_MOVES,
+            _consent_answers,
+            _veto,
+        ),
+        GameProtocol(
+            "joint",
+            "Both choose simultaneously; the verifier decides whether to stop.",
+            ("verifier", "either", "agreement"),
+            BOTH_MOVE,
+            _joint_answers,
+            _joint,
+        ),
+        GameProtocol(
+            "audit",
+            "The proposer edits alone; its STOP is a claim, which the verifier judges, ending the game.",
+            ("proposer",),
+            PROPOSER_MOVES,
+            _verdicts,
+            _audit,
+            takes_bins=True,
+        ),
+        GameProtocol(
+            "critique",
+            "As veto, but a number of rejections are free, and the verifier may send a message with one.",
+            tuple(ENDINGS),
+            PROPOSER_MOVES,
+            _consent_answers,
+            _critique,
+            message_sizes=(0, 4),
+        ),
     )
 }

@@ -4,29 +4,24 @@
 const setup = byId("setup");
 const board = new Board(act, legal);
 const POLL_MILLISECONDS = 1500;
-const PROTOCOLS = {
-  veto: "Veto: the verifier accepts or rejects each proposal; a rejection uses up the round.",
-  joint: "Joint: both choose simultaneously; the verifier decides whether to stop.",
-  audit: "Audit: the proposer edits alone; its STOP is a claim, which the verifier judges, ending the game.",
-  critique: "Critique: like veto, but a number of rejections are free, and the verifier may send a message with one.",
-};
 let key = null;
 let otherKey = null;
 let seat = null;
 let shownText = ""; // JSON of the seat as last shown
 
-function showProtocol() {
-  byId("protocol-line").textContent = PROTOCOLS[setup.protocol.value];
-  byId("bins").hidden = setup.protocol.value !== "audit";
-}
+const chosenProtocol = () => document.querySelector(`[data-protocol="${setup.protocol.value}"]`);
 
+function showProtocol() {
+  for (const line of document.querySelectorAll("[data-protocol]")) line.hidden = line !== chosenProtocol();
+  byId("bins").hidden = !("takesBins" in chosenProtocol().dataset);
+}
 
 const linkOf = (other) => `${location.origin}/game#${other}`;
 
 async function begin() {
   await attempt(async () => {
     const chosen = Object.fromEntries(new FormData(setup));
-    chosen.verdict_bins = chosen.protocol === "audit" && chosen.verdict_bins ? Number(chosen.verdict_bins) : null;
+    chosen.verdict_bins = "takesBins" in chosenProtocol().dataset && chosen.verdict_bins ? Number(chosen.verdict_bins) : null;
     const created = await request("POST", "/api/game/games", chosen);
     otherKey = created.proposer && created.verifier ? created.verifier : null;
     await takeSeat(created.proposer || created.verifier);

@@ -66,6 +66,7 @@ def game_page(request: Request, services: Services) -> Response:
         "game.html",
         sizes=services.catalogue.sizes(),
         protocols=list(PROTOCOLS),
+        protocol_rules=list(PROTOCOLS.values()),
         rewards=list(PRESETS),
         verdict_bins=VERDICT_BINS,
         views=list(live_games.VIEWS),

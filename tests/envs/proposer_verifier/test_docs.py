@@ -25,6 +25,11 @@ def test_example__runs_with_the_documented_output(block: str, printed: str):
         assert repr(eval(expression, names)) == value
 
 
-@pytest.mark.parametrize("name", [*GameSettings.__dataclass_fields__, *PROTOCOLS, *PRESETS, *TERMS, *SCRIPTED])
+@pytest.mark.parametrize("name", PROTOCOLS)
+def test_document__has_a_row_for_every_protocol(name: str):
+    assert f'\n| `"{name}"` |' in TEXT
+
+
+@pytest.mark.parametrize("name", [*GameSettings.__dataclass_fields__, *PRESETS, *TERMS, *SCRIPTED])
 def test_document__mentions_every_name(name: str):
     assert name in TEXT

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.envs.proposer_verifier import BatchedGames, env, parallel_env, raw_env
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, BatchedGames, env, parallel_env, raw_env
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
-    ({"protocol": "vote"}, "unknown protocol 'vote'; choose from audit, critique, joint, veto"),
+    ({"protocol": "vote"}, f"unknown protocol 'vote'; choose from {', '.join(sorted(PROTOCOLS))}"),
     ({"colour": 1}, "unknown setting 'colour'; choose from appearance, corpus, ending"),
     ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter, tower"),
     ({"start": "middle"}, "unknown start 'middle'; choose from flipit, scratch"),
