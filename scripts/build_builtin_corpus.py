@@ -1,8 +1,9 @@
 """Write data/builtin.jsonl.gz from hand-written and generated statements, and its statistics in docs/corpus.md.
 
-The same source, generator and rules give identical bytes. Every statement is validated (lilgym_mp.generator.validation)
-and the expert solves all its tasks. With LILGYM_DATA set, official statements are excluded; their hashes are kept in
-data/builtin_excluded.txt, so that builds without the official data exclude the same ones.
+The same source, generator and rules give identical bytes. Every statement is validated
+(lilgym_mp.generator.meanings.validation) and the expert solves all its tasks. With LILGYM_DATA set, official statements
+are excluded; their hashes are kept in data/builtin_excluded.txt, so that builds without the official data exclude the
+same ones.
 """
 
 from __future__ import annotations
@@ -29,11 +30,11 @@ from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
 from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.generator import LEVELS, Draft, Entry, ScenePool, StartScene, drafts, validate_draft
-from lilgym_mp.generator.generated_corpus import split_of
+from lilgym_mp.generator.meanings.generated_corpus import split_of
+from lilgym_mp.generator.meanings.start_selection import TruthTable, select_starts
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
+from lilgym_mp.generator.meanings.validation import clear_scenes, is_clear, is_trivial
 from lilgym_mp.generator.noise import with_typo
-from lilgym_mp.generator.start_selection import TruthTable, select_starts
-from lilgym_mp.generator.statement_grammar import parse_statement
-from lilgym_mp.generator.validation import clear_scenes, is_clear, is_trivial
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene

@@ -12,7 +12,7 @@ from lilgym_mp.corpus import words
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.generator import StartScene
-from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 
 BEGIN, END = "<!-- figures by scripts/build_builtin_corpus.py: begin -->", "<!-- figures: end -->"
 MOST_STEPS = 12

@@ -24,7 +24,7 @@ from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
 CACHED_SETS = 16
 # Loader of generated corpora, a string like a Gymnasium entry point: the generator depends on this package, so it is
 # imported only when a generated corpus is requested.
-GENERATED_ENTRY_POINT = "lilgym_mp.generator.generated_corpus:load_generated"
+GENERATED_ENTRY_POINT = "lilgym_mp.generator:load_generated"
 
 _LOADING = threading.Lock()
 Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split

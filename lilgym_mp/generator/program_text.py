@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.generator.semantics import Quantity
+from lilgym_mp.generator.quantities import Quantity
 
 ALL_ITEMS = "all_items"
 BOX = "b"  # lambda variable for a box

@@ -9,10 +9,10 @@ from dataclasses import replace
 from lilgym_mp.choices import choose
 from lilgym_mp.generator.lexicon import Style
 from lilgym_mp.generator.noise import with_noise
-from lilgym_mp.generator.template_boxes import StatementTemplates
-from lilgym_mp.generator.template_phrases import TrainingPair
-from lilgym_mp.generator.template_scatter import ScatterTemplates, random_scatter_style
-from lilgym_mp.generator.template_tower import TowerTemplates, random_tower_style
+from lilgym_mp.generator.templates.boxes import StatementTemplates
+from lilgym_mp.generator.templates.phrases import TrainingPair
+from lilgym_mp.generator.templates.scatter import ScatterTemplates, random_scatter_style
+from lilgym_mp.generator.templates.tower import TowerTemplates, random_tower_style
 
 BOUND_SHARE = 0.4
 

@@ -20,8 +20,8 @@ import pytest
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import TaskSet, Vocabulary, check_corpus, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised, statement_form
-from lilgym_mp.generator.interpretation import holds
-from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.meanings.interpretation import holds
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver

@@ -13,8 +13,8 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
 from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries, load_generated
-from lilgym_mp.generator.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES, split_of
-from lilgym_mp.generator.start_selection import TruthTable
+from lilgym_mp.generator.meanings.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES, split_of
+from lilgym_mp.generator.meanings.start_selection import TruthTable
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Item, Scene

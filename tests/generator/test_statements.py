@@ -11,12 +11,9 @@ from hypothesis import strategies as st
 
 from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.generator import LEVELS, Draft, ScenePool, drafts, random_meaning, realise, validate_draft
-from lilgym_mp.generator.interpretation import STANDARD, Interpretation, holds
-from lilgym_mp.generator.noise import with_typo
-from lilgym_mp.generator.program_realisation import program_source
-from lilgym_mp.generator.semantics import (
-    NONE,
-    SOME,
+from lilgym_mp.generator.meanings.interpretation import STANDARD, Interpretation, holds
+from lilgym_mp.generator.meanings.program_realisation import program_source
+from lilgym_mp.generator.meanings.semantics import (
     AtWall,
     BoxCount,
     Clause,
@@ -34,10 +31,10 @@ from lilgym_mp.generator.semantics import (
     RelatedTo,
     Relation,
     Wall,
-    at_least,
-    exactly,
 )
-from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
+from lilgym_mp.generator.noise import with_typo
+from lilgym_mp.generator.quantities import NONE, SOME, at_least, exactly
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 

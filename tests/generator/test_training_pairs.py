@@ -10,10 +10,10 @@ from itertools import islice
 
 import pytest
 
-from lilgym_mp.generator.interpretation import holds
+from lilgym_mp.generator.meanings.interpretation import holds
+from lilgym_mp.generator.meanings.start_selection import ScenePool
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 from lilgym_mp.generator.noise import with_noise
-from lilgym_mp.generator.start_selection import ScenePool
-from lilgym_mp.generator.statement_grammar import parse_statement
 from lilgym_mp.generator.training_pairs import TrainingPair, training_pairs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 from lilgym_mp.generator.lexicon import Phrase, pluralised
 from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, boxes_where, quantity_test
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
-from lilgym_mp.generator.template_conditions import BoxConditionTemplates
-from lilgym_mp.generator.template_phrases import (
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.generator.templates.conditions import BoxConditionTemplates
+from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     AttributeWords,
     NounTemplate,

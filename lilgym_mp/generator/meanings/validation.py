@@ -12,14 +12,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
-from lilgym_mp.generator.interpretation import ALTERNATIVES, STANDARD, holds
-from lilgym_mp.generator.meaning_sampling import random_meaning
-from lilgym_mp.generator.program_realisation import program_source
-from lilgym_mp.generator.scene_sampling import is_legible
-from lilgym_mp.generator.semantics import Clause, with_values_replaced
-from lilgym_mp.generator.sentence_realisation import random_style, realise_statement
-from lilgym_mp.generator.start_selection import ScenePool, StartScene, TruthTable, select_starts
-from lilgym_mp.generator.statement_grammar import parse_statement
+from lilgym_mp.generator.meanings.interpretation import ALTERNATIVES, STANDARD, holds
+from lilgym_mp.generator.meanings.program_realisation import program_source
+from lilgym_mp.generator.meanings.sampling import random_meaning
+from lilgym_mp.generator.meanings.scene_sampling import is_legible
+from lilgym_mp.generator.meanings.semantics import Clause, with_values_replaced
+from lilgym_mp.generator.meanings.sentence_realisation import random_style, realise_statement
+from lilgym_mp.generator.meanings.start_selection import ScenePool, StartScene, TruthTable, select_starts
+from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Colour, Scene, Shape
 

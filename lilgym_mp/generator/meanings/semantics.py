@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from enum import StrEnum
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import Any, TypeVar, cast
 
+from lilgym_mp.generator.quantities import Quantity
 from lilgym_mp.scene import Colour, Shape, Size
 
 Node = TypeVar("Node")
@@ -68,32 +69,6 @@ class Partitive(StrEnum):
     NONE = "none"
     SOME = "some"
     ONE = "one"  # exactly one
-
-
-class Quantity(NamedTuple):
-    """A range of counts, both ends included; `high` None means no upper bound. Words like "several" are `vague`."""
-
-    low: int
-    high: int | None
-    vague: bool = False
-
-    def admits(self, count: int) -> bool:
-        return self.low <= count and (self.high is None or count <= self.high)
-
-
-def exactly(count: int) -> Quantity:
-    return Quantity(count, count)
-
-
-def at_least(count: int) -> Quantity:
-    return Quantity(count, None)
-
-
-def at_most(count: int) -> Quantity:
-    return Quantity(0, count)
-
-
-SOME, NONE = at_least(1), exactly(0)
 
 
 @dataclass(frozen=True, slots=True)

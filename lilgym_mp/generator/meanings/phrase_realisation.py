@@ -5,9 +5,7 @@ from __future__ import annotations
 import random
 
 from lilgym_mp.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, conjugated, pluralised
-from lilgym_mp.generator.semantics import (
-    NONE,
-    SOME,
+from lilgym_mp.generator.meanings.semantics import (
     AtPosition,
     Attribute,
     AtWall,
@@ -25,14 +23,13 @@ from lilgym_mp.generator.semantics import (
     NounPhrase,
     Partitive,
     Predicate,
-    Quantity,
     RelatedByAttribute,
     RelatedTo,
     Relation,
     TowerPosition,
     Wall,
-    exactly,
 )
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, exactly
 from lilgym_mp.scene import Colour, Size
 
 BOX_NAMES = ("left", "middle", "right")

@@ -1,8 +1,7 @@
 """Synchronous templates for phrases: each part has its words and its program text.
 
 Where `sentence_realisation` has a few careful wordings of each meaning, these templates imitate how many people type
-about pictures. The words may be chosen freely because every part carries its own program text. The other `template_`
-modules build on this one: conditions of boxes, statements about items and boxes, and those of each appearance.
+about pictures. The words may be chosen freely because every part carries its own program text.
 """
 
 from __future__ import annotations
@@ -14,7 +13,7 @@ from typing import NamedTuple, TypeVar
 
 from lilgym_mp.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, conjugated, pluralised
 from lilgym_mp.generator.program_text import ALL_ITEMS, items_in_box
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 
 ProgramTest = Callable[[str], str]  # variable name -> program text
 Option = TypeVar("Option")

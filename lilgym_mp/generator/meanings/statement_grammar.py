@@ -15,11 +15,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 
-from lilgym_mp.generator.chart_parser import Grammar
-from lilgym_mp.generator.semantics import (
+from lilgym_mp.generator.meanings.chart_parser import Grammar
+from lilgym_mp.generator.meanings.semantics import (
     ANYTHING,
-    NONE,
-    SOME,
     AtPosition,
     Attribute,
     AtWall,
@@ -52,17 +50,14 @@ from lilgym_mp.generator.semantics import (
     Partitive,
     PartitiveCount,
     Predicate,
-    Quantity,
     RelatedByAttribute,
     RelatedTo,
     Relation,
     SceneVariety,
     TowerPosition,
     Wall,
-    at_least,
-    at_most,
-    exactly,
 )
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.scene import Colour, Shape, Size
 
 EXPANSIONS = (

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, TOWERS, boxes_where, items_in_box, quantity_test
-from lilgym_mp.generator.semantics import (
+from lilgym_mp.generator.meanings.semantics import (
     ANYTHING,
-    SOME,
     AtPosition,
     Attribute,
     AtWall,
@@ -39,13 +37,14 @@ from lilgym_mp.generator.semantics import (
     Partitive,
     PartitiveCount,
     Predicate,
-    Quantity,
     RelatedByAttribute,
     RelatedTo,
     Relation,
     SceneVariety,
     TowerPosition,
 )
+from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, TOWERS, boxes_where, items_in_box, quantity_test
+from lilgym_mp.generator.quantities import SOME, Quantity
 from lilgym_mp.scene import Size
 
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth

@@ -14,10 +14,8 @@ from itertools import combinations
 from typing import TypeVar
 
 from lilgym_mp.choices import choose
-from lilgym_mp.generator.semantics import (
+from lilgym_mp.generator.meanings.semantics import (
     ANYTHING,
-    NONE,
-    SOME,
     AtPosition,
     Attribute,
     AtWall,
@@ -51,17 +49,14 @@ from lilgym_mp.generator.semantics import (
     Partitive,
     PartitiveCount,
     Predicate,
-    Quantity,
     RelatedByAttribute,
     RelatedTo,
     Relation,
     SceneVariety,
     TowerPosition,
     Wall,
-    at_least,
-    at_most,
-    exactly,
 )
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 
 LEVELS = (1, 2, 3, 4, 5)

@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Style, pluralised
-from lilgym_mp.generator.template_boxes import StatementTemplates
-from lilgym_mp.generator.template_conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
-from lilgym_mp.generator.template_phrases import (
+from lilgym_mp.generator.templates.boxes import StatementTemplates
+from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     SHAPES,
     AttributeWords,

@@ -21,9 +21,9 @@ from lilgym_mp.corpus.locations import is_generated
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
-from lilgym_mp.generator.meaning_sampling import LEVELS
-from lilgym_mp.generator.start_selection import ScenePool
-from lilgym_mp.generator.validation import Draft, Entry, drafts, is_trivial, validate_draft
+from lilgym_mp.generator.meanings.sampling import LEVELS
+from lilgym_mp.generator.meanings.start_selection import ScenePool
+from lilgym_mp.generator.meanings.validation import Draft, Entry, drafts, is_trivial, validate_draft
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 

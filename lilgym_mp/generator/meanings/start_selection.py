@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.generator.scene_sampling import EDIT_LIMIT, random_walks
+from lilgym_mp.generator.meanings.scene_sampling import EDIT_LIMIT, random_walks
 from lilgym_mp.scene import Scene
 
 SceneTest = Callable[[Scene], bool]

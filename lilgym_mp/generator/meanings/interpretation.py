@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from lilgym_mp.generator.semantics import (
+from lilgym_mp.generator.meanings.semantics import (
     AtPosition,
     Attribute,
     AtWall,
@@ -44,7 +44,6 @@ from lilgym_mp.generator.semantics import (
     Partitive,
     PartitiveCount,
     Predicate,
-    Quantity,
     RelatedByAttribute,
     RelatedTo,
     Relation,
@@ -52,6 +51,7 @@ from lilgym_mp.generator.semantics import (
     TowerPosition,
     Wall,
 )
+from lilgym_mp.generator.quantities import Quantity
 from lilgym_mp.scene import BOX_SIDE, Item, Scene
 
 SECOND_BOTTOM, THIRD_BOTTOM = 21, 42  # bottom edges of the second and third block, in pixels above the floor

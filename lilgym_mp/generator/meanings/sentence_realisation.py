@@ -6,11 +6,9 @@ import random
 from collections.abc import Callable, Sequence
 
 from lilgym_mp.generator.lexicon import Phrase, Style, article, conjugated, listed, pluralised
-from lilgym_mp.generator.phrase_realisation import ATTRIBUTE_NAMES, BOX_NAMES, PhraseRealiser
-from lilgym_mp.generator.semantics import (
+from lilgym_mp.generator.meanings.phrase_realisation import ATTRIBUTE_NAMES, BOX_NAMES, PhraseRealiser
+from lilgym_mp.generator.meanings.semantics import (
     ANYTHING,
-    NONE,
-    SOME,
     BoxComparison,
     BoxCondition,
     BoxConditions,
@@ -36,11 +34,10 @@ from lilgym_mp.generator.semantics import (
     Parity,
     Partitive,
     PartitiveCount,
-    Quantity,
     SceneVariety,
     TowerPosition,
-    exactly,
 )
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, exactly
 
 Template = Callable[[], str]
 EACH_BOX = ALL_VALUES = exactly(3)  # every box; every value of an attribute

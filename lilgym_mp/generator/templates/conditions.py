@@ -8,8 +8,8 @@ from functools import cached_property
 
 from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.program_text import items_in_box, quantity_test
-from lilgym_mp.generator.semantics import NONE, SOME, Quantity, at_least, at_most, exactly
-from lilgym_mp.generator.template_phrases import (
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     COLOURS,
     SHAPES,

@@ -8,10 +8,10 @@ from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Phrase, Style, pluralised
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
-from lilgym_mp.generator.semantics import NONE, SOME, at_least, at_most, exactly
-from lilgym_mp.generator.template_boxes import StatementTemplates
-from lilgym_mp.generator.template_conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
-from lilgym_mp.generator.template_phrases import (
+from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
+from lilgym_mp.generator.templates.boxes import StatementTemplates
+from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     AttributeWords,
     NounTemplate,
