@@ -22,12 +22,11 @@ TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
 WORD, WRAPPER, DECISION, ROW = (dedent(code) for code in re.findall(r"^ *```python\n(.*?)^ *```", TEXT, re.S | re.M))
 
 
-def test_recipe_of_a_word__compiles_and_is_true_of_high_items(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(words, "WORDS", words.WORDS)
+def test_recipe_of_a_word__compiles_and_is_true_of_high_items() -> None:
     exec(WORD, dict(vars(items)))
     try:
         program = compile_program("exist(filter_obj(all_items, is_high))")
-        assert program(scene(tower(B, B, B), [], []))
+        assert program(scene(tower(B, B, B, B), [], []))
         assert not program(scene(tower(B, B), [], []))
     finally:
         del words.WORDS["is_high"]
@@ -50,10 +49,9 @@ def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyP
     exec(DECISION, names)
     added = eval(ROW, names)
     monkeypatch.setitem(protocols.PROTOCOLS, "claims", added)
-    parallel_env = (
-        pytest.importorskip("pettingzoo")
-        and __import__("lilgym_mp.envs.proposer_verifier", fromlist=["parallel_env"]).parallel_env
-    )
+    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    from lilgym_mp.envs.proposer_verifier import parallel_env
+
     game = parallel_env(protocol="claims")
     game.reset(seed=0)
     game.step({"proposer_0": 1, "verifier_0": 0})
