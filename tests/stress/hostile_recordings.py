@@ -1,0 +1,157 @@
+"""Serves and reports recordings with hostile records: wrong types, extreme numbers, markup, deep nesting.
+
+    python -m tests.stress.hostile_recordings [--count 400] [--seed 0]
+
+Every response must come in time and be no 5xx, no page of the report may contain unescaped markup, and every error must
+be one printable line.
+"""
+
+from __future__ import annotations
+
+import argparse
+import copy
+import gzip
+import json
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import redirect_stderr, redirect_stdout
+from io import StringIO
+from pathlib import Path
+from random import Random
+from typing import Any
+
+from lilgym_mp.cli import main as lilgym_mp
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.episodes import SUFFIX
+from lilgym_mp.evaluation.named_policies import built_in_policy
+from lilgym_mp.evaluation.recording import Recorder
+from tests.thin_corpus import write_thin_corpus
+from tests.web.web_app import Browser, server
+
+MARKUP = "</script><script>alert(1)</script>"
+HOSTILE_VALUES: tuple[Any, ...] = (
+    *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, float("nan"), float("inf"), [], {}, [[]] * 50),
+    *("", "\0", "\ud800", "\u202e", "\x1b[31m", "x" * 200_000, MARKUP, "../../etc/passwd", "STOP", "ADD(LEFT, BLUE)"),
+    *({MARKUP: 0.5}, {"a": {"b": [1]}}, [0] * 1_000, [[[[[]]]]], "release", "native", [10**6, 10**6], [0, 0]),
+)
+SECONDS = 10.0  # for any response or report, on a busy machine
+
+
+def example_recordings(directory: Path) -> list[list[Any]]:
+    """The lines of a recording of each appearance, with decisions."""
+    corpus = str(write_thin_corpus(directory / "thin.jsonl", 2))
+    found = []
+    for configuration in ("TowerFlipIt", "ScatterFlipIt"):
+        plan = EvaluationPlan(Settings(configuration, corpus=corpus), "dev", record_decisions=True)
+        seen = training_statements(plan.settings)
+        recorder = Recorder(plan.settings, plan.split, seen, judges_decisions=configuration.startswith("Tower"))
+        path = recorder.write(directory / configuration, play(built_in_policy("random-legal"), plan, seen))
+        found.append([json.loads(line) for line in gzip.decompress(path.read_bytes()).splitlines()])
+    return found
+
+
+def places(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    """The path of every value inside a JSON value."""
+    children = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, child in children:
+        yield (*path, key)
+        yield from places(child, (*path, key))
+
+
+def mutate(lines: list[Any], random: Random) -> str:
+    """Replaces, removes or adds a value of the header or of an episode; returns which."""
+    row = random.choice((0, random.randrange(len(lines))))
+    line = lines[row]
+    by_depth: dict[int, list[tuple[Any, ...]]] = {}
+    for path in places(line):
+        by_depth.setdefault(len(path), []).append(path)
+    *parents, key = random.choice(by_depth[random.choice(list(by_depth))])
+    parent = line
+    for name in parents:
+        parent = parent[name]
+    value = random.choice(HOSTILE_VALUES)
+    if random.random() < 0.1:
+        del parent[key]
+    elif random.random() < 0.1 and isinstance(parent, list):
+        parent.insert(key, value)
+    else:
+        parent[key] = value
+    return f"line {row}, {[*parents, key]}: {str(value)[:60]!r}"
+
+
+def responses(browser: Browser) -> Iterator[tuple[str, Any]]:
+    """What the pages on recordings ask for."""
+    base = "/api/watch/recordings"
+    paths = [base, "/api/explore/statements?appearance=tower&split=dev", "/watch"]
+    for line in browser.get(base).json()["recordings"]:
+        own = f"{base}/{line['id']}"
+        paths += [own, f"{own}/episodes", f"{own}/episodes?success=true&phenomenon=counting&text=a"]
+        paths += [f"{own}/episodes/{index}" for index in range(4)]
+    for path in paths:
+        yield path, browser.get(path)
+
+
+def attack(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Counts of outcomes, and what must not happen."""
+    random = Random(seed)
+    ends: Counter[str] = Counter()
+    faults: list[str] = []
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name)
+        good = example_recordings(directory)
+        runs = directory / "runs"
+        runs.mkdir()
+        file = runs / f"hostile{SUFFIX}"
+        with server(directory, runs=runs) as app:
+            browser = Browser(app)
+            for _ in range(count):
+                lines = copy.deepcopy(random.choice(good))
+                what = "; ".join(mutate(lines, random) for _ in range(random.choice((1, 1, 2))))
+                file.write_bytes(gzip.compress("".join(json.dumps(line) + "\n" for line in lines).encode()))
+                try:
+                    start = time.monotonic()
+                    for path, response in responses(browser):
+                        ends[f"response {response.status_code}"] += 1
+                        if response.status_code >= 500:
+                            faults.append(f"{path}: {response.status_code} ({what})")
+                        if time.monotonic() - start > SECONDS:
+                            faults.append(f"{path}: {time.monotonic() - start:.1f} s ({what})")
+                        start = time.monotonic()
+                    faults += [f"{fault} ({what})" for fault in report_faults(runs, directory / "report", ends)]
+                except Exception as fault:
+                    faults.append(f"{type(fault).__name__}: {fault!s:.200} ({what})")
+    return ends, faults
+
+
+def report_faults(runs: Path, directory: Path, ends: Counter[str]) -> Iterator[str]:
+    start = time.monotonic()
+    with redirect_stderr(StringIO()) as errors, redirect_stdout(StringIO()):
+        code = lilgym_mp(["report", str(runs), "--out", str(directory)])
+    ends[f"report: exit {code}"] += 1
+    message = errors.getvalue()
+    if code and (message.count("\n") != 1 or not message[:-1].isprintable() or len(message) > 1_000):
+        yield f"report: exit {code}, {message!r:.300}"
+    if not code and MARKUP in (directory / "index.html").read_text(encoding="utf-8", errors="replace"):
+        yield "report: unescaped markup"
+    if time.monotonic() - start > SECONDS:
+        yield f"report: {time.monotonic() - start:.1f} s"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="Serves and reports hostile recordings.")
+    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--seed", type=int, default=0)
+    args = parser.parse_args()
+    ends, faults = attack(args.count, args.seed)
+    print(dict(sorted(ends.items())))
+    print(*faults[:40], sep="\n")
+    print(f"{args.count} hostile recordings, {len(faults)} faults")
+    return 1 if faults else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
