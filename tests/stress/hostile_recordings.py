@@ -12,6 +12,7 @@ import argparse
 import copy
 import gzip
 import json
+import logging
 import sys
 import tempfile
 import time
@@ -38,6 +39,7 @@ HOSTILE_VALUES: tuple[Any, ...] = (
     *("", "\0", "\ud800", "\u202e", "\x1b[31m", "x" * 200_000, MARKUP, "../../etc/passwd", "STOP", "ADD(LEFT, BLUE)"),
     *({MARKUP: 0.5}, {"a": {"b": [1]}}, [0] * 1_000, [[[[[]]]]], "release", "native", [10**6, 10**6], [0, 0]),
 )
+REPORT_EVERY = 10  # a report takes some seconds
 SECONDS = 10.0  # for any response or report, on a busy machine
 
 
@@ -108,7 +110,7 @@ def attack(count: int, seed: int) -> tuple[Counter[str], list[str]]:
         file = runs / f"hostile{SUFFIX}"
         with server(directory, runs=runs) as app:
             browser = Browser(app)
-            for _ in range(count):
+            for number in range(count):
                 lines = copy.deepcopy(random.choice(good))
                 what = "; ".join(mutate(lines, random) for _ in range(random.choice((1, 1, 2))))
                 file.write_bytes(gzip.compress("".join(json.dumps(line) + "\n" for line in lines).encode()))
@@ -121,7 +123,8 @@ def attack(count: int, seed: int) -> tuple[Counter[str], list[str]]:
                         if time.monotonic() - start > SECONDS:
                             faults.append(f"{path}: {time.monotonic() - start:.1f} s ({what})")
                         start = time.monotonic()
-                    faults += [f"{fault} ({what})" for fault in report_faults(runs, directory / "report", ends)]
+                    if number % REPORT_EVERY == 0:
+                        faults += [f"{fault} ({what})" for fault in report_faults(runs, directory / "report", ends)]
                 except Exception as fault:
                     faults.append(f"{type(fault).__name__}: {fault!s:.200} ({what})")
     return ends, faults
@@ -142,6 +145,7 @@ def report_faults(runs: Path, directory: Path, ends: Counter[str]) -> Iterator[s
 
 
 def main() -> int:
+    logging.disable()
     parser = argparse.ArgumentParser(description="Serves and reports hostile recordings.")
     parser.add_argument("--count", type=int, default=400)
     parser.add_argument("--seed", type=int, default=0)
