@@ -200,9 +200,6 @@ class ActionSets:
     def __len__(self) -> int:
         return len(self.state_task)
 
-    def actions_of(self, index: int) -> NDArray[np.int32]:
-        return self.action[self.action_starts[index] : self.action_starts[index + 1]]
-
     def items(self, capacity: int | None = None) -> Int16Array:
         """(N, 3, capacity, 5) items, padded as by `observation.item_array`; `capacity` defaults to the largest box.
 

@@ -87,7 +87,8 @@ def test_file__preserves_what_was_written(appearance: str, tmp_path: Path):
     capacity = int(read.box_sizes.max()) + 2
     assert np.array_equal(read.items(capacity), [item_array(state.scene, capacity) for state, _, _ in states])
     for index, (state, found, origin) in enumerate(states):
-        assert tuple(read.actions_of(index).tolist()) == found.actions
+        first, last = read.action_starts[index : index + 2].tolist()
+        assert tuple(read.action[first:last].tolist()) == found.actions
         assert (read.steps_to_go[index], read.complete[index]) == (found.steps, found.complete)
         assert (read.steps_taken[index], read.origin[index]) == (state.steps, origin)
         task = read.state_task[index]

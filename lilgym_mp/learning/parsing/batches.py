@@ -47,7 +47,7 @@ class ExamplePool:
         raise TrainingError("no training data: no statement has a program that the parser can write")
 
     def _tokenised(self, index: int) -> Pair | None:
-        """The example's pair; without one, the example is removed."""
+        """The example's pair; None, removing the example, if its program has no prefix form or too many tokens."""
         statement, program, appearance = self._examples[index]
         normalised = normalise_statement(statement, appearance, self._known)
         pair = self._pairs[index] = pair_of(normalised, program, most_tokens=Sizes.longest_program)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from lilgym_mp.learning.parsing.network import ParserNetwork, Slots
 from lilgym_mp.learning.parsing.pairs import Slot, open_slots_of
+from lilgym_mp.learning.parsing.symbols import TOKENS, TokenTable
 
 
 class Candidate(NamedTuple):
@@ -28,7 +29,9 @@ class _Partial(NamedTuple):
 
 
 @torch.inference_mode()
-def beam_search(network: ParserNetwork, words: Sequence[int], width: int) -> list[Candidate]:
+def beam_search(
+    network: ParserNetwork, words: Sequence[int], width: int, table: TokenTable = TOKENS
+) -> list[Candidate]:
     """At most `width` programs of one statement, the most probable first; may be empty."""
     device = network.logits.weight.device
     memories = network.encode(torch.tensor([words], device=device))
@@ -56,7 +59,7 @@ def beam_search(network: ParserNetwork, words: Sequence[int], width: int) -> lis
             if value == -float("inf"):
                 continue
             partial = partials[row]
-            open_slots = (*partial.open_slots[:-1], *open_slots_of(token))
+            open_slots = (*partial.open_slots[:-1], *open_slots_of(token, table))
             if open_slots:
                 grown.append(_Partial((*partial.tokens, token), value, open_slots))
                 kept.append(row)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.learning.parsing.symbols import (
     TOKENS,
+    TokenTable,
     inverse,
     standard_colours,
     tokens_recoloured,
@@ -17,7 +18,7 @@ from lilgym_mp.learning.parsing.symbols import (
 )
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.canonical import canonical_form
-from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens
+from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, tree_from_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
 
@@ -123,17 +124,14 @@ class Slot(NamedTuple):
     argument: int  # index under the parent
 
 
-_ARITY = [0, *(token_arities()[symbol] for symbol in TOKENS.symbols)]  # by token index
-
-
-def slots_of(tokens: Sequence[int]) -> Iterator[Slot]:
-    """The slot of each token of a complete program."""
+def slots_of(tokens: Sequence[int], table: TokenTable = TOKENS) -> Iterator[Slot]:
+    """The slot of each token of a complete program, given as indices in the table."""
     open_slots = [Slot(0, 0)]
     for token in tokens:
         yield open_slots.pop()
-        open_slots.extend(open_slots_of(token))
+        open_slots.extend(open_slots_of(token, table))
 
 
-def open_slots_of(token: int) -> Iterable[Slot]:
+def open_slots_of(token: int, table: TokenTable) -> Iterable[Slot]:
     """The argument slots a token opens, last argument first, to be pushed on a stack."""
-    return [Slot(token, argument) for argument in reversed(range(_ARITY[token]))]
+    return [Slot(token, argument) for argument in reversed(range(table.arities[token]))]

@@ -18,7 +18,7 @@ from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import normalise_statement, program_of
-from lilgym_mp.learning.parsing.symbols import TOKENS, SymbolTable, inverse, words_recoloured
+from lilgym_mp.learning.parsing.symbols import TOKENS, SymbolTable, TokenTable, inverse, words_recoloured
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.scene import Scene
@@ -63,8 +63,8 @@ class Parse:
 def probe_scenes(appearance: str) -> Sequence[Scene]:
     """Scenes on which programs are compared; identical in every process."""
     rng = random.Random(f"probes {appearance}")
-    stock = ScenePool.sample(appearance, rng, 1 + PROBE_SCENES // 8)
-    scenes = rng.sample(stock.scenes, min(PROBE_SCENES, len(stock.scenes)))
+    pool = ScenePool.sample(appearance, rng, 1 + PROBE_SCENES // 8)
+    scenes = rng.sample(pool.scenes, min(PROBE_SCENES, len(pool.scenes)))
     return (Scene.empty(), *scenes)
 
 
@@ -88,6 +88,7 @@ class Parser:
     network: ParserNetwork
     vocabulary: SymbolTable
     temperature: float = 1.0  # divides log-probabilities
+    tokens: TokenTable = TOKENS
     _known: frozenset[str] = field(init=False, repr=False)
     _parses: dict[tuple[str, str, int], Parse] = field(init=False, repr=False, default_factory=dict)
 
@@ -112,11 +113,11 @@ class Parser:
         words = [self.vocabulary.index(word, unknown) for word in normalised.words]
         scores: dict[tuple[bool | None, ...], list[float]] = {}
         programs: dict[tuple[bool | None, ...], str] = {}
-        found = beam_search(self.network, words, beam_width)
+        found = beam_search(self.network, words, beam_width, self.tokens)
         total = sum(math.exp(candidate.log_probability) for candidate in found)
         for candidate in found:
             try:
-                program = program_of([TOKENS.symbol(token) for token in candidate.tokens], normalised.exchange)
+                program = program_of([self.tokens.symbol(token) for token in candidate.tokens], normalised.exchange)
             except (PrefixError, ProgramError):
                 continue
             well_typed = compile_program(program).has_generated_code
@@ -134,7 +135,7 @@ class Parser:
         """The part of a model description that `from_details` reads."""
         return {
             "words": list(self.vocabulary.symbols),
-            "tokens": list(TOKENS.symbols),
+            "tokens": list(self.tokens.symbols),
             "sizes": asdict(self.network.sizes),
             "temperature": self.temperature,
         }
@@ -142,15 +143,14 @@ class Parser:
     @classmethod
     def from_details(cls, details: Mapping[str, Any]) -> Parser:
         """A parser with an uninitialised network. Raises ValueError, TypeError, KeyError."""
-        if tuple(details["tokens"]) != TOKENS.symbols:
-            raise ValueError("its program tokens are not those of this version of the language")
+        tokens = TokenTable(tuple(details["tokens"]))
         words = details["words"]
         if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or UNKNOWN not in words:
             raise ValueError(f"its vocabulary is not a list of words that includes {UNKNOWN!r}")
         vocabulary = SymbolTable(tuple(words))
         check_sizes(details["sizes"])
-        network = ParserNetwork(len(vocabulary), len(TOKENS), Sizes(**details["sizes"]))
-        return cls(network.eval(), vocabulary, float(details["temperature"]))
+        network = ParserNetwork(len(vocabulary), len(tokens), Sizes(**details["sizes"]))
+        return cls(network.eval(), vocabulary, float(details["temperature"]), tokens)
 
 
 def _ranked(

@@ -67,4 +67,19 @@ class SymbolTable:
         return self.symbols[index - 1]
 
 
-TOKENS = SymbolTable(tuple(token_arities()))
+@dataclass(frozen=True)
+class TokenTable(SymbolTable):
+    """Indices of program tokens. A parser keeps the table it was trained with, so new words do not affect it."""
+
+    arities: tuple[int, ...] = field(init=False, repr=False, compare=False)  # by index; 0 for padding
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a token that the program language lacks."""
+        super().__post_init__()
+        unknown = [symbol for symbol in self.symbols if symbol not in token_arities()]
+        if unknown:
+            raise ValueError(f"this version of the program language has no {', '.join(map(repr, unknown[:3]))}")
+        object.__setattr__(self, "arities", (0, *(token_arities()[symbol] for symbol in self.symbols)))
+
+
+TOKENS = TokenTable(tuple(token_arities()))  # of newly trained networks

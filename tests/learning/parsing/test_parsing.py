@@ -5,6 +5,9 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
@@ -187,7 +190,7 @@ def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(
             )
             for source, share in zip((right, odd, constant), shares.values(), strict=True)
         ]
-        monkeypatch.setattr(parser, "beam_search", lambda network, words, width: found)
+        monkeypatch.setattr(parser, "beam_search", lambda *_: found)
         known = SymbolTable((*sorted(COLOURS), UNKNOWN))
         return {one.program for one in Parser(small_network(), known).parse("anything", "tower").candidates}
 
@@ -444,6 +447,40 @@ def test_shipped_agent__solves_most_tasks_of_every_configuration_from_pixels(con
         outcomes.append(planner.outcome(planner.plan(seen, task.statement, task.target), task))
     assert Outcome.INVALID_ACTION not in outcomes
     assert outcomes.count(Outcome.SUCCESS) >= 0.8 * len(some)
+
+
+def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
+    new_word = """
+        from lilgym_mp.programs.values import ItemView
+        from lilgym_mp.programs.words import ItemArg, word
+
+        @word("item tests", depends_on="attributes")
+        def is_aardvark(x: ItemArg) -> bool:
+            "Whether `x` is an aardvark."
+            return False
+    """
+    parse = """
+        from lilgym_mp import load_agent
+        from lilgym_mp.learning.parsing.symbols import TOKENS
+        print(load_agent("parse-and-plan", "cpu").parser.parse("There are two blue blocks.", "tower").candidates)
+        print(len(TOKENS))
+    """
+    before, after = (
+        subprocess.run(
+            [sys.executable, "-c", "\n".join(map(textwrap.dedent, parts))], capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        for parts in ([parse], [new_word, parse])
+    )
+    assert after[0] == before[0]
+    assert int(after[1]) == int(before[1]) + 1
+
+
+def test_parser__rejects_tokens_that_the_language_lacks(trained: Path):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    details = agent.parser.to_details()
+    with pytest.raises(ValueError, match=r"this version of the program language has no 'is_aardvark\(1\)'"):
+        Parser.from_details({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
 
 
 def test_parser__uses_one_thread_and_restores_the_setting(trained: Path, monkeypatch: pytest.MonkeyPatch):
