@@ -99,13 +99,6 @@ def item_test(function: BoxFunction) -> ItemTest | None:
 _ITEM_TESTS: dict[BoxFunction, ItemTest] = {}
 
 
-def _as_item_test(test: Test, depends_on: Dependency) -> ItemTest:
-    def passes(item: Item) -> bool:
-        return test(ItemView(item, _EMPTY_BOX, 0))
-
-    return ItemTest(passes, depends_on)
-
-
 class _Rows(dict[int, Mask]):
     """Rows of a relation's adjacency matrix: item index -> bitmask of related items, computed lazily on access."""
 
@@ -209,3 +202,10 @@ def _view(box: Box) -> BoxView:
     if view is None:
         view = box.memo["program view"] = BoxView(box)
     return view
+
+
+def _as_item_test(test: Test, depends_on: Dependency) -> ItemTest:
+    def passes(item: Item) -> bool:
+        return test(ItemView(item, _EMPTY_BOX, 0))
+
+    return ItemTest(passes, depends_on)

@@ -88,10 +88,6 @@ class Program:
         return f"Program({self.source!r})"
 
 
-def _always_fall_back(scene: Scene) -> bool:
-    raise FallbackError
-
-
 def compile_program(source: str) -> Program:
     """The compiled program, from an LRU cache.
 
@@ -146,3 +142,7 @@ def explain_program(source: str) -> str:
 def _words(node: Node) -> set[str]:
     found = {node.word.name} if isinstance(node, Call | WordName) else set[str]()
     return found.union(*map(_words, children(node)))
+
+
+def _always_fall_back(scene: Scene) -> bool:
+    raise FallbackError

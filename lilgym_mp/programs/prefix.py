@@ -59,13 +59,17 @@ def token_arities() -> Mapping[str, int]:
     return arities
 
 
-def _variable(depth: int) -> str:
-    return f"v{depth}"
-
-
 def prefix_tokens(node: Node) -> list[str]:
     """The tokens of a canonical tree. Raises PrefixError for constructs without tokens, such as slices."""
     return list(_tokens(node))
+
+
+def tree_from_tokens(tokens: Sequence[str]) -> Node:
+    """The tree that the tokens encode. Raises PrefixError for unknown, missing or surplus tokens."""
+    node, end = _tree(tokens, 0, 0)
+    if end != len(tokens):
+        raise PrefixError(f"{len(tokens) - end} tokens follow the end of the program")
+    return node
 
 
 def _tokens(node: Node) -> Iterator[str]:
@@ -117,14 +121,6 @@ def _token_and_parts(node: Node) -> tuple[str, Sequence[Node]]:
             return f"{kind.__name__}/{len(elements)}", elements
         case _:
             raise PrefixError(f"{type(node).__name__} has no tokens")
-
-
-def tree_from_tokens(tokens: Sequence[str]) -> Node:
-    """The tree that the tokens encode. Raises PrefixError for unknown, missing or surplus tokens."""
-    node, end = _tree(tokens, 0, 0)
-    if end != len(tokens):
-        raise PrefixError(f"{len(tokens) - end} tokens follow the end of the program")
-    return node
 
 
 def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[Node, int]:
@@ -183,3 +179,7 @@ def _bound_variable(index: int, depth: int) -> Variable:
     if index >= depth:
         raise PrefixError(f"variable v{index} is used inside only {depth} lambdas")
     return Variable(variable_name(index))
+
+
+def _variable(depth: int) -> str:
+    return f"v{depth}"

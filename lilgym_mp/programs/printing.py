@@ -35,6 +35,35 @@ def source_of(node: Node) -> str:
     return _text(node, LAMBDA)
 
 
+class WordEntry(NamedTuple):
+    """Signature and description of a word."""
+
+    name: str
+    group: str
+    least_arguments: int
+    most_arguments: int
+    arguments: tuple[str, ...]  # parameter types
+    result: str
+    meaning: str
+
+
+def word_table() -> list[WordEntry]:
+    """Every word of the language, sorted by group and name."""
+    entries = [
+        WordEntry(
+            word.name,
+            word.group,
+            sum(not parameter.optional for parameter in word.parameters),
+            len(word.parameters),
+            tuple(parameter.type.name for parameter in word.parameters),
+            word.result,
+            word.meaning,
+        )
+        for word in WORDS.values()
+    ]
+    return sorted(entries, key=lambda entry: (entry.group, entry.name))
+
+
 def _text(node: Node, required: int) -> str:
     text, precedence = _unparsed(node)
     return f"({text})" if precedence < required else text
@@ -89,32 +118,3 @@ def _arguments(node: Call) -> Iterable[str]:
             yield f"{parameter.name}={_text(argument, LAMBDA)}"
         else:
             yield _text(argument, LAMBDA)
-
-
-class WordEntry(NamedTuple):
-    """Signature and description of a word."""
-
-    name: str
-    group: str
-    least_arguments: int
-    most_arguments: int
-    arguments: tuple[str, ...]  # parameter types
-    result: str
-    meaning: str
-
-
-def word_table() -> list[WordEntry]:
-    """Every word of the language, sorted by group and name."""
-    entries = [
-        WordEntry(
-            word.name,
-            word.group,
-            sum(not parameter.optional for parameter in word.parameters),
-            len(word.parameters),
-            tuple(parameter.type.name for parameter in word.parameters),
-            word.result,
-            word.meaning,
-        )
-        for word in WORDS.values()
-    ]
-    return sorted(entries, key=lambda entry: (entry.group, entry.name))

@@ -37,7 +37,7 @@ class ArrayProgramEvaluator:
 
     def __init__(self, tasks: TaskSet, boxes: BoxLowering) -> None:
         self._tasks = tasks
-        self._lowering = boxes
+        self._boxes = boxes
         self._by_task = np.full(len(tasks), NOT_COMPILED)  # indices of programs
         self._by_source: dict[str, int] = {}
         self._values = np.empty(MAX_INSTRUCTIONS, np.int64)
@@ -70,12 +70,12 @@ class ArrayProgramEvaluator:
 
     def _compile(self, source: str) -> int:
         """Appends a program's instructions to `_programs`; returns its index, or UNSUPPORTED."""
-        written = instructions(compile_program(source).tree, self._lowering.lower_box_function)
+        written = instructions(compile_program(source).tree, self._boxes.lower_box_function)
         if written is None:
             return UNSUPPORTED
         rows = np.concatenate([self._programs.rows, np.array(written, np.int64)])
         ends = np.append(self._programs.ends, len(rows))
-        self._programs = Programs(rows, ends, self._lowering.places, self._lowering.tables)
+        self._programs = Programs(rows, ends, self._boxes.places, self._boxes.tables)
         return len(ends) - 2
 
 
@@ -117,12 +117,12 @@ class StackBoxLowering:
     def __init__(self, boxes: Sequence[Box]) -> None:
         self.places = np.zeros((0, 0, 0), np.int64)
         self.tables = np.empty((0, len(boxes)), np.int64)
-        self._lowering = boxes
+        self._boxes = boxes
         self._indices: dict[BoxFunction, int] = {}  # indices in `tables`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:
-            values = [_value(function, each) for each in self._lowering]
+            values = [_value(function, each) for each in self._boxes]
             self.tables = np.concatenate([self.tables, np.array([values], np.int64)])
             self._indices[function] = len(self._indices)
         return Instruction(Operation.BOX_TABLE, self._indices[function], box)

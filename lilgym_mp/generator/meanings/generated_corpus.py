@@ -58,10 +58,6 @@ class CorpusSpec(NamedTuple):
         return spec
 
 
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit()
-
-
 @lru_cache(maxsize=CACHED_CORPORA)
 def load_generated(corpus: str, appearance: str, start: str, split: str) -> TaskSet:
     """The tasks of "generated:LEVEL" or "generated:LEVEL:SEED", deterministic in the arguments.
@@ -77,16 +73,6 @@ def load_generated(corpus: str, appearance: str, start: str, split: str) -> Task
     return TaskSet(
         (task for name, entry in zip(names, entries, strict=True) for task in make(name, entry, appearance)), provenance
     )
-
-
-def _scratch_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
-    yield Task(name, entry.statement, entry.program, True, APPEARANCES[appearance].check_scene(Scene.empty()))
-
-
-def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
-    for letter, start in zip("abcdefgh", entry.starts, strict=False):
-        scene = APPEARANCES[appearance].check_scene(start.scene)
-        yield Task(f"{name}-{letter}", entry.statement, entry.program, not start.label, scene)
 
 
 @lru_cache(maxsize=CACHED_CORPORA)
@@ -139,3 +125,17 @@ def split_of(program: str) -> str:
         for split, bound in zip(SPLIT_WEIGHTS, accumulate(SPLIT_WEIGHTS.values()), strict=True)
         if remainder < bound
     )
+
+
+def _scratch_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
+    yield Task(name, entry.statement, entry.program, True, APPEARANCES[appearance].check_scene(Scene.empty()))
+
+
+def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
+    for letter, start in zip("abcdefgh", entry.starts, strict=False):
+        scene = APPEARANCES[appearance].check_scene(start.scene)
+        yield Task(f"{name}-{letter}", entry.statement, entry.program, not start.label, scene)
+
+
+def _is_number(text: str) -> bool:
+    return text.isascii() and text.isdigit()

@@ -48,6 +48,25 @@ def random_walks(appearance: str, rng: random.Random) -> Iterator[Walk]:
         yield _random_walk(appearance, _random_scene(appearance, rng), rng, None)
 
 
+def is_legible(box: Box) -> bool:
+    """Whether every gap to a wall or between items is visibly touching, almost touching or apart."""
+    walls = (gap for item in box.items for gap in _wall_gaps(item))
+    pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
+    return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP - TOUCHING_GAP for gap in (*walls, *pairs))
+
+
+def _wall_gaps(item: Item) -> tuple[int, int, int, int]:
+    last = BOX_SIDE - item.side
+    return item.x, item.y, last - item.x, last - item.y
+
+
+def _gap(one: Item, other: Item) -> int:
+    """Pixels between the bounding squares of two items, as the programs measure it (docs/spec.md, "Two items")."""
+    along_x = max(one.x - other.x - other.side, other.x - one.x - one.side)
+    along_y = max(one.y - other.y - other.side, other.y - one.y - one.side)
+    return max(along_x, along_y)
+
+
 def _random_scene(appearance: str, rng: random.Random) -> Scene:
     """A random scene, not only one that actions on the grid can reach."""
     return _random_scatter_scene(rng) if appearance == "scatter" else SAMPLERS[appearance].scene(rng)
@@ -156,22 +175,3 @@ def _random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tu
             return other.x + dx, other.y + dy
         case _:
             return x, y
-
-
-def is_legible(box: Box) -> bool:
-    """Whether every gap to a wall or between items is visibly touching, almost touching or apart."""
-    walls = (gap for item in box.items for gap in _wall_gaps(item))
-    pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
-    return all(gap <= 0 or gap in NEAR_GAPS or gap >= CLEAR_GAP - TOUCHING_GAP for gap in (*walls, *pairs))
-
-
-def _wall_gaps(item: Item) -> tuple[int, int, int, int]:
-    last = BOX_SIDE - item.side
-    return item.x, item.y, last - item.x, last - item.y
-
-
-def _gap(one: Item, other: Item) -> int:
-    """Pixels between the bounding squares of two items, as the programs measure it (docs/spec.md, "Two items")."""
-    along_x = max(one.x - other.x - other.side, other.x - one.x - one.side)
-    along_y = max(one.y - other.y - other.side, other.y - one.y - one.side)
-    return max(along_x, along_y)

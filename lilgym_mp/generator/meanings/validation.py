@@ -63,10 +63,6 @@ def drafts(appearance: str, level: int, rng: random.Random) -> Iterator[Draft]:
                 yield realise(variant, appearance, level, random.Random(wording_seed))
 
 
-def _random_permutation(values: list[Value], rng: random.Random) -> dict[Value, Value]:
-    return dict(zip(values, rng.sample(values, len(values)), strict=True))
-
-
 def realise(meaning: Clause, appearance: str, level: int, rng: random.Random) -> Draft:
     """The meaning in a random wording and style, with its program."""
     return Draft(realise_statement(meaning, rng, random_style(rng, appearance)), program_source(meaning), level)
@@ -109,3 +105,7 @@ def clear_scenes(entry: Entry, pool: ScenePool, label: bool, rng: random.Random)
     for scene in rng.sample(pool.scenes, len(pool.scenes)):
         if truth(scene) == label and any(scene.items()) and is_clear(parses, scene, label):
             yield scene
+
+
+def _random_permutation(values: list[Value], rng: random.Random) -> dict[Value, Value]:
+    return dict(zip(values, rng.sample(values, len(values)), strict=True))
