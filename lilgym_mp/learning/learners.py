@@ -19,6 +19,7 @@ PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model fil
     "parse-and-plan": "lilgym_mp.learning.parsing",
     "imitation": "lilgym_mp.learning.imitation",
     "ppo": "lilgym_mp.learning.ppo",
+    "reward-model": "lilgym_mp.learning.reward_model",
 }
 
 

@@ -1,0 +1,221 @@
+"""Scenes labelled with the statement's truth, which only the outcome of a STOP tells; STOPs and steps are counted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lilgym_mp.actions import STOP, Action
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.appearances.numbering import ITEM_TYPES, add_index, remove_index
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.learning.reward_model.features import BoxTable
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.task import Task
+
+Rng = np.random.Generator
+Boxes = tuple[int, int, int]  # a scene as indices in the box table
+MAX_TRIES = 20  # random edits until one is legal
+LONGEST_WALK = 4  # edits from a start or a known scene
+LONGEST_BUILD = 10  # edits from the empty scene
+
+
+class Known(NamedTuple):
+    """A labelled scene, and how it is reached."""
+
+    task: int  # index in the entry's tasks, from whose start
+    edits: int
+    truth: bool
+
+
+@dataclass
+class Entry:
+    """A statement and what is known of it."""
+
+    statement: str
+    tasks: list[Task] = field(default_factory=list[Task])
+    scenes: list[Boxes] = field(default_factory=list[Boxes])
+    known: list[Known] = field(default_factory=list[Known])  # parallel to `scenes`
+    pairs: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # one edit apart, true and false
+    index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
+    by_truth: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
+
+
+def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[Entry]:
+    """One entry for each distinct statement."""
+    entries: dict[str, Entry] = {}
+    for tasks in task_sets:
+        for task in tasks:
+            entries.setdefault(task.statement, Entry(task.statement)).tasks.append(task)
+    return list(entries.values())
+
+
+class Collector:
+    """Plays episodes of edits and a STOP, from the starts of an entry's tasks."""
+
+    def __init__(self, dynamics: Dynamics, table: BoxTable, rng: Rng) -> None:
+        self.dynamics, self.table, self.rng = dynamics, table, rng
+        self.stops = self.steps = 0
+
+    def stop(self, entry: Entry, task_index: int, scene: Scene, edits: int) -> int:
+        """Labels a scene that is `edits` edits from the task's start by an episode that stops there.
+
+        Returns the scene's index in the entry; a known scene is not played again.
+        """
+        boxes = self.table.of(scene)
+        found = entry.index.get(boxes)
+        if found is not None:
+            return found
+        task = entry.tasks[task_index]
+        if edits + 1 > self.dynamics.horizon:
+            raise ValueError(f"no episode of {self.dynamics.horizon} steps stops after {edits} edits")
+        outcome = self.dynamics.step(State(task, scene, edits), STOP).outcome
+        self.stops += 1
+        self.steps += edits + 1
+        truth = task.target == (outcome is Outcome.SUCCESS)
+        found = entry.index[boxes] = len(entry.scenes)
+        entry.scenes.append(boxes)
+        entry.known.append(Known(task_index, edits, truth))
+        entry.by_truth[truth].append(found)
+        return found
+
+    def explore(self, entry: Entry, stops: int) -> None:
+        """Stops in about `stops` new scenes: of walks from starts, from the empty scene and from known scenes."""
+        enough = len(entry.scenes) + stops
+        for _ in range(3 * stops):
+            if len(entry.scenes) >= enough:
+                return
+            self._walk(entry, enough)
+
+    def _walk(self, entry: Entry, enough: int) -> None:
+        rng = self.rng
+        choice = rng.random()
+        if entry.pairs and choice < 0.4:
+            index = entry.pairs[rng.integers(len(entry.pairs))][rng.integers(2)]
+        elif entry.scenes and choice < 0.7:
+            side = entry.by_truth[rng.integers(2)] or range(len(entry.scenes))
+            index = side[rng.integers(len(side))]
+        else:
+            task_index = int(rng.integers(len(entry.tasks)))
+            index = self.stop(entry, task_index, entry.tasks[task_index].start, 0)
+        task_index, edits, _ = entry.known[index]
+        scene = self.table.scene(entry.scenes[index])
+        is_build = not any(box.items for box in scene.boxes)
+        for _ in range(rng.integers(1, (LONGEST_BUILD if is_build else LONGEST_WALK) + 1)):
+            if edits + 1 >= self.dynamics.horizon or len(entry.scenes) >= enough:
+                return
+            after = self.edited(scene)
+            if after is None:
+                return
+            scene, edits, before = after, edits + 1, index
+            index = self.stop(entry, task_index, scene, edits)
+            self._compare(entry, before, index)
+            task_index, edits, _ = entry.known[index]
+
+    def follow(self, entry: Entry, task_index: int, actions: Sequence[Action]) -> None:
+        """Plays a plan from the task's start, and stops in each of its scenes, in an episode of its own."""
+        state = self.dynamics.start(entry.tasks[task_index])
+        before = self.stop(entry, task_index, state.scene, 0)
+        for action in actions:
+            if action == STOP:
+                return
+            state = self.dynamics.step(state, action).state
+            index = self.stop(entry, task_index, state.scene, state.steps)
+            self._compare(entry, before, index)
+            before = index
+
+    @staticmethod
+    def _compare(entry: Entry, before: int, after: int) -> None:
+        """Notes two scenes, one edit apart, if one is true and the other false."""
+        if entry.known[before].truth != entry.known[after].truth:
+            entry.pairs.append((before, after) if entry.known[before].truth else (after, before))
+
+    def edited(self, scene: Scene) -> Scene | None:
+        """The scene after a random legal edit: an ADD or a REMOVE; None if none was found."""
+        rng, appearance = self.rng, self.dynamics.appearance
+        for _ in range(MAX_TRIES):
+            if isinstance(appearance, Scatter):
+                action = self._scatter_edit(appearance, scene)
+            else:
+                action = 1 + int(rng.integers(appearance.action_count - 1))
+            after, invalid = appearance.apply(scene, appearance.decode(action), self.dynamics.rules.placement)
+            if invalid is None:
+                return after
+        return None
+
+    def _scatter_edit(self, scatter: Scatter, scene: Scene) -> int:
+        """The index of a random action in a box: the REMOVE of an item, or an ADD of a random one, often a like one."""
+        rng = self.rng
+        box = int(rng.integers(BOX_COUNT))
+        items = scene.boxes[box].items
+        cells = scatter.box_cells[box]
+        if items and rng.random() < 0.5:
+            item = items[rng.integers(len(items))]
+            width, height = scatter.cell
+            column, row = (item.x + item.side // 2) // width, (item.y + item.side // 2) // height
+            return remove_index(cells.start + column * (len(cells) // (100 // width)) + row, scatter.cell_count)
+        return add_index(int(rng.choice(cells)), int(rng.integers(len(ITEM_TYPES))))
+
+
+def sample_scenes(entry: Entry, count: int, paired: float, rng: Rng) -> Int64Array:
+    """(count,) indices of scenes of the entry: a fraction in contrast pairs, the rest half true and half false."""
+    pairs = round(count * paired / 2) if entry.pairs else 0
+    chosen: list[Int64Array] = []
+    if pairs:
+        indices = _recent(len(entry.pairs), pairs, rng)
+        chosen.append(np.array([entry.pairs[index] for index in indices.tolist()]).ravel())
+    rest = count - 2 * pairs
+    for truth, number in ((True, rest // 2), (False, rest - rest // 2)):
+        side = entry.by_truth[truth] or entry.by_truth[not truth]
+        chosen.append(np.array([side[index] for index in _recent(len(side), number, rng).tolist()], np.int64))
+    return np.concatenate(chosen)
+
+
+def _recent(length: int, count: int, rng: Rng) -> Int64Array:
+    """Indices drawn at random, half of them from the latest quarter."""
+    first = np.where(rng.random(count) < 0.5, length - max(1, length // 4), 0)
+    return first + (rng.random(count) * (length - first)).astype(np.int64)
+
+
+def truths_of(entry: Entry, indices: Int64Array) -> BoolArray:
+    return np.array([entry.known[index].truth for index in indices.tolist()])
+
+
+def stored(entries: Sequence[Entry], table: BoxTable) -> dict[str, Tensor]:
+    """What is known, as tensors for a checkpoint."""
+    items = [item for box in table.boxes for item in box.items]
+    arrays = {
+        "items": np.array(items, np.int16).reshape(-1, 5),
+        "box_sizes": np.array([len(box.items) for box in table.boxes], np.int16),
+        "scenes": np.array([scene for entry in entries for scene in entry.scenes], np.int32).reshape(-1, BOX_COUNT),
+        "known": np.array([known for entry in entries for known in entry.known], np.int16).reshape(-1, 3),
+        "pairs": np.array([pair for entry in entries for pair in entry.pairs], np.int32).reshape(-1, 2),
+        "sizes": np.array([(len(entry.scenes), len(entry.pairs)) for entry in entries], np.int64).reshape(-1, 2),
+    }
+    return {name: torch.from_numpy(array) for name, array in arrays.items()}
+
+
+def restored(entries: Sequence[Entry], table: BoxTable, data: Mapping[str, Tensor]) -> None:
+    """Inverse of `stored`, into new entries and a new table. Raises KeyError, ValueError or IndexError."""
+    items = iter(data["items"].tolist())
+    new: list[int] = []
+    for size in data["box_sizes"].tolist():
+        rows = (next(items) for _ in range(size))
+        box = Box(tuple(Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in rows))
+        new.append(table.index(box))
+    scenes, known, pairs = (iter(data[name].tolist()) for name in ("scenes", "known", "pairs"))
+    for entry, (scene_count, pair_count) in zip(entries, data["sizes"].tolist(), strict=True):
+        for index in range(scene_count):
+            left, middle, right = (new[box] for box in next(scenes))
+            task, edits, truth = next(known)
+            entry.index[left, middle, right] = index
+            entry.scenes.append((left, middle, right))
+            entry.known.append(Known(task, edits, bool(truth)))
+            entry.by_truth[bool(truth)].append(index)
+        entry.pairs.extend((one, other) for one, other in (next(pairs) for _ in range(pair_count)))

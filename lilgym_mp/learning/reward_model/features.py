@@ -1,0 +1,257 @@
+"""Distinct boxes by index, with binary features of their items and of the whole box, and exchanges of these features.
+
+An exchange permutes colours, shapes or sides in words and scenes alike: in scenes it is a permutation of feature
+columns. Truth does not depend on it, as far as the words name what is exchanged.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import cache
+from itertools import permutations, product
+from typing import NamedTuple
+
+import numpy as np
+
+from lilgym_mp.appearances.tower import CAPACITY, tower_tables
+from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+
+COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
+GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
+GAP_BINS = len(GAP_BOUNDS) + 1
+CENTRE_BINS = 5  # of an item's centre along one axis
+MOST_COUNTED = 8  # items; more count as that many
+SQUARE_SYNONYMS = re.compile(r"\b(block|rect|cube|ball|dot|dis[ck]|round)")  # shapes are not exchanged with these
+
+ITEM_PARTS = {  # feature columns of an item, by appearance
+    "tower": {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
+    "scatter": {
+        "colour": COLOURS,
+        "shape": SHAPES,
+        "size": SIZES,
+        "gaps": 4 * GAP_BINS,
+        "centre": 2 * CENTRE_BINS,
+    },
+}
+BOX_PARTS = {  # feature columns of a box
+    "tower": {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
+    "scatter": {"count": MOST_COUNTED + 1, "colours": 4, "shapes": 4, "sizes": 4},
+}
+
+
+class Exchange(NamedTuple):
+    """A permutation of colours and shapes, and whether left and right, or top and bottom, are swapped."""
+
+    colours: tuple[int, ...] = tuple(range(COLOURS))  # colours[c] replaces colour c
+    shapes: tuple[int, ...] = tuple(range(SHAPES))
+    mirrored: bool = False
+    upturned: bool = False
+
+    def words(self) -> dict[str, str]:
+        """The words it replaces."""
+        colours = {Colour(old).name.lower(): Colour(new).name.lower() for old, new in enumerate(self.colours)}
+        shapes = {Shape(old).name.lower(): Shape(new).name.lower() for old, new in enumerate(self.shapes)}
+        plurals = {f"{old}s": f"{new}s" for old, new in shapes.items()}
+        sides = {"left": "right", "right": "left"} if self.mirrored else {}
+        ends = {"top": "bottom", "bottom": "top", "upper": "lower", "lower": "upper"} if self.upturned else {}
+        return {**colours, **shapes, **plurals, **sides, **ends}
+
+    def columns(self, appearance: str) -> tuple[Int64Array, Int64Array]:
+        """For items and for boxes: feature i of the scene is feature `columns[i]` of the exchanged one."""
+        colour = np.array(self.colours)
+        colour_or_none = np.append(colour, COLOURS)
+        if appearance == "tower":
+            pairs = colour[:, None] * COLOURS + colour
+            return (
+                _columns("tower", ITEM_PARTS, {"colour": colour, "below": colour_or_none, "above": colour_or_none}),
+                _columns(
+                    "tower",
+                    BOX_PARTS,
+                    {
+                        "counts": (colour[:, None] * CAPACITY + np.arange(CAPACITY)).ravel(),
+                        "top": colour,
+                        "bottom": colour,
+                        "pairs": pairs.ravel(),
+                    },
+                ),
+            )
+        gaps = np.arange(4 * GAP_BINS).reshape(2, 2, GAP_BINS)
+        centre = np.arange(2 * CENTRE_BINS).reshape(2, CENTRE_BINS)
+        for axis, swapped in enumerate((self.mirrored, self.upturned)):
+            if swapped:
+                gaps[axis], centre[axis] = gaps[axis, ::-1].copy(), centre[axis, ::-1].copy()
+        moved = {
+            "colour": colour,
+            "shape": np.array(self.shapes),
+            "gaps": gaps.ravel(),
+            "centre": centre.ravel(),
+        }
+        return _columns("scatter", ITEM_PARTS, moved), _columns("scatter", BOX_PARTS, {})
+
+
+def _columns(appearance: str, parts: Mapping[str, Mapping[str, int]], moved: Mapping[str, Int64Array]) -> Int64Array:
+    columns: list[Int64Array] = []
+    first = 0
+    for name, width in parts[appearance].items():
+        columns.append(first + moved.get(name, np.arange(width)))
+        first += width
+    return np.concatenate(columns)
+
+
+COLOUR_EXCHANGES = tuple(Exchange(colours) for colours in permutations(range(COLOURS)))
+
+
+@cache
+def exchanges(appearance: str) -> tuple[Exchange, ...]:
+    """All exchanges used in training; those of colours alone come first."""
+    if appearance == "tower":
+        return COLOUR_EXCHANGES
+    rest = product(permutations(range(SHAPES)), (False, True), (False, True))
+    found = [Exchange(colours, *others) for others in rest for colours in permutations(range(COLOURS))]
+    return tuple(sorted(found, key=lambda one: one[1:] != Exchange()[1:]))
+
+
+def exchanges_of(statement: str, appearance: str) -> int:
+    """The number of `exchanges` that may be used for the statement: all, or those of colours."""
+    safe = not SQUARE_SYNONYMS.search(statement.lower())
+    return len(exchanges(appearance)) if safe else len(COLOUR_EXCHANGES)
+
+
+class BoxTable:
+    """A growing table of N distinct boxes, with capacity for I items each."""
+
+    def __init__(self, appearance: str) -> None:
+        self.appearance = appearance
+        self.boxes: list[Box] = []
+        self._indices: dict[tuple[Item, ...], int] = {}
+        self.item_width = sum(ITEM_PARTS[appearance].values())
+        self.box_width = sum(BOX_PARTS[appearance].values())
+        self._items = np.zeros((0, CAPACITY, self.item_width), np.uint8)
+        self._box = np.zeros((0, self.box_width), np.uint8)
+        self._counts = np.zeros(0, np.int64)
+        if appearance == "tower":
+            for box in tower_tables().boxes:
+                self.index(box)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def index(self, box: Box) -> int:
+        """The box's index; a new box is appended."""
+        found = self._indices.get(box.items)
+        if found is None:
+            found = self._indices[box.items] = len(self.boxes)
+            self.boxes.append(box)
+        return found
+
+    def of(self, scene: Scene) -> tuple[int, int, int]:
+        left, middle, right = scene.boxes
+        return self.index(left), self.index(middle), self.index(right)
+
+    def scene(self, boxes: Sequence[int]) -> Scene:
+        left, middle, right = (self.boxes[index] for index in boxes)
+        return Scene((left, middle, right))
+
+    def features(self, indices: Int64Array) -> tuple[UInt8Array, UInt8Array, BoolArray]:
+        """Of boxes (...): items (..., I, F), boxes (..., G), and (..., I) which items there are."""
+        self._update()
+        counts = self._counts[indices]
+        most = max(1, int(counts.max(initial=0)))
+        return self._items[indices, :most], self._box[indices], np.arange(most) < counts[..., None]
+
+    def _update(self) -> None:
+        first = len(self._counts)
+        new = self.boxes[first:]
+        if not new:
+            return
+        counts = np.array([len(box.items) for box in new])
+        extra = int(counts.max()) - self._items.shape[1]
+        if extra > 0:
+            self._items = np.pad(self._items, ((0, 0), (0, extra), (0, 0)))
+        items = np.full((len(new), self._items.shape[1], 5), -1, np.int64)
+        for row, box in zip(items, new, strict=True):
+            if box.items:
+                row[: len(box.items)] = box.items
+        compute = _tower_features if self.appearance == "tower" else _scatter_features
+        item_features, box_features = compute(items)
+        capacity = max(64, len(self._items) // 2)  # amortised growth
+        if first + len(new) > len(self._items):
+            self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0), (0, 0)))
+            self._box = np.pad(self._box, ((0, capacity + len(new)), (0, 0)))
+        self._items[first : first + len(new)] = item_features
+        self._box[first : first + len(new)] = box_features
+        self._counts = np.concatenate([self._counts, counts])
+
+
+def scatter_item_features(items: Int64Array) -> UInt8Array:
+    """(..., F) from (..., 5) items; rows of -1 give zeros."""
+    x, y, shape, colour, size = np.moveaxis(items, -1, 0)
+    side = 10 * (size + 1)
+    gaps = (np.digitize(gap, GAP_BOUNDS) for gap in (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side))
+    centres = ((2 * start + side) * CENTRE_BINS // (2 * BOX_SIDE) for start in (x, y))
+    parts = [
+        _one_hot(colour, COLOURS),
+        _one_hot(shape, SHAPES),
+        _one_hot(size, SIZES),
+        *(_one_hot(gap, GAP_BINS) for gap in gaps),
+        *(_one_hot(centre.clip(0, CENTRE_BINS - 1), CENTRE_BINS) for centre in centres),
+    ]
+    return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)
+
+
+def look_counts(items: Int64Array) -> Int64Array:
+    """(N, 9) how many of the (N, I, 5) items have each colour, shape and size."""
+    kinds = ((3, COLOURS), (2, SHAPES), (4, SIZES))
+    return np.concatenate(
+        [_one_hot(items[..., field], count).sum(1, dtype=np.int64) for field, count in kinds], axis=-1
+    )
+
+
+def scatter_box_features(looks: Int64Array) -> UInt8Array:
+    """(..., G) of boxes with these `look_counts` (..., 9)."""
+    count = looks[..., :COLOURS].sum(-1).clip(0, MOST_COUNTED)
+    distinct = (looks.reshape(*looks.shape[:-1], 3, 3) > 0).sum(-1)
+    return np.concatenate(
+        [_one_hot(count, MOST_COUNTED + 1), *(_one_hot(distinct[..., kind], 4) for kind in range(3))], axis=-1
+    )
+
+
+def _scatter_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
+    return scatter_item_features(items), scatter_box_features(look_counts(items))
+
+
+def _tower_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
+    colour = items[..., :CAPACITY, 3]  # (N, 4), -1 where there is no block
+    height = (colour >= 0).sum(1)
+    level = np.where(colour >= 0, np.arange(CAPACITY), -1)
+    none = np.full((len(colour), 1), -1)
+    below, above = np.hstack([none, colour[:, :-1]]), np.hstack([colour[:, 1:], none])
+    neighbours = (np.where(colour >= 0, np.where(other >= 0, other, COLOURS), -1) for other in (below, above))
+    item_parts = [
+        _one_hot(colour, COLOURS),
+        _one_hot(level, CAPACITY),
+        _one_hot(np.where(colour >= 0, height[:, None] - 1 - level, -1), CAPACITY),
+        _one_hot(np.where(colour >= 0, height[:, None] - 1, -1), CAPACITY),
+        *(_one_hot(other, COLOURS + 1) for other in neighbours),
+    ]
+    counts = _one_hot(colour, COLOURS).sum(1)  # (N, 3)
+    top = np.take_along_axis(colour, (height - 1).clip(0)[:, None], axis=1)[:, 0]
+    pairs = np.where((colour >= 0) & (above >= 0), colour * COLOURS + above, -1)
+    box_parts = [
+        _one_hot(height, CAPACITY + 1),
+        (counts[..., None] > np.arange(CAPACITY)).reshape(len(colour), -1).astype(np.uint8),
+        _one_hot(top, COLOURS),
+        _one_hot(colour[:, 0], COLOURS),
+        _one_hot(pairs, COLOURS**2).max(1),
+        _one_hot((counts > 0).sum(1), COLOURS + 1),
+    ]
+    return np.concatenate(item_parts, axis=-1), np.concatenate(box_parts, axis=-1)
+
+
+def _one_hot(values: Int64Array, count: int) -> UInt8Array:
+    return (values[..., None] == np.arange(count)).astype(np.uint8)
+
+
+assert BOX_COUNT == 3

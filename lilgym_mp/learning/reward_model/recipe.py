@@ -1,0 +1,57 @@
+"""Hyperparameters of the reward model, its data and its search. Imports no torch."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from lilgym_mp.learning.recipes import check_bounds, setting
+
+
+@dataclass(frozen=True, slots=True)
+class RewardModelRecipe:
+    """A model of rewards, and search with it; docs/reward_model.md has ablations."""
+
+    width: int = setting(64, "network width; a multiple of 4", 4)
+    predicates: int = setting(12, "item predicates that a statement selects", 1)
+    box_units: int = setting(12, "units that judge a box", 1)
+    scene_units: int = setting(8, "units that judge the scene", 1)
+    dropout: float = setting(0.1, "dropout rate", 0, 0.9)
+    statements: int = setting(32, "statements per batch", 1)
+    scenes: int = setting(64, "scenes per statement in a batch", 4)
+    paired: float = setting(0.5, "fraction of them in pairs that one edit and the truth value set apart", 0, 1)
+    learning_rate: float = setting(3e-3, "peak learning rate of AdamW", 0, 1)
+    weight_decay: float = setting(0.02, "weight decay of AdamW")
+    averaging: float = setting(0.998, "decay of the running average of weights, which plays", 0, 1)
+    unknown_words: float = setting(0.03, "fraction of training words replaced by the unknown word", 0, 1)
+    exchanging: bool = setting(True, "exchange colours, shapes and sides at random in words and scenes alike")
+    first_stops: int = setting(60, "scenes stopped in per statement before training begins", 1)
+    exploring: float = setting(0.2, "fraction of the CPU time for collecting data, once training has begun", 0, 0.95)
+    searching: float = setting(0.5, "fraction of that for scenes that a search finds, after a quarter of the run", 0, 1)
+    held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
+    averaged_exchanges: int = setting(3, "exchanges of colours over which the probability is averaged in play", 1, 6)
+    beam: int = setting(16, "scenes kept by the search", 1)
+    edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the setting, its value and its bounds."""
+        check_bounds(self)
+        if self.width % 4:
+            raise ValueError(f"width must be a multiple of 4, not {self.width}")
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> RewardModelRecipe:
+        """Inverse of `to_json`. Raises ValueError, TypeError for unknown keys."""
+        return cls(**data)
+
+
+def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
+    """The recipe for "tower" or "scatter", with some settings changed."""
+    return RewardModelRecipe(**{**_BY_APPEARANCE[appearance], **changes})
+
+
+_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {"tower": {}, "scatter": {"first_stops": 250, "beam": 3}}

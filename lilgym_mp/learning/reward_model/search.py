@@ -1,0 +1,381 @@
+"""Search for the scene, within reach of edits, where the model is surest that the statement has a truth value.
+
+Tower: from the start and the best scenes so far, every box is replaced by any other, three times over. Scatter: from a
+few best scenes, every ADD and REMOVE, and pairs of the best of them, are judged by the change of the counts that they
+cause; the best are made by the rules. Progress is measured in logits, the choice by mean probabilities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations_with_replacement
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.appearances.tower import tower_tables
+from lilgym_mp.arrays import Float64Array, Int64Array
+from lilgym_mp.learning.reward_model.features import (
+    BoxTable,
+    look_counts,
+    scatter_box_features,
+    scatter_item_features,
+)
+from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.network import CountingNetwork, sum_boxes
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import BOX_COUNT, Colour, Scene
+from lilgym_mp.solver.canonical_items import canonical_items
+from lilgym_mp.solver.edit_tables import (
+    addition_actions,
+    addition_table,
+    frame_x_of,
+    removal_actions,
+    removal_table,
+)
+
+TOWER_ROUNDS = 3
+FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
+SURE = 0.995  # mean probability with which a search in Scatter ends
+MACRO_PARTS = 10  # best single edits of a scene that are combined to pairs
+MOST_BOXES = 100_000  # in the table, before a search begins with a new one
+
+
+class Plan(NamedTuple):
+    """Edits, then STOP, and the mean probability that it succeeds."""
+
+    actions: tuple[Action, ...]
+    success_probability: float
+    goals: tuple[()] = ()  # no programs
+
+
+@dataclass(frozen=True)
+class Breadth:
+    """How much is searched."""
+
+    beam: int
+    exchanges: int  # of colours, over which the choice is averaged
+    edit_cost: float
+
+
+class Judge:
+    """The model's opinion of scenes for one statement, made true or false, under E exchanges of colours."""
+
+    def __init__(
+        self, network: CountingNetwork, reader: InputReader, statement: str, exchanges: int, *, target: bool
+    ) -> None:
+        self.network, self.reader = network, reader
+        self._sign = 1.0 if target else -1.0
+        self.reading = network.read(*reader.statements([statement] * exchanges, np.arange(exchanges)))
+
+    def logits(self, sums: Tensor) -> Tensor:
+        """(E, N) of success, from values (E, N, K + H) summed over boxes."""
+        return self._sign * self.network.logits(self.reading, sums)
+
+    def box_values(self, indices: Int64Array) -> tuple[Tensor, Tensor]:
+        """(E, U, K) counts in boxes and (E, U, K + H) their values."""
+        items, looks, present = self.reader.boxes(indices[None])
+        counts = self.network.count_items(self.reading, items, present)
+        return counts, self.network.box_values(self.reading, counts, looks)
+
+
+class Planner:
+    """Plans for statements in one configuration."""
+
+    def __init__(
+        self,
+        network: CountingNetwork,
+        reader: InputReader,
+        dynamics: Dynamics,
+        breadth: Breadth,
+        *,
+        is_flipit: bool,
+    ) -> None:
+        """`is_flipit`: a start is never solved, so that STOP is no plan there."""
+        self.dynamics, self.breadth = dynamics, breadth
+        self._network, self._reader, self._is_flipit = network, reader, is_flipit
+
+    @torch.inference_mode()
+    def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
+        """A plan from the scene, after `steps` actions of the episode."""
+        table = self._reader.table
+        if len(table) > MOST_BOXES:
+            self._reader.table = table = BoxTable(table.appearance)
+        judge = Judge(self._network, self._reader, statement, self.breadth.exchanges, target=target)
+        most_edits = max(0, self.dynamics.horizon - 1 - steps)
+        may_stop = not self._is_flipit or steps > 0
+        if isinstance(self.dynamics.appearance, Scatter):
+            search = _ScatterSearch(judge, self.dynamics, self.dynamics.appearance, self.breadth)
+            return search.plan(scene, most_edits, may_stop=may_stop)
+        return _plan_tower(judge, table.of(scene), most_edits, self.breadth, may_stop=may_stop)
+
+
+# Tower
+
+
+@cache
+def _box_distances() -> Int64Array:
+    """(121, 121) edits from one box to another."""
+    colours, heights = tower_tables().colours, tower_tables().heights
+    equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
+    return heights[:, None] + heights[None] - 2 * np.cumprod(equal, axis=2).sum(2)
+
+
+def _box_edits(index: int, before: int, after: int) -> list[Action]:
+    colours, heights = tower_tables().colours, tower_tables().heights
+    kept = (heights[before] + heights[after] - _box_distances()[before, after]) // 2
+    removals: list[Action] = [RemoveBlock(index)] * int(heights[before] - kept)
+    return [*removals, *(AddBlock(index, Colour(int(colours[after, level]))) for level in range(kept, heights[after]))]
+
+
+def _plan_tower(judge: Judge, start: Sequence[int], most_edits: int, breadth: Breadth, *, may_stop: bool) -> Plan:
+    distances = _box_distances()[list(start)]  # (3, 121)
+    boxes = distances.shape[1]
+    _, values = judge.box_values(np.arange(boxes))
+
+    def edits_to(scenes: Int64Array) -> Int64Array:
+        return distances[np.arange(BOX_COUNT), scenes].sum(1)
+
+    beam = np.array([start], np.int64)
+    known = beam
+    for _ in range(TOWER_ROUNDS):
+        found = np.repeat(beam, BOX_COUNT * boxes, axis=0).reshape(len(beam), BOX_COUNT, boxes, BOX_COUNT)
+        for index in range(BOX_COUNT):
+            found[:, index, :, index] = np.arange(boxes)
+        candidates = _distinct(found.reshape(-1, BOX_COUNT), distances, most_edits)
+        first = values[:1], torch.from_numpy(candidates)[None]
+        scores = judge.logits(sum_boxes(*first))[0].numpy() - breadth.edit_cost * edits_to(candidates)
+        best = np.argsort(-scores, kind="stable")
+        beam = candidates[best[: breadth.beam]]
+        known = np.concatenate([known, candidates[best[:FINALISTS]]])
+    if not may_stop:
+        known = known[edits_to(known) > 0]
+    if not len(known):
+        return Plan((STOP,), 0.0)
+    probabilities = _mean_probabilities(
+        judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
+    )
+    chosen = int((probabilities - breadth.edit_cost * edits_to(known)).argmax())
+    edits = [
+        edit
+        for index, (before, after) in enumerate(zip(start, known[chosen].tolist(), strict=True))
+        for edit in _box_edits(index, before, after)
+    ]
+    return Plan((*edits, STOP), float(probabilities[chosen]))
+
+
+def _distinct(scenes: Int64Array, distances: Int64Array, most_edits: int) -> Int64Array:
+    """The scenes within `most_edits`, the nearest of those that differ in the order of boxes only."""
+    edits = distances[np.arange(BOX_COUNT), scenes].sum(1)
+    scenes, edits = scenes[edits <= most_edits], edits[edits <= most_edits]
+    order = np.argsort(edits, kind="stable")
+    keys = np.sort(scenes[order], axis=1) @ np.array([1 << 16, 1 << 8, 1])
+    _, first = np.unique(keys, return_index=True)
+    return scenes[order[first]]
+
+
+# Scatter
+
+
+class _Node(NamedTuple):
+    """A scene that the search has reached."""
+
+    scene: Scene
+    actions: tuple[int, ...]
+    logit: float
+    probability: float
+
+
+class _Edit(NamedTuple):
+    """The addition of a canonical item to a box, or the removal of one of its items."""
+
+    box: int
+    canonical: int  # -1: a removal
+    position: int
+
+
+class _ScatterSearch:
+    def __init__(self, judge: Judge, dynamics: Dynamics, scatter: Scatter, breadth: Breadth) -> None:
+        self._judge, self._dynamics, self._scatter, self._breadth = judge, dynamics, scatter, breadth
+        self._table = judge.reader.table
+        items = torch.from_numpy(_canonical_features()).float()
+        self._added = judge.network.count_items(judge.reading, items[None, :, None])  # (E, 1323, K)
+
+    def plan(self, scene: Scene, most_edits: int, *, may_stop: bool) -> Plan:
+        start = self._nodes([(scene, ())])[0]
+        beam = [start]
+        reached = {scene: start}
+        for _ in range(most_edits):
+            wanted = sorted((one for node in beam for one in self._expanded(node, most_edits)), key=lambda one: -one[0])
+            made: dict[Scene, tuple[int, ...]] = {}
+            for _, node, edits in wanted:
+                after = self._made(node, edits)
+                if after is not None and after[0] not in reached:
+                    made.setdefault(*after)
+                if len(made) >= self._breadth.beam:
+                    break
+            nodes = self._nodes(list(made.items()))
+            reached.update((node.scene, node) for node in nodes)
+            beam = sorted(nodes, key=lambda node: -node.logit)
+            if not beam or max(node.probability for node in nodes) > SURE:
+                break
+        choices = [node for node in reached.values() if may_stop or node.actions]
+        if not choices:
+            return Plan((STOP,), 0.0)
+        best = max(choices, key=lambda node: node.probability - self._breadth.edit_cost * len(node.actions))
+        return Plan((*map(self._scatter.decode, best.actions), STOP), best.probability)
+
+    def _nodes(self, scenes: Sequence[tuple[Scene, tuple[int, ...]]]) -> list[_Node]:
+        """The scenes with their exact values."""
+        if not scenes:
+            return []
+        indices = np.array([self._table.of(scene) for scene, _ in scenes])
+        _, values = self._judge.box_values(indices.ravel())
+        logits = self._judge.logits(values.unflatten(1, (-1, BOX_COUNT)).sum(2))
+        means, probabilities = logits.mean(0).tolist(), _mean_probabilities(logits).tolist()
+        return [_Node(*one) for one in zip(*zip(*scenes, strict=True), means, probabilities, strict=True)]
+
+    def _expanded(self, node: _Node, most_edits: int) -> list[tuple[float, _Node, tuple[_Edit, ...]]]:
+        """Single edits and pairs of the best of them, with the logits that the changed counts give."""
+        left = most_edits - len(node.actions)
+        if left <= 0:
+            return []
+        judge = self._judge
+        edits = [edit for index in range(BOX_COUNT) for edit in self._edits(node.scene, index)]
+        indices = np.array(self._table.of(node.scene))
+        counts, values = judge.box_values(indices)
+        looks = np.stack([_looks_of(self._table, index) for index in indices.tolist()])
+        items = judge.reader.boxes(indices[None])[0]
+        each = judge.network.count_items(judge.reading, items.flatten(1, 2)[:, :, None]).unflatten(1, items.shape[1:3])
+        change, look_change = self._changes(node.scene, edits, each)
+        box = np.array([edit.box for edit in edits])
+        total = values.sum(1, keepdim=True)
+
+        def scores(box_counts: Tensor, box_looks: Int64Array, of: Int64Array) -> Float64Array:
+            features = torch.from_numpy(scatter_box_features(box_looks)).float()[None]
+            after = judge.network.box_values(judge.reading, box_counts, features)
+            return judge.logits(total - values[:, of] + after).mean(0).double().numpy()
+
+        single = scores(counts[:, box] + change, looks[box] + look_change, box)
+        wanted = [(float(single[at]), node, (edits[at],)) for at in np.argsort(-single)[: 4 * self._breadth.beam]]
+        if left < 2:
+            return wanted
+        best = np.argsort(-single)[:MACRO_PARTS]
+        pairs = np.array([(one, two) for one, two in combinations_with_replacement(best.tolist(), 2)])
+        pairs = pairs[[self._may_combine(edits[one], edits[two]) for one, two in pairs.tolist()]]
+        if not len(pairs):
+            return wanted
+        one, two = pairs.T
+        double = scores(
+            counts[:, box[one]] + change[:, one] + change[:, two],
+            looks[box[one]] + look_change[one] + look_change[two],
+            box[one],
+        )
+        apart = box[one] != box[two]  # two boxes: the changes of their values add up
+        if apart.any():
+            double[apart] = self._apart(values, counts, looks, change, look_change, box, one[apart], two[apart])
+        order = np.argsort(-double)[: 4 * self._breadth.beam]
+        return wanted + [(float(double[at]), node, (edits[one[at]], edits[two[at]])) for at in order]
+
+    def _apart(
+        self,
+        values: Tensor,
+        counts: Tensor,
+        looks: Int64Array,
+        change: Tensor,
+        look_change: Int64Array,
+        box: Int64Array,
+        one: Int64Array,
+        two: Int64Array,
+    ) -> Float64Array:
+        judge = self._judge
+        sums = values.sum(1, keepdim=True)
+        for edit in (one, two):
+            features = torch.from_numpy(scatter_box_features(looks[box[edit]] + look_change[edit])).float()[None]
+            after = judge.network.box_values(judge.reading, counts[:, box[edit]] + change[:, edit], features)
+            sums = sums - values[:, box[edit]] + after
+        return judge.logits(sums).mean(0).double().numpy()
+
+    def _changes(self, scene: Scene, edits: Sequence[_Edit], each: Tensor) -> tuple[Tensor, Int64Array]:
+        """The changes of a box's counts (E, n, K) and looks (n, 9) by each edit."""
+        canonical = np.array([edit.canonical for edit in edits])
+        box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
+        is_removal = canonical < 0
+        change = self._added[:, canonical.clip(0)]
+        look_change = _canonical_looks()[canonical.clip(0)]
+        if is_removal.any():
+            change = change.clone()
+            change[:, torch.from_numpy(is_removal)] = -each[:, box[is_removal], position[is_removal]]
+            removed = [scene.boxes[edit.box].items[edit.position] for edit in edits if edit.canonical < 0]
+            look_change[is_removal] = -look_counts(np.array(removed)[:, None])
+        return change, look_change
+
+    def _edits(self, scene: Scene, index: int) -> list[_Edit]:
+        """One addition for each canonical item that the rules allow, and every possible removal."""
+        items = scene.boxes[index].items
+        placement = self._dynamics.rules.placement
+        canonical = addition_table(self._scatter, placement, frame_x_of(placement, index), items).canonical
+        additions = [_Edit(index, one, -1) for one in np.unique(canonical[canonical >= 0]).tolist()]
+        positions = removal_table(self._scatter.cell, items)
+        return additions + [_Edit(index, -1, one) for one in np.unique(positions[positions >= 0]).tolist()]
+
+    @staticmethod
+    def _may_combine(one: _Edit, two: _Edit) -> bool:
+        """Whether both can be made in turn; two removals from a box would change positions."""
+        return one.box != two.box or min(one.canonical, two.canonical) >= 0
+
+    def _made(self, node: _Node, edits: Sequence[_Edit]) -> tuple[Scene, tuple[int, ...]] | None:
+        """The scene after the edits, by the rules, and the actions so far; None if one has become impossible."""
+        scene, actions = node.scene, node.actions
+        for edit in edits:
+            action = self._action(scene, edit)
+            if action is None:
+                return None
+            after, invalid = self._scatter.apply(scene, self._scatter.decode(action), self._dynamics.rules.placement)
+            if invalid is not None:
+                return None
+            scene, actions = after, (*actions, action)
+        return scene, actions
+
+    def _action(self, scene: Scene, edit: _Edit) -> int | None:
+        items = scene.boxes[edit.box].items
+        placement = self._dynamics.rules.placement
+        if edit.canonical < 0:
+            cells = np.flatnonzero(removal_table(self._scatter.cell, items) == edit.position)
+            actions = removal_actions(self._scatter, edit.box, cells)
+        else:
+            table = addition_table(self._scatter, placement, frame_x_of(placement, edit.box), items)
+            additions = np.flatnonzero(table.canonical == edit.canonical)
+            actions = addition_actions(self._scatter, edit.box, additions)
+        return int(actions[0]) if len(actions) else None
+
+
+@cache
+def _canonical_array() -> Int64Array:
+    return np.array(canonical_items())
+
+
+@cache
+def _canonical_features() -> np.ndarray:
+    return scatter_item_features(_canonical_array())
+
+
+@cache
+def _canonical_looks() -> Int64Array:
+    return look_counts(_canonical_array()[:, None])
+
+
+def _looks_of(table: BoxTable, index: int) -> Int64Array:
+    items = table.boxes[index].items
+    return look_counts(np.array(items, np.int64).reshape(1, -1, 5))[0]
+
+
+def _mean_probabilities(logits: Tensor) -> Float64Array:
+    """(N,) from (E, N)."""
+    return torch.sigmoid(logits).mean(0).double().numpy()

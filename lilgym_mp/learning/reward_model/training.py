@@ -1,0 +1,365 @@
+"""Training of a reward model: data collection, optimisation, checkpoints. Start reading at `train_reward_model`."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
+
+from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.devices import select_device
+from lilgym_mp.learning.imitation.batches import vocabulary_of
+from lilgym_mp.learning.imitation.training import cpu_seconds
+from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, breadth_of, describe, make_network
+from lilgym_mp.learning.reward_model.collection import (
+    Collector,
+    Entry,
+    entries_of,
+    restored,
+    sample_scenes,
+    stored,
+    truths_of,
+)
+from lilgym_mp.learning.reward_model.features import BoxTable, exchanges_of
+from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
+from lilgym_mp.learning.reward_model.search import Planner
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+
+SAVE_SECONDS = 60.0  # CPU time between checkpoints
+REPORT_SECONDS = 15.0
+ENTRIES_PER_COLLECTION = 16
+STOPS_PER_COLLECTION = 10  # for each of them
+SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
+HELD_OUT_STOPS = 150  # per held-out statement
+JUDGED = 60  # scenes per held-out statement in a measurement of accuracy
+WARM_UP = 100  # optimiser steps of linear warm-up; cosine decay follows
+
+
+class Progress(NamedTuple):
+    """A line of progress.jsonl; loss and accuracy are means since the last report."""
+
+    steps: int  # optimiser steps
+    labels: int  # labelled scenes trained on so far
+    stops: int  # episodes played to label scenes, with those of held-out statements
+    env_steps: int  # steps of these episodes
+    cpu_seconds: float  # CPU time of the whole run
+    exploring_seconds: float  # part of it for collecting data
+    loss: float
+    accuracy: float
+    held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
+
+
+@dataclass
+class _TrainingState:
+    """The counters in a checkpoint; field names are part of its format."""
+
+    steps: int = 0
+    labels: int = 0
+    cpu_seconds: float = 0.0
+    exploring_seconds: float = 0.0
+
+
+def train_reward_model(
+    settings: Settings,
+    recipe: RewardModelRecipe,
+    out: Path,
+    *,
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    device: str = "auto",
+    resume: bool = False,
+    on_progress: Callable[[Progress], object] = lambda progress: None,
+) -> RewardModelAgent:
+    """Trains an agent, saves it as `out`/agent.safetensors and returns it.
+
+    The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
+    arguments give equal agents. `resume` continues from the last checkpoint in `out`, which must have the same recipe
+    and seed. Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`,
+    TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint
+    first.
+    """
+    if (minutes is None) == (steps is None):
+        raise ValueError("give a budget: either minutes or steps")
+    if not 0 < (minutes or steps or 0) < math.inf:
+        raise ValueError(f"the budget must be positive, not {minutes or steps}")
+    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume)
+    run.learn(on_progress)
+    return run.finish()
+
+
+class _Run:
+    def __init__(
+        self,
+        settings: Settings,
+        recipe: RewardModelRecipe,
+        out: Path,
+        minutes: float | None,
+        steps: int | None,
+        seed: int,
+        device: str,
+        resume: bool,
+    ) -> None:
+        self._start_cpu_seconds = cpu_seconds()
+        self._settings, self._recipe, self._seed = settings, recipe, seed
+        self._minutes, self._budget_steps = minutes, steps
+        self._device = select_device(device)
+        self._state = _TrainingState()
+        tasks = settings.make("train").tasks
+        played = {settings.configuration: tasks}
+        if settings.start == FLIPIT:
+            scratch = _configuration(settings.appearance, SCRATCH)
+            with suppress(NoTasksError):
+                played[scratch] = replace(settings, configuration=scratch).make("train").tasks
+        self._configurations = tuple(played)
+        identity = {
+            "learner": KIND,
+            "environment": settings.to_json(),
+            "recipe": recipe.to_json(),
+            "seed": seed,
+            "tasks_sha256": tasks.provenance.sha256,
+        }
+        self._run = begin_run(out, identity, resume=resume, defaults={"recipe": asdict(RewardModelRecipe())})
+        self._run.remember(minutes=minutes, steps=steps)
+        self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
+        self._rng = np.random.default_rng(seed)
+        self._table = BoxTable(settings.appearance)
+        self._collector = Collector(settings.dynamics(), self._table, self._rng)
+        vocabulary = vocabulary_of(entry.statement for entry in self._entries)
+        self._reader = InputReader(vocabulary, self._table, self._device)
+        torch.manual_seed(seed)
+        self._network = make_network(recipe, vocabulary, self._table).to(self._device)
+        self._averaged = copy.deepcopy(self._network).eval().requires_grad_(requires_grad=False)
+        self._optimiser = torch.optim.AdamW(
+            self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+        )
+        if resume and self._run.has_checkpoint:
+            self._load_checkpoint()
+
+    # The budget
+
+    def _seconds(self) -> float:
+        return self._state.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
+
+    def _progress(self) -> float:
+        """The fraction of the budget spent."""
+        if self._budget_steps is not None:
+            return self._state.steps / self._budget_steps
+        assert self._minutes is not None
+        return self._seconds() / (60 * self._minutes)
+
+    # Training
+
+    def learn(self, on_progress: Callable[[Progress], object]) -> None:
+        """Collects the first data, then alternates optimiser steps and data collection until the budget is spent."""
+        recent: list[tuple[float, float]] = []
+        try:
+            if not self._state.steps:
+                self._collect_first()
+            saved = reported = self._seconds()
+            while self._progress() < 1:
+                if self._is_collection_due():
+                    self._collect_more()
+                recent.append(self._step())
+                now = self._seconds()
+                if now - reported > REPORT_SECONDS:
+                    self._report(recent, on_progress)
+                    recent, reported = [], now
+                if now - saved > SAVE_SECONDS:
+                    self._save()
+                    saved = now
+        except KeyboardInterrupt:
+            self._save()
+            raise
+        if recent:
+            self._report(recent, on_progress)
+
+    def _step(self) -> tuple[float, float]:
+        """One optimiser step. Returns the loss and the accuracy."""
+        recipe, rng = self._recipe, self._rng
+        chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
+        entries = [self._entries[index] for index in chosen.tolist()]
+        indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
+        kinds = np.array(
+            [
+                rng.integers(exchanges_of(entry.statement, self._table.appearance)) if recipe.exchanging else 0
+                for entry in entries
+            ]
+        )
+        for group in self._optimiser.param_groups:
+            group["lr"] = recipe.learning_rate * self._schedule()
+        self._network.train()
+        columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
+        logits, truths = self._judged(self._network, columns, entries, indices)
+        loss = F.binary_cross_entropy_with_logits(logits, truths)
+        value = loss.item()
+        if not math.isfinite(value):
+            raise TrainingError(
+                f"the loss is not finite at step {self._state.steps};"
+                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
+            )
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
+        self._optimiser.step()
+        self._state.steps += 1
+        self._state.labels += truths.numel()
+        decay = min(recipe.averaging, (1 + self._state.steps) / (10 + self._state.steps))
+        with torch.no_grad():
+            torch._foreach_lerp_(list(self._averaged.parameters()), list(self._network.parameters()), 1 - decay)
+        return value, float(((logits > 0) == (truths > 0.5)).float().mean())
+
+    def _judged(
+        self, network: nn.Module, columns: Any, entries: Sequence[Entry], indices: Sequence[Any]
+    ) -> tuple[Tensor, Tensor]:
+        """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
+        scenes = np.array(
+            [[entry.scenes[at] for at in row.tolist()] for entry, row in zip(entries, indices, strict=True)]
+        )
+        truths = np.stack([truths_of(entry, row) for entry, row in zip(entries, indices, strict=True)])
+        features, local = self._reader.scenes(scenes)
+        logits = network(network.read(*columns), features, local)
+        return logits, torch.from_numpy(truths.astype(np.float32)).to(self._device)
+
+    def _schedule(self) -> float:
+        """The learning rate relative to its peak."""
+        warm_up = min(1.0, (self._state.steps + 1) / WARM_UP)
+        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self._progress()))))
+
+    @torch.inference_mode()
+    def _held_out_accuracy(self) -> float | None:
+        entries = [entry for entry in self._held_out if entry.pairs]
+        if not entries:
+            return None
+        rng = np.random.default_rng(0)
+        indices = [sample_scenes(entry, JUDGED, 1.0, rng) for entry in entries]
+        columns = self._reader.statements([entry.statement for entry in entries], np.zeros(len(entries), np.int64))
+        logits, truths = self._judged(self._averaged, columns, entries, indices)
+        return float(((logits > 0) == (truths > 0.5)).float().mean())
+
+    # Data collection
+
+    def _collect_first(self) -> None:
+        began = self._seconds()
+        for entry in self._entries:
+            self._collector.explore(entry, self._recipe.first_stops)
+        for entry in self._held_out:
+            self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
+        if not any(entry.pairs for entry in self._entries):
+            raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
+        self._state.exploring_seconds += self._seconds() - began
+
+    def _is_collection_due(self) -> bool:
+        if self._budget_steps is not None:  # deterministic
+            return self._state.steps % 5 == 4 and self._recipe.exploring > 0
+        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
+
+    def _collect_more(self) -> None:
+        began = self._seconds()
+        searches = self._progress() > SEARCH_AFTER and self._rng.random() < self._recipe.searching
+        chosen = self._rng.integers(len(self._entries), size=ENTRIES_PER_COLLECTION)
+        for entry in (self._entries[index] for index in chosen.tolist()):
+            if searches:
+                self._search(entry)
+            else:
+                self._collector.explore(entry, STOPS_PER_COLLECTION)
+        self._state.exploring_seconds += self._seconds() - began
+
+    def _search(self, entry: Entry) -> None:
+        """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
+        task_index = int(self._rng.integers(len(entry.tasks)))
+        breadth = replace(breadth_of(self._recipe), exchanges=1)
+        planner = Planner(self._averaged, self._reader, self._settings.dynamics(), breadth, is_flipit=False)
+        target = bool(self._rng.integers(2))
+        plan = planner.plan(entry.tasks[task_index].start, entry.statement, target)
+        self._collector.follow(entry, task_index, plan.actions)
+
+    # Files
+
+    def _report(self, recent: Sequence[tuple[float, float]], on_progress: Callable[[Progress], object]) -> None:
+        state, collector = self._state, self._collector
+        loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
+        held_out = self._held_out_accuracy()
+        progress = Progress(
+            state.steps,
+            state.labels,
+            collector.stops,
+            collector.steps,
+            round(self._seconds(), 1),
+            round(state.exploring_seconds, 1),
+            loss,
+            accuracy,
+            None if held_out is None else round(held_out, 4),
+        )
+        self._run.record(progress._asdict())
+        on_progress(progress)
+
+    def _save(self) -> None:
+        collector = self._collector
+        state = {
+            "network": self._network.state_dict(),
+            "averaged": self._averaged.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "standing": {**vars(self._state), "cpu_seconds": self._seconds()},
+            "played": [collector.stops, collector.steps],
+            "data": stored([*self._entries, *self._held_out], self._table),
+        }
+        self._run.save_checkpoint(state)
+
+    def _load_checkpoint(self) -> None:
+        state = self._run.load_checkpoint(self._device)
+        try:
+            self._network.load_state_dict(state["network"])
+            self._averaged.load_state_dict(state["averaged"])
+            self._optimiser.load_state_dict(state["optimiser"])
+            self._state = _TrainingState(**state["standing"])
+            self._collector.stops, self._collector.steps = state["played"]
+            restored([*self._entries, *self._held_out], self._table, state["data"])
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
+        self._rng = self._collector.rng = np.random.default_rng([self._seed, self._state.steps])
+
+    def finish(self) -> RewardModelAgent:
+        """Saves the averaged network as the agent."""
+        self._save()
+        statistics = {
+            "seed": self._seed,
+            "steps": self._collector.steps,
+            "stops": self._collector.stops,
+            "labels": self._state.labels,
+            "cpu_minutes": round(self._seconds() / 60, 2),
+            "exploring_cpu_minutes": round(self._state.exploring_seconds / 60, 2),
+            "held_out_accuracy": self._held_out_accuracy(),
+        }
+        vocabulary = self._reader.vocabulary
+        description = describe(self._settings, self._recipe, self._configurations, vocabulary, statistics)
+        self._run.save_agent(description, self._averaged.state_dict())
+        return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
+
+
+def _configuration(appearance: str, start: str) -> str:
+    return next(name for name, found in CONFIGURATIONS.items() if found == (appearance, start))
+
+
+def _split(entries: Sequence[Entry], fraction: float) -> tuple[list[Entry], list[Entry]]:
+    """Training and held-out entries, the same for all seeds."""
+    order = np.random.default_rng(0).permutation(len(entries))
+    held_out = {*order[: round(fraction * len(entries))].tolist()}
+    parts: tuple[list[Entry], list[Entry]] = [], []
+    for index, entry in enumerate(entries):
+        parts[index in held_out].append(entry)
+    return parts
