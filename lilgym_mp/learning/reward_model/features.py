@@ -21,7 +21,8 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape
 COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
 GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
 GAP_BINS = len(GAP_BOUNDS) + 1
-CENTRE_BINS = 5  # of an item's centre along one axis
+CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160
+CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
 SQUARE_SYNONYMS = re.compile(r"\b(block|rect|cube|ball|dot|dis[ck]|round)")  # shapes are not exchanged with these
 
@@ -190,13 +191,13 @@ def scatter_item_features(items: Int64Array) -> UInt8Array:
     x, y, shape, colour, size = np.moveaxis(items, -1, 0)
     side = 10 * (size + 1)
     gaps = (np.digitize(gap, GAP_BOUNDS) for gap in (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side))
-    centres = ((2 * start + side) * CENTRE_BINS // (2 * BOX_SIDE) for start in (x, y))
+    centres = (np.digitize(2 * start + side, CENTRE_BOUNDS) for start in (x, y))
     parts = [
         _one_hot(colour, COLOURS),
         _one_hot(shape, SHAPES),
         _one_hot(size, SIZES),
         *(_one_hot(gap, GAP_BINS) for gap in gaps),
-        *(_one_hot(centre.clip(0, CENTRE_BINS - 1), CENTRE_BINS) for centre in centres),
+        *(_one_hot(centre, CENTRE_BINS) for centre in centres),
     ]
     return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)
 

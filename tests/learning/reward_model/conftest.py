@@ -1,0 +1,33 @@
+"""The corpus of a few statements that the tests of imitation use, and a recipe that learns it in seconds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe, default_recipe
+from tests.learning.imitation.conftest import statements
+
+__all__ = ["small_recipe", "statements"]
+
+SMALL: dict[str, Any] = {
+    "width": 32,
+    "predicates": 4,
+    "box_units": 4,
+    "scene_units": 4,
+    "dropout": 0.0,
+    "statements": 3,
+    "scenes": 32,
+    "held_out": 0.0,
+    "unknown_words": 0.0,
+    "exchanging": False,
+    "first_stops": 40,
+    "learning_rate": 1e-2,
+    "averaging": 0.95,
+    "averaged_exchanges": 1,
+    "beam": 3,
+}
+
+
+def small_recipe(settings: Settings, **changes: Any) -> RewardModelRecipe:
+    return default_recipe(settings.appearance, **{**SMALL, **changes})

@@ -1,0 +1,118 @@
+"""Features, exchanges, and plans of the search."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.appearances.tower import tower_tables
+from lilgym_mp.augmentation import Augmentation
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchanges
+from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.network import CountingNetwork
+from lilgym_mp.learning.reward_model.search import Breadth, Planner, _box_distances
+from lilgym_mp.rules import Outcome, State, make_dynamics
+from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape
+from lilgym_mp.task import Task
+
+STATEMENT = "there is a black block on the left"
+VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))
+
+
+def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Planner:
+    table = BoxTable(appearance)
+    torch.manual_seed(seed)
+    network = CountingNetwork(len(VOCABULARY), table.item_width, table.box_width, predicates=3, box_units=3).eval()
+    reader = InputReader(VOCABULARY, table, torch.device("cpu"))
+    dynamics = make_dynamics(make_appearance(appearance))
+    return Planner(network, reader, dynamics, Breadth(3, 2, 0.003), is_flipit=is_flipit)
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@given(data=st.data())
+def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: str, data: st.DataObject):
+    tasks = load_tasks("builtin", appearance, "flipit", "dev")
+    task = tasks[data.draw(st.integers(0, len(tasks) - 1))]
+    steps = data.draw(st.sampled_from([0, 5, 9, 10, 11]))
+    planner = new_planner(appearance, seed=data.draw(st.integers(0, 3)))
+    plan = planner.plan(task.start, task.statement, task.target, steps)
+    state = State(task, task.start, steps)
+    for index, action in enumerate(plan.actions):
+        transition = planner.dynamics.step(state, action)
+        ends = transition.outcome in (Outcome.SUCCESS, Outcome.WRONG_STOP)
+        assert ends == (index == len(plan.actions) - 1)
+        state = transition.state
+    assert 0 <= plan.success_probability <= 1
+
+
+def test_plan__does_not_stop_in_a_flipit_start():
+    task = load_tasks("builtin", "tower", "flipit", "dev")[0]
+    for seed in range(4):
+        assert len(new_planner("tower", seed=seed).plan(task.start, task.statement, task.target).actions) > 1
+
+
+def test_box_distances__are_those_of_single_edits():
+    after, distances = tower_tables().after, _box_distances()
+    assert (distances == distances.T).all()
+    for box, successors in enumerate(after):
+        assert {*np.flatnonzero(distances[box] == 1).tolist()} == {*successors[successors >= 0].tolist()}
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str):
+    scenes = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:20]]
+    for exchange in exchanges(appearance)[::7]:
+        table = BoxTable(appearance)
+        colours, shapes = tuple(map(Colour, exchange.colours)), tuple(map(Shape, exchange.shapes))
+        augmentation = Augmentation(colours, shapes, mirrored=exchange.mirrored)
+        items, boxes = exchange.columns(appearance)
+        for scene in scenes:
+            exchanged = augmentation.scene(scene)
+            if exchange.upturned:
+                exchanged = _upturned(exchanged)
+            before = table.features(np.array(table.of(scene)))
+            after = table.features(np.array(table.of(exchanged)))
+            assert np.array_equal(before[0], after[0][..., items])
+            assert np.array_equal(before[1], after[1][..., boxes])
+
+
+def _upturned(scene: Scene) -> Scene:
+    return Scene.of(*([item._replace(y=BOX_SIDE - item.y - item.side) for item in box.items] for box in scene.boxes))
+
+
+def test_exchange__replaces_words_by_those_of_what_it_exchanges():
+    exchange = Exchange(colours=(1, 0, 2), mirrored=True)
+    words = exchange.words()
+    assert [words.get(word, word) for word in ["a", "black", "circle", "left", "of", "a", "blue", "one"]] == (
+        ["a", "yellow", "circle", "right", "of", "a", "blue", "one"]
+    )
+
+
+def test_network__ignores_the_order_of_boxes():
+    planner = new_planner("tower")
+    reading = planner._network.read(*planner._reader.statements([STATEMENT], np.zeros(1, np.int64)))
+    features, scenes = planner._reader.scenes(np.array([[[1, 5, 20], [20, 1, 5], [5, 5, 5]]]))
+    logits = planner._network(reading, features, scenes)[0].detach()
+    assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
+    assert abs(logits[0] - logits[2]) > 1e-4
+
+
+def test_box_table__gives_features_of_boxes_added_later():
+    table = BoxTable("scatter")
+    one = Box((Item(0, 0, Shape.CIRCLE, Colour.BLUE, 0),))  # type: ignore[arg-type]
+    many = Box(tuple(Item(20 * index, 50, Shape.SQUARE, Colour.BLACK, 0) for index in range(5)))  # type: ignore[arg-type]
+    first = table.features(np.array([table.index(one)]))
+    later = table.features(np.array([table.index(one), table.index(many)]))
+    assert np.array_equal(first[0][0, 0], later[0][0, 0])
+    assert later[2].sum(1).tolist() == [1, 5]
+
+
+def test_plan__of_one_step_left_is_stop():
+    task = Task("", STATEMENT, "exist(all_items)", True, Scene.empty())
+    assert len(new_planner("scatter").plan(task.start, task.statement, task.target, 11).actions) == 1

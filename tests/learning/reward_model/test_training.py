@@ -1,0 +1,201 @@
+"""Runs of the reward model: what is learnt from, counting, resuming, files."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.actions import Action, Stop
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.learning import reward_model
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
+from lilgym_mp.learning.reward_model import training
+from lilgym_mp.learning.reward_model.agent import RewardModelAgent
+from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries_of, restored, stored
+from lilgym_mp.learning.reward_model.features import BoxTable
+from lilgym_mp.learning.reward_model.training import train_reward_model
+from lilgym_mp.learning.training_run import TrainingRunError
+from lilgym_mp.rules import Dynamics, State, Transition
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+from tests.learning.reward_model.conftest import small_recipe
+
+STEPS = 150
+
+
+def accuracy(agent: RewardModelAgent, settings: Settings) -> float:
+    episodes = evaluate(agent.policy(settings), settings, "dev")
+    return sum(episode.is_success for episode in episodes) / len(episodes)
+
+
+def train(
+    statements: str, name: str, out: Path, steps: int = STEPS, **changes: object
+) -> tuple[RewardModelAgent, Settings]:
+    settings = Settings(name, corpus=statements)
+    return train_reward_model(settings, small_recipe(settings, **changes), out, steps=steps), settings
+
+
+@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path, name: str):
+    agent, settings = train(statements, name, tmp_path / "run")
+    assert accuracy(agent, settings) == 1
+    assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
+
+
+def test_training__learns_nothing_from_shuffled_rewards(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    rng = np.random.default_rng(0)
+    with monkeypatch.context() as patched:
+        patched.setattr(Task, "solved_by", lambda task, scene: bool(rng.integers(2)))
+        agent, settings = train(statements, "TowerFlipIt", tmp_path / "run", searching=0.0)
+    assert accuracy(agent, settings) < 1
+    entry, collector = labelled_entry(settings)
+    scenes = [collector.table.scene(boxes) for boxes in entry.scenes]
+    judged = agent.probabilities(entry.statement, scenes) > 0.5
+    assert np.mean(judged == [known.truth for known in entry.known]) < 0.75
+
+
+def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collector]:
+    entry = entries_of([settings.make("train").tasks])[0]
+    collector = Collector(settings.dynamics(), BoxTable(settings.appearance), np.random.default_rng(1))
+    collector.explore(entry, stops)
+    return entry, collector
+
+
+@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+def test_training__reads_truths_only_from_counted_stops(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+):
+    stops: list[int] = []
+    playing = False
+    step, solved_by = Dynamics.step, Task.solved_by
+
+    def counted_step(dynamics: Dynamics, state: State, action: Action) -> Transition:
+        nonlocal playing
+        playing = isinstance(action, Stop)
+        if playing:
+            stops.append(state.steps + 1)
+        transition = step(dynamics, state, action)
+        playing = False
+        return transition
+
+    def solved_in_play(task: Task, scene: Scene) -> bool:
+        assert playing, "the truth was asked for outside of a STOP"
+        return solved_by(task, scene)
+
+    def no_truth(task: Task, scene: Scene) -> bool:
+        raise AssertionError("a program was evaluated")
+
+    settings = Settings(name, corpus=statements)
+    settings.make("train")
+    monkeypatch.setattr(Dynamics, "step", counted_step)
+    monkeypatch.setattr(Task, "solved_by", solved_in_play)
+    monkeypatch.setattr(Task, "truth", no_truth)
+    agent = train_reward_model(settings, small_recipe(settings, exploring=0.5), tmp_path / "run", steps=30)
+    assert agent.description.details["stops"] == len(stops)
+    assert agent.description.details["steps"] == sum(stops)
+
+
+def test_package__imports_neither_programs_nor_the_expert():
+    directory = Path(reward_model.__file__).parent
+    for file in directory.glob("*.py"):
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for name in names:
+                assert not name.startswith("lilgym_mp.programs"), file
+                allowed = ("lilgym_mp.solver.edit_tables", "lilgym_mp.solver.canonical_items")
+                assert not name.startswith("lilgym_mp.solver") or name in allowed, file
+
+
+def test_collector__refuses_a_stop_beyond_the_horizon(statements: str):
+    settings = Settings("TowerScratch", corpus=statements, horizon=3)
+    entry, collector = labelled_entry(settings)
+    assert max(known.edits for known in entry.known) == 2
+    with pytest.raises(ValueError, match="no episode of 3 steps stops after 3 edits"):
+        collector.stop(Entry("new", entry.tasks), 0, Scene.empty(), 3)
+
+
+def test_collector__plays_no_scene_twice(statements: str):
+    entry, collector = labelled_entry(Settings("TowerFlipIt", corpus=statements))
+    assert collector.stops == len(entry.scenes) == len({*entry.scenes})
+    before = collector.steps
+    collector.stop(entry, 0, entry.tasks[0].start, 0)
+    assert collector.steps == before
+
+
+@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
+def test_stored_data__is_restored(statements: str, name: str):
+    settings = Settings(name, corpus=statements)
+    entry, collector = labelled_entry(settings)
+    new, table = entries_of([settings.make("train").tasks])[0], BoxTable(settings.appearance)
+    restored([new], table, stored([entry], collector.table))
+    assert [table.scene(boxes) for boxes in new.scenes] == [collector.table.scene(boxes) for boxes in entry.scenes]
+    assert (new.known, new.pairs, new.by_truth) == (entry.known, entry.pairs, entry.by_truth)
+
+
+def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
+    for name in ("one", "other"):
+        train(statements, "ScatterFlipIt", tmp_path / name, 12, exploring=0.5, searching=1.0)
+    (_, one), (_, other) = (load_model(tmp_path / name / AGENT_FILE) for name in ("one", "other"))
+    assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
+
+
+def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    step = training._Run._step
+    done: list[int] = []
+
+    def interrupted(run: training._Run) -> tuple[float, float]:
+        done.append(1)
+        if len(done) == 8:
+            raise KeyboardInterrupt
+        return step(run)
+
+    settings = Settings("TowerFlipIt", corpus=statements)
+    recipe, out = small_recipe(settings), tmp_path / "run"
+    with monkeypatch.context() as patched:
+        patched.setattr(training._Run, "_step", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            train_reward_model(settings, recipe, out, steps=20)
+    agent = train_reward_model(settings, recipe, out, steps=20, resume=True)
+    assert agent.description.details["labels"] == 20 * 3 * 32
+    assert agent.description.details["stops"] > 0
+    with pytest.raises(TrainingRunError, match="seed 0, but 1"):
+        train_reward_model(settings, recipe, out, steps=20, seed=1, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fault"), [({}, "give a budget"), ({"steps": 0}, "positive"), ({"minutes": -1.0}, "positive")]
+)
+def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, arguments: dict[str, float], fault: str):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with pytest.raises(ValueError, match=fault):
+        train_reward_model(settings, small_recipe(settings), tmp_path, **arguments)  # type: ignore[arg-type]
+
+
+def test_agent_file__is_loaded_and_named_in_faults(statements: str, tmp_path: Path):
+    agent, settings = train(statements, "TowerScratch", tmp_path / "run", 3)
+    loaded = open_agent(tmp_path / "run")
+    assert loaded.description == agent.description
+    assert loaded.description.supervision.startswith("rewards; knows the rules of editing")
+    with pytest.raises(AgentError, match="does not play TowerFlipIt"):
+        loaded.policy(replace(settings, configuration="TowerFlipIt"))
+    broken = replace(agent.description, details={"vocabulary": 3})
+    save_model(tmp_path / "broken.safetensors", broken, agent.network.state_dict())
+    with pytest.raises(ModelFileError, match=r"broken\.safetensors: its description cannot be used"):
+        open_agent(tmp_path / "broken.safetensors")
+
+
+def test_recipe__names_the_setting_out_of_bounds(statements: str):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with pytest.raises(ValueError, match="averaged-exchanges must be at least 1 and at most 6, not 7"):
+        small_recipe(settings, averaged_exchanges=7)
+    with pytest.raises(ValueError, match="width must be a multiple of 4, not 30"):
+        small_recipe(settings, width=30)
