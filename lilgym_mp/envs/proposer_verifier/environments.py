@@ -1,4 +1,4 @@
-"""The game as PettingZoo environments, with nested observations or with single arrays for SuperSuit's wrappers."""
+"""The game as PettingZoo environments, with nested observations or others for SuperSuit and Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ PARTS, MASK, IMAGE = "observation", "action_mask", "image"  # keys of nested obs
 NESTED = "nested"
 
 ParallelStep = tuple[dict[str, AgentObservation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, Info]]
-Convert = Callable[[Mapping[str, Any]], np.ndarray]
-Form = Callable[[spaces.Dict], tuple[spaces.Box, Convert]]  # from the space of an agent's parts
+Convert = Callable[[Mapping[str, Any]], Any]
+Form = Callable[[spaces.Dict], tuple[spaces.Space[Any], Convert]]  # from the space of an agent's parts
 
 
 class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, AgentObservation, SupportsIndex | None]):
@@ -148,10 +148,15 @@ def _image(space: spaces.Dict) -> tuple[spaces.Box, Convert]:
     return image, lambda parts: parts[IMAGE]
 
 
-FORMS: Mapping[str, Form | None] = {NESTED: None, "vector": _vector, "image": _image}
+def _parts(space: spaces.Dict) -> tuple[spaces.Dict, Convert]:
+    """The parts without the mask: a flat dictionary, as Stable-Baselines3 accepts."""
+    return space, dict
 
 
-def _converters(env: Any, form: Form) -> dict[str, tuple[spaces.Box, Convert]]:
+FORMS: Mapping[str, Form | None] = {NESTED: None, "parts": _parts, "vector": _vector, "image": _image}
+
+
+def _converters(env: Any, form: Form) -> dict[str, tuple[spaces.Space[Any], Convert]]:
     """By agent."""
     return {agent: form(env.observation_space(agent)[PARTS]) for agent in AGENTS}
 
@@ -164,7 +169,7 @@ class ArrayObservationAEC(BaseWrapper[str, Any, Any]):
         self._converters = _converters(env, form)
         self._infos: dict[str, Any] | None = None  # cache for this turn
 
-    def observation_space(self, agent: str) -> spaces.Box:
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self._converters[agent][0]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
@@ -194,7 +199,7 @@ class ArrayObservationParallel(BaseParallelWrapper[str, Any, Any]):
         super().__init__(env)
         self._converters = _converters(env, form)
 
-    def observation_space(self, agent: str) -> spaces.Box:
+    def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self._converters[agent][0]
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, Any]:
@@ -233,7 +238,8 @@ def parallel_env(
 ) -> ProposerVerifierParallel:
     """The game as a PettingZoo parallel environment; keywords are the fields of GameSettings.
 
-    `observations`: "nested", {"observation": parts, "action_mask"}; or a single array for SuperSuit's wrappers, with
-    masks in infos: "vector", all parts flattened to float32 (N,), or "image", only the image.
+    `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, with masks
+    in infos: "parts", the dictionary of parts alone, "vector", all parts flattened to float32 (N,), or "image", only
+    the image.
     """
     return _with_observations(ProposerVerifierParallel(GameSettings.of(**settings), render_mode), observations)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from typing import Any
 
@@ -77,7 +76,7 @@ def test_aec__has_masks_in_infos():
 
 
 def test_unknown_form__is_refused_naming_the_choices():
-    with pytest.raises(ValueError, match="unknown observations 'flat'; choose from image, nested, vector"):
+    with pytest.raises(ValueError, match="unknown observations 'flat'; choose from image, nested, parts, vector"):
         parallel_env(observations="flat")
     with pytest.raises(ValueError, match='observations="image" needs views with scene="image"'):
         parallel_env(observations="image", views="structured")
@@ -89,8 +88,6 @@ def test_unknown_form__is_refused_naming_the_choices():
 @pytest.mark.parametrize("form", [parallel_env, env], ids=["together", "turns"])
 @pytest.mark.parametrize("name", SUPERSUIT)
 def test_supersuit__wraps_the_game(name: str, form: Callable[..., Any]):
-    if importlib.util.find_spec("supersuit") is None:
-        pytest.skip("supersuit is not installed: it comes with the extra `supersuit`")
     import supersuit
 
     if name == "black_death" and form is env:

@@ -1,0 +1,59 @@
+"""PettingZoo's two tutorials for Stable-Baselines3, with the game in place of theirs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+import supersuit
+from pettingzoo.utils import BaseWrapper
+from sb3_contrib import MaskablePPO
+from sb3_contrib.common.wrappers import ActionMasker
+from stable_baselines3 import PPO
+
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, env, parallel_env
+
+
+class SB3ActionMaskWrapper(BaseWrapper, gym.Env):  # pyright: ignore
+    """An AEC environment as a Gymnasium one, in which the agents take turns at one policy."""
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> Any:
+        super().reset(seed, options)
+        self.observation_space = super().observation_space(self.possible_agents[0])["observation"]
+        self.action_space = super().action_space(self.possible_agents[0])
+        return self.observe(self.agent_selection), {}
+
+    def step(self, action: Any) -> Any:
+        current = self.agent_selection
+        super().step(int(action))
+        following = self.agent_selection
+        ends = self.terminations[current], self.truncations[current]
+        return self.observe(following), self._cumulative_rewards[current], *ends, self.infos[current]
+
+    def observe(self, agent: str) -> Any:
+        return super().observe(agent)["observation"]
+
+    def action_mask(self) -> np.ndarray:
+        return super().observe(self.agent_selection)["action_mask"]
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_action_mask_tutorial__maskable_ppo_plays_both_agents(protocol: str):
+    game = SB3ActionMaskWrapper(env(protocol=protocol, views="structured", homogeneous=True))
+    game.reset(seed=0)
+    masked = ActionMasker(game, SB3ActionMaskWrapper.action_mask)  # pyright: ignore
+    model = MaskablePPO("MultiInputPolicy", masked, n_steps=32, batch_size=32, n_epochs=1)
+    model.learn(32)
+    assert model.num_timesteps == 32
+
+
+def test_shared_policy_tutorial__ppo_plays_both_agents():
+    game = parallel_env(protocol="joint", views="structured", homogeneous=True, observations="vector")
+    vectorised = supersuit.concat_vec_envs_v1(
+        supersuit.pettingzoo_env_to_vec_env_v1(game), 2, num_cpus=0, base_class="stable_baselines3"
+    )
+    model = PPO("MlpPolicy", vectorised, n_steps=16, batch_size=16, n_epochs=1)
+    model.learn(64)
+    assert model.num_timesteps == 64
