@@ -59,11 +59,11 @@ def train(args: argparse.Namespace) -> int:
 
     check_at_least(args, 0, "seed")
     check_at_least(args, 1, "threads")
-    if args.minutes is not None and args.minutes <= 0:
-        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
     torch.set_num_threads(args.threads)
     directory, settings, recipe = _resumed(args) if args.resume else _new(args)
     minutes: float = args.minutes
+    if minutes <= 0:
+        raise CommandError(f"--minutes must be above 0, not {minutes:g}")
     try:
         with _Display(minutes, resumed=args.resume) as display:
             train_imitation(

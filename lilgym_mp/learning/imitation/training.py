@@ -1,4 +1,7 @@
-"""Training by imitation: data collection, optimisation, checkpoints, and finally the stop rule."""
+"""Imitation runs: budget, pretraining, checkpoints, progress, and finally the stop rule.
+
+The algorithm itself is in `update`.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +11,17 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import nn
 
 from lilgym_mp.appearances import make_appearance
-from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
@@ -26,32 +30,18 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.agent import KIND, Architecture, ImitationAgent, describe
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import (
-    CachedPolicy,
-    StopRule,
-    action_chooser,
-    play_episodes,
-    precision,
-    tune_stop_rule,
-)
-from lilgym_mp.learning.imitation.dataset import (
-    DataCollector,
-    DatasetEntry,
-    entries_from_tasks,
-    split_held_out,
-)
-from lilgym_mp.learning.imitation.losses import Losses, losses
+from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, tune_stop_rule
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.update import Imitation, StepResult
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.task import Task
 
 SAVE_SECONDS = 30.0  # CPU time between checkpoints
 REPORT_SECONDS = 10.0
-ENTRIES_PER_COLLECTION = 32
 GEOMETRY_FRACTION = 0.2  # duration of geometry pretraining relative to text pretraining, in addition to it (Scatter)
-ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
 MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
@@ -102,8 +92,8 @@ def train_imitation(
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
     The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
-    arguments give equal agents. `resume` continues from the
-    last checkpoint in `out`, which must have the same recipe and seed.
+    arguments give equal agents. `resume` continues from the last checkpoint in `out`, which must have the same recipe
+    and seed.
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """
@@ -148,45 +138,48 @@ class _Run:
         self._run.remember(minutes=minutes, steps=steps)
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
-        entries, self._held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
-        self._entries = entries
-        played = {settings.configuration: tasks}
-        if settings.start == "flipit" and recipe.empty_starts:
-            scratch = configuration_name(settings.appearance, "scratch")
-            with suppress(NoTasksError):
-                played[scratch] = replace(settings, configuration=scratch).make("train").tasks
-        self._held_out_tasks = {name: _tasks_of(task_set, self._held_out) for name, task_set in played.items()}
-        self._other_scenes = distinct_starts(entries) if settings.start == "flipit" else []
-        self._rng = np.random.default_rng(seed)
-        self._table = BoxFeatureTable()
-        empty_starts = recipe.empty_starts if settings.start == "flipit" else 0.0
-        self._collector = DataCollector(self._dynamics, self._table, self._rng, recipe.budget, empty_starts)
-        vocabulary = vocabulary_of(self._statements())
-        self._tokenizer = StatementTokenizer(vocabulary)
-        self._architecture = Architecture.of(settings.appearance, vocabulary, recipe)
+        entries, held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
+        self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in _played(settings, recipe, tasks)}
+        self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
+        self._architecture = Architecture.of(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
-        self._network = self._architecture.network(recipe.dropout).to(self._device)
-        self._optimiser = torch.optim.AdamW(
-            self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
-        )
+        self._imitation = self._new_imitation(entries)
         if resume and self._run.has_checkpoint:
             self._load_checkpoint()
-        heads = self._collector.heads
-        self._policy = CachedPolicy(self._network, self._table, heads, self._tokenizer)
-        self._policy.reduced_precision = recipe.reduced_precision
-        self._batches = BatchSampler(
-            self._table,
-            heads,
+
+    def _new_imitation(self, entries: Sequence[DatasetEntry]) -> Imitation:
+        recipe, is_flipit = self._recipe, self._settings.start == FLIPIT
+        network = self._architecture.network(recipe.dropout).to(self._device)
+        rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
+        empty_starts = recipe.empty_starts if is_flipit else 0.0
+        collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
+        policy = CachedPolicy(network, table, collector.heads, self._tokenizer)
+        policy.reduced_precision = recipe.reduced_precision
+        batches = BatchSampler(
+            table,
+            collector.heads,
             self._tokenizer,
             self._device,
             recolours=recipe.recolour,
             word_dropout=recipe.unknown_words,
             single_action=recipe.single_action,
         )
+        return Imitation(
+            recipe,
+            network,
+            entries,
+            distinct_starts(entries) if is_flipit else [],
+            collector,
+            batches,
+            policy,
+            self._dynamics,
+            stops_first=not is_flipit,
+            rng=rng,
+        )
 
-    def _statements(self) -> Iterator[str]:
+    def _statements(self, entries: Sequence[DatasetEntry]) -> Iterator[str]:
         """The statements that make up the vocabulary."""
-        yield from (entry.statement for entry in self._entries)
+        yield from (entry.statement for entry in entries)
         if self._recipe.pretraining:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
@@ -207,17 +200,18 @@ class _Run:
 
     def learn(self, on_progress: Callable[[Progress], object]) -> None:
         """Pretrains, then alternates data collection and optimiser steps until the budget is spent."""
-        recent: list[tuple[float, float, float]] = []
+        state = self._state
+        recent: list[StepResult] = []
         try:
             self._pretrain_text(on_progress)
-            self._collect_initial_data()
-            if not self._state.begun_at:
+            self._collect(self._imitation.collect_first)
+            if not state.begun_at:
                 self._pretrain_geometry()
-                self._state.begun_at = self._progress()
+                state.begun_at = self._progress()
             saved = reported = self._seconds()
-            while self._progress() < 1:
+            while (done := self._progress()) < 1:
                 if self._is_collection_due():
-                    self._collect_more()
+                    self._collect(partial(self._imitation.collect_more, done))
                 recent.append(self._step())
                 now = self._seconds()
                 if now - reported > REPORT_SECONDS:
@@ -232,11 +226,32 @@ class _Run:
         if recent:
             self._report(recent, on_progress)
 
+    def _step(self) -> StepResult:
+        state = self._state
+        try:
+            result = self._imitation.step((self._progress() - state.begun_at) / (1 - state.begun_at))
+        except TrainingError as error:
+            raise self._not_finite(str(error)) from None
+        state.steps += 1
+        state.states += result.states
+        return result
+
+    def _is_collection_due(self) -> bool:
+        if self._steps is not None:  # deterministic
+            return self._state.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
+        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
+
+    def _collect(self, collect: Callable[[], None]) -> None:
+        began = self._seconds()
+        collect()
+        self._state.exploring_seconds += self._seconds() - began
+
     def _pretrain_geometry(self) -> None:
-        heads, fraction = self._network.scatter, GEOMETRY_FRACTION * self._recipe.pretraining
+        imitation, fraction = self._imitation, GEOMETRY_FRACTION * self._recipe.pretraining
+        heads = imitation.network.scatter
         if heads is None or not fraction:
             return
-        geometry = GeometryPretraining(heads.geometry, self._table, self._recipe.warmup, self._rng)
+        geometry = GeometryPretraining(heads.geometry, imitation.policy.table, self._recipe.warmup, imitation.rng)
         first = self._progress()
         while (done := (self._progress() - first) / fraction) < 1:
             loss = geometry.step(done)
@@ -248,9 +263,9 @@ class _Run:
         if self._progress() >= fraction:
             return
         text = TextPretraining(
-            self._network,
+            self._imitation.network,
             self._tokenizer,
-            self._entries,
+            self._imitation.entries,
             self._settings.appearance,
             self._excluded,
             self._recipe,
@@ -269,99 +284,19 @@ class _Run:
 
     def _check_finite(self, loss: float, parts: str) -> None:
         if not math.isfinite(loss):
-            raise TrainingError(
-                f"the loss is not finite at step {self._state.steps} ({parts});"
-                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
-            )
+            raise self._not_finite(parts)
 
-    def _step(self) -> tuple[float, float, float]:
-        """One optimiser step. Returns the truth loss, the action loss and the truth accuracy."""
-        recipe = self._recipe
-        entries = self._sample(self._solvable(self._entries), recipe.statements)
-        batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
-        for group in self._optimiser.param_groups:
-            group["lr"] = recipe.learning_rate * self._schedule()
-        self._network.train()
-        with precision(self._device, reduced=recipe.reduced_precision):
-            outputs = self._network(batch.inputs, batch.targets)
-        parts = losses(outputs, batch)
-        loss = self._weighted(parts)
-        self._check_finite(
-            loss.item(), ", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items())
+    def _not_finite(self, parts: str) -> TrainingError:
+        return TrainingError(
+            f"the loss is not finite at step {self._state.steps} ({parts});"
+            f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
         )
-        self._optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self._network.parameters(), recipe.gradient_norm)
-        self._optimiser.step()
-        self._state.steps += 1
-        self._state.states += batch.truths.numel()
-        accuracy = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
-        return float(parts.truth.detach()), float(parts.actions.detach()), float(accuracy)
-
-    def _weighted(self, parts: Losses) -> torch.Tensor:
-        recipe = self._recipe
-        return recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
-
-    def _schedule(self) -> float:
-        """The learning rate relative to its peak: linear warm-up, then cosine decay."""
-        begun_at = self._state.begun_at
-        done = min(1.0, (self._progress() - begun_at) / (1 - begun_at))
-        warm_up = min(1.0, (done + 1e-3) / self._recipe.warmup) if self._recipe.warmup else 1.0
-        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * done)))
-
-    def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
-        chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
-        return [entries[index] for index in chosen]
-
-    @staticmethod
-    def _solvable(entries: Sequence[DatasetEntry]) -> list[DatasetEntry]:
-        return [entry for entry in entries if entry.with_actions]
-
-    # Data collection
-
-    def _collect_initial_data(self) -> None:
-        began = self._seconds()
-        for entry in self._entries:
-            if not entry.with_actions:
-                self._collector.collect(entry, self._recipe.first_scenes, self._recipe.truth_only, self._other_scenes)
-        if not self._solvable(self._entries):
-            raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
-        self._state.exploring_seconds += self._seconds() - began
-
-    def _is_collection_due(self) -> bool:
-        if self._steps is not None:  # deterministic
-            return self._state.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
-        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
-
-    def _collect_more(self) -> None:
-        began = self._seconds()
-        entries = self._sample(self._entries, ENTRIES_PER_COLLECTION)
-        if self._progress() > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
-            self._collect_on_policy(entries)
-        else:
-            for entry in entries:
-                self._collector.collect(entry, 1, 2, self._other_scenes)
-        self._state.exploring_seconds += self._seconds() - began
-
-    def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
-        """Adds the last scenes of the network's own episodes (DAgger)."""
-        tasks: list[Task] = []
-        for entry in entries:
-            start = self._collector.start(entry)
-            tasks.append(Task("", entry.statement, entry.program.source, not entry.program(start), start))
-        rule = StopRule(never_first=self._settings.start == "flipit")
-        rng = self._rng if self._rng.random() < 0.5 else None
-        self._policy.clear_cache()
-        choose = action_chooser(self._policy, self._dynamics.horizon, rule, rng)
-        for entry, episode in zip(entries, play_episodes(self._policy, self._dynamics, tasks, choose), strict=True):
-            for scene in dict.fromkeys(episode.scenes[-3:]):
-                self._collector.add(entry, scene, solve=True)
 
     # Files
 
-    def _report(self, recent: Sequence[tuple[float, float, float]], on_progress: Callable[[Progress], object]) -> None:
-        truth, actions, right = np.mean(recent, axis=0).round(4).tolist()
-        self._report_progress(on_progress, truth=truth, actions=actions, truth_accuracy=right)
+    def _report(self, recent: Sequence[StepResult], on_progress: Callable[[Progress], object]) -> None:
+        truth, actions, truth_accuracy, _ = np.mean(recent, axis=0).round(4).tolist()
+        self._report_progress(on_progress, truth=truth, actions=actions, truth_accuracy=truth_accuracy)
 
     def _report_progress(
         self,
@@ -378,7 +313,7 @@ class _Run:
             state.states,
             round(self._seconds(), 1),
             round(state.exploring_seconds, 1),
-            self._collector.expert_queries,
+            self._imitation.collector.expert_queries,
             text,
             truth,
             actions,
@@ -388,36 +323,30 @@ class _Run:
         on_progress(progress)
 
     def _save(self) -> None:
-        state = {
-            "network": self._network.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
-            "counters": {**vars(self._state), "cpu_seconds": self._seconds()},
-        }
-        self._run.save_checkpoint(state)
+        counters = {**vars(self._state), "cpu_seconds": self._seconds()}
+        self._run.save_checkpoint({**self._imitation.state(), "counters": counters})
 
     def _load_checkpoint(self) -> None:
         state = self._run.load_checkpoint(self._device)
         try:
-            self._network.load_state_dict(state["network"])
-            self._optimiser.load_state_dict(state["optimiser"])
             self._state = _TrainingState(**state["counters"])
+            self._imitation.restore(state, np.random.default_rng([self._seed, self._state.steps]))
         except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
-        self._rng = np.random.default_rng([self._seed, self._state.steps])
-        self._collector.rng = self._rng
 
     def finish(self) -> ImitationAgent:
         """Tunes the stop rules on the held-out statements, and saves the agent."""
         self._save()
-        self._policy.clear_cache()
+        imitation = self._imitation
+        imitation.policy.clear_cache()
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():
-            rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == "flipit"), None
+            rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT), None
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
-                rules[name], accuracies[name] = tune_stop_rule(self._policy, self._dynamics, chosen, self._rng)
+                rules[name], accuracies[name] = tune_stop_rule(imitation.policy, self._dynamics, chosen, imitation.rng)
         statistics = {
             "seed": self._seed,
             "steps": self._state.steps,
@@ -428,7 +357,7 @@ class _Run:
             "held_out_accuracy": accuracies,
         }
         description = describe(self._settings, self._recipe, self._architecture, rules, statistics)
-        agent = ImitationAgent(self._network.eval(), self._architecture, rules, description)
+        agent = ImitationAgent(imitation.network.eval(), self._architecture, rules, description)
         agent.save(self._run.agent_file)
         return agent
 
@@ -436,6 +365,15 @@ class _Run:
 def distinct_starts(entries: Iterable[DatasetEntry]) -> list[Any]:
     """The distinct start scenes of the entries, in order."""
     return list(dict.fromkeys(start for entry in entries for start in entry.starts))
+
+
+def _played(settings: Settings, recipe: ImitationRecipe, tasks: TaskSet) -> Iterator[tuple[str, TaskSet]]:
+    """The configurations that the agent will play, with their training tasks."""
+    yield settings.configuration, tasks
+    if settings.start == FLIPIT and recipe.empty_starts:
+        scratch = configuration_name(settings.appearance, SCRATCH)
+        with suppress(NoTasksError):
+            yield scratch, replace(settings, configuration=scratch).make("train").tasks
 
 
 def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:

@@ -10,7 +10,7 @@ import torch
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.imitation import training
+from lilgym_mp.learning.imitation import training, update
 from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
@@ -133,7 +133,7 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
-    found = training.losses
+    found = update.losses
 
     def broken(outputs: object, batch: object) -> object:
         real = found(outputs, batch)  # pyright: ignore[reportArgumentType]
@@ -141,7 +141,7 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
         return real._replace(truth=real.truth * float("nan")) if broken.calls == 4 else real
 
     broken.calls = 0
-    monkeypatch.setattr(training, "losses", broken)
+    monkeypatch.setattr(update, "losses", broken)
     with pytest.raises(TrainingError, match=r"not finite at step [0-9]+ \(truth nan"):
         train(statements, "TowerScratch", tmp_path, steps=10)
     kept = torch.load(tmp_path / "checkpoint.pt", weights_only=True)

@@ -1,0 +1,140 @@
+"""Imitation of sets of optimal actions with dataset aggregation (DAgger): the algorithm without its files and budget.
+
+Start reading at `Imitation`: `collect_first`, then `step`, with `collect_more` in between. `losses` has the loss.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import nn
+
+from lilgym_mp.learning.imitation.batches import BatchSampler
+from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, action_chooser, play_episodes, precision
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
+from lilgym_mp.learning.imitation.losses import losses
+from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.training_run import TrainingError
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+ENTRIES_PER_COLLECTION = 32
+ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
+LAST_SCENES = 3  # of each of the network's episodes that are labelled
+LOWEST_RATE = 0.02  # the last learning rate relative to the peak
+
+
+class StepResult(NamedTuple):
+    """Measurements of one optimiser step."""
+
+    truth: float  # truth loss
+    actions: float  # loss of the sets of optimal actions
+    truth_accuracy: float
+    states: int  # number of labelled states in the batch
+
+
+@dataclass
+class Imitation:
+    """A network, and the dataset of labelled scenes that grows while it is trained."""
+
+    recipe: ImitationRecipe
+    network: ImitationNetwork
+    entries: Sequence[DatasetEntry]  # the training statements
+    other_scenes: Sequence[Scene]  # that any statement may be judged on
+    collector: DataCollector
+    batches: BatchSampler
+    policy: CachedPolicy  # of `network`
+    dynamics: Dynamics
+    stops_first: bool  # whether a start may be solved already
+    rng: np.random.Generator
+    optimiser: torch.optim.Optimizer = field(init=False)
+
+    def __post_init__(self) -> None:
+        recipe = self.recipe
+        parameters = self.network.parameters()
+        self.optimiser = torch.optim.AdamW(
+            parameters, recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+        )
+
+    def step(self, done: float) -> StepResult:
+        """One optimiser step at a training progress `done`, 0 to 1. Raises TrainingError for a loss not finite."""
+        recipe, network = self.recipe, self.network
+        solvable = [entry for entry in self.entries if entry.with_actions]
+        entries = self._sample(solvable, recipe.statements)
+        batch = self.batches.batch(entries, recipe.solved, recipe.truth_only, self.rng)
+        for group in self.optimiser.param_groups:
+            group["lr"] = recipe.learning_rate * learning_rate(recipe, done)
+        network.train()
+        with precision(self.policy.device, reduced=recipe.reduced_precision):
+            outputs = network(batch.inputs, batch.targets)
+        parts = losses(outputs, batch)
+        loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
+        if not math.isfinite(loss.item()):
+            raise TrainingError(", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items()))
+        self.optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(network.parameters(), recipe.gradient_norm)
+        self.optimiser.step()
+        right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
+        return StepResult(
+            float(parts.truth.detach()), float(parts.actions.detach()), float(right), batch.truths.numel()
+        )
+
+    def collect_first(self) -> None:
+        """Labels scenes of every statement. Raises TrainingError if the expert solves none of them."""
+        for entry in self.entries:
+            if not entry.with_actions:
+                self.collector.collect(entry, self.recipe.first_scenes, self.recipe.truth_only, self.other_scenes)
+        if not any(entry.with_actions for entry in self.entries):
+            raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
+
+    def collect_more(self, done: float) -> None:
+        """Labels scenes of some statements: along the expert's solutions, or of the network's own episodes."""
+        entries = self._sample(self.entries, ENTRIES_PER_COLLECTION)
+        if done > ON_POLICY_AFTER and self.rng.random() < self.recipe.own_states:
+            self._collect_on_policy(entries)
+        else:
+            for entry in entries:
+                self.collector.collect(entry, 1, 2, self.other_scenes)
+
+    def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
+        """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
+        starts = [self.collector.start(entry) for entry in entries]
+        tasks = [
+            Task("", entry.statement, entry.program.source, not entry.program(start), start)
+            for entry, start in zip(entries, starts, strict=True)
+        ]
+        rng = self.rng if self.rng.random() < 0.5 else None
+        self.policy.clear_cache()
+        choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=not self.stops_first), rng)
+        for entry, episode in zip(entries, play_episodes(self.policy, self.dynamics, tasks, choose), strict=True):
+            for scene in dict.fromkeys(episode.scenes[-LAST_SCENES:]):
+                self.collector.add(entry, scene, solve=True)
+
+    def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
+        chosen = self.rng.choice(len(entries), count, replace=len(entries) < count)
+        return [entries[index] for index in chosen]
+
+    def state(self) -> dict[str, Any]:
+        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes anew."""
+        return {"network": self.network.state_dict(), "optimiser": self.optimiser.state_dict()}
+
+    def restore(self, state: Mapping[str, Any], rng: np.random.Generator) -> None:
+        """Inverse of `state`; random numbers are drawn from `rng` from now on."""
+        self.network.load_state_dict(state["network"])
+        self.optimiser.load_state_dict(state["optimiser"])
+        self.rng = self.collector.rng = rng
+
+
+def learning_rate(recipe: ImitationRecipe, done: float) -> float:
+    """The learning rate relative to its peak: linear warm-up, then cosine decay."""
+    done = min(1.0, done)
+    warm_up = min(1.0, (done + 1e-3) / recipe.warmup) if recipe.warmup else 1.0
+    return warm_up * (LOWEST_RATE + (1 - LOWEST_RATE) * 0.5 * (1 + math.cos(math.pi * done)))
