@@ -20,6 +20,7 @@ PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model fil
     "imitation": "lilgym_mp.learning.imitation",
     "ppo": "lilgym_mp.learning.ppo",
     "reward-model": "lilgym_mp.learning.reward_model",
+    "game": "lilgym_mp.learning.game",
 }
 
 

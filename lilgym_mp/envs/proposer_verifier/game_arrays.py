@@ -148,6 +148,11 @@ class GameArrays:
         """(N,) task indices; read-only."""
         return self._buffers.task
 
+    @property
+    def rounds(self) -> Int64Array:
+        """(N,) `State.steps`; read-only."""
+        return self._buffers.steps
+
     def items(self) -> Int16Array:
         """(N, 3, capacity, 5) `item_array` of the scenes; read-only."""
         if not self._has_items:

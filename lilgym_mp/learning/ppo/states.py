@@ -6,10 +6,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.arrays import Int64Array, UInt8Array, UInt64Array
-from lilgym_mp.render import image_shape
+from lilgym_mp.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
+from lilgym_mp.render import draw, image_shape
 from lilgym_mp.render.drawing import SEPARATOR_RGB
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour, Item, Scene, Shape, Size
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
 SIDE = IMAGE_SHAPE[0]  # side of a box in pixels
@@ -56,6 +56,7 @@ class BoxImageTable:
         self._patches_of = _GrowingArray(np.int64, PATCHES**2)
         self._pixels = _GrowingArray(np.uint8, PATCH_BYTES)
         self._padded = np.empty((0, 0), np.uint8)
+        self._index_of_items: dict[int, int] = {}  # hash of an item array -> box index
 
     def __len__(self) -> int:
         return len(self._boxes)
@@ -74,6 +75,20 @@ class BoxImageTable:
             self._box_hashes.extend(hashes[new])
             self._patches_of.extend(self._patch_indices(boxes[new]))
         return indices.reshape(-1, BOX_COUNT)
+
+    def item_indices(self, items: Int16Array) -> Int64Array:
+        """(N, 3) box indices of scenes given as item arrays (N, 3, capacity, 5), drawn where they are new."""
+        rows = items.reshape(-1, *items.shape[2:])
+        padded = _padded(len(rows), rows[0].nbytes)
+        padded[:, : rows[0].nbytes] = np.ascontiguousarray(rows).view(np.uint8).reshape(len(rows), -1)
+        hashes, firsts, inverse = np.unique(_hashes(padded), return_index=True, return_inverse=True)
+        listed = hashes.tolist()
+        for position, item_hash in enumerate(listed):
+            if item_hash not in self._index_of_items:
+                scene = Scene.of(_items(rows[firsts[position]]), (), ())
+                self._index_of_items[item_hash] = int(self.indices(draw(scene, "half")[None])[0, 0])
+        indices = np.array([self._index_of_items[item_hash] for item_hash in listed], np.int64)
+        return indices[inverse].reshape(-1, BOX_COUNT)
 
     def _patch_indices(self, boxes: UInt8Array) -> Int64Array:
         """(U, 25) patch indices of box images (U, 50, 50, 3); new patches are added."""
@@ -102,6 +117,13 @@ class BoxImageTable:
             boxes_of,
             targets,
         )
+
+
+def _items(rows: Int16Array) -> list[Item]:
+    """The items of a box from its array (capacity, 5)."""
+    return [
+        Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in rows.tolist() if size >= 0
+    ]
 
 
 def distinct(indices: Int64Array, count: int) -> tuple[Int64Array, Int64Array]:

@@ -1,0 +1,212 @@
+"""Agents of the two-agent game: their model file, and partners that act in many games at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.corpus import Vocabulary, VocabularyError
+from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, PartnerTurn, Role
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.evaluation import Policy, Settings
+from lilgym_mp.learning.agents import AgentError
+from lilgym_mp.learning.devices import select_device
+from lilgym_mp.learning.game.network import GameNetwork
+from lilgym_mp.learning.game.policies import Categorical, ChoicePolicy
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.rollout import proposer_choices
+from lilgym_mp.learning.game.situations import SituationReader, Situations
+from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
+from lilgym_mp.learning.ppo.states import BoxImageTable
+
+KIND = "game"
+VERSION = 1
+MAX_CACHED_BOXES = 50_000
+# What the learning agents see: the scene's items, and, for the verifier, the scene after the pending proposal.
+VIEW = {"scene": "structured", "statement": "text"}
+VIEWS = dict(zip(AGENTS, (VIEW, {**VIEW, "proposed_scene": True}), strict=True))
+
+
+def settings_to_json(settings: GameSettings) -> dict[str, Any]:
+    """All but the views."""
+    return {name: value for name, value in asdict(settings).items() if name != "views"}
+
+
+def settings_from_json(data: Mapping[str, Any]) -> GameSettings:
+    """Inverse of `settings_to_json`, with the views of learning agents. Raises ValueError."""
+    grid = data.get("grid")
+    return GameSettings.of(**{**data, "views": VIEWS, "grid": tuple(grid) if isinstance(grid, list) else grid})
+
+
+@dataclass(frozen=True)
+class GameAgent:
+    """A proposer, a verifier, or both."""
+
+    description: ModelDescription
+    settings: GameSettings
+    recipe: GameRecipe
+    networks: Mapping[Role, GameNetwork]  # of the agents that learned
+
+    def partner(self, role: Role, *, sampled: bool = False) -> SeatPartner | None:
+        """One of the agents, taking its most probable actions unless `sampled`; None if it did not learn."""
+        if role not in self.networks:
+            return None
+        return SeatPartner(self.networks[role], self.settings, role, mask=self.recipe.mask, sampled=sampled)
+
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
+        """Raises AgentError: neither agent plays the single-agent environment."""
+        raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate-game`")
+
+
+class SeatPartner:
+    """A trained agent as one agent of a game with the same protocol, whatever the views of that game.
+
+    An illegal action, which only a proposer trained without a mask can choose, becomes the first legal one.
+    """
+
+    def __init__(self, network: GameNetwork, settings: GameSettings, role: Role, *, mask: bool, sampled: bool) -> None:
+        self.settings, self.role = settings, role
+        self._network, self._mask, self._sampled = network, mask, sampled
+        self._table = BoxImageTable()
+        self._reader: SituationReader | None = None
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) legal actions. Raises AgentError for a game with other actions."""
+        reader = self._reader_for(turn.game)
+        situations = reader.read(turn.games, self.role, turn.indices)
+        tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
+        legal = proposer_choices(turn.games, turn.indices) if self.role is Role.PROPOSER and self._mask else None
+        targets = np.array([task.target for task in tasks], np.int64)
+        draws = _Draws(turn.uniform) if self._sampled else None
+        actions = self._act(situations, [task.statement for task in tasks], targets, legal, draws)
+        is_legal = turn.action_mask[np.arange(len(actions)), actions]
+        return np.where(is_legal, actions, turn.action_mask.argmax(1))
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        """A legal action. Raises AgentError for a game with other actions."""
+        game, state = turn.game, turn.state
+        situations = self._reader_for(game).read_state(state, self.role)
+        legal = None
+        if self.role is Role.PROPOSER and self._mask:
+            sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
+            legal = turn.action_mask[None, : choices * sizes : sizes].astype(np.bool_)
+        task = state.mdp.task
+        draws = _Draws(lambda: turn.rng.random(1)) if self._sampled else None
+        action = int(self._act(situations, [task.statement], np.array([int(task.target)]), legal, draws)[0])
+        return action if turn.action_mask[action] else int(turn.action_mask.argmax())
+
+    def _reader_for(self, game: Game) -> SituationReader:
+        own = self._network.game
+        if game.action_counts != own.action_counts or game.protocol is not own.protocol:
+            raise AgentError(
+                f"this {AGENTS[self.role]} was trained on protocol {own.protocol.name!r} with {own.action_counts}"
+                f" actions; the game has protocol {game.protocol.name!r} with {game.action_counts}"
+            )
+        if self._reader is None:
+            self._reader = SituationReader(self.settings.setup())
+        return self._reader
+
+    def _act(
+        self,
+        situations: Situations,
+        statements: Sequence[str],
+        targets: Int64Array,
+        legal: BoolArray | None,
+        draws: _Draws | None,
+    ) -> Int64Array:
+        if len(self._table) > MAX_CACHED_BOXES:
+            self._table = BoxImageTable()
+        indices: dict[str, int] = {}
+        statement_of = np.array([indices.setdefault(statement, len(indices)) for statement in statements], np.int64)
+        boxes_of = self._table.item_indices(situations.items)
+        states = self._table.states(tuple(indices), statement_of, boxes_of, targets)
+        with torch.no_grad():
+            policy, _ = self._network.policy(self.role, self._network.encode(states), situations.context, legal)
+        rng = cast("np.random.Generator", draws)
+
+        def draw(part: ChoicePolicy | Categorical) -> Int64Array:
+            return part.greedy() if draws is None else part.sample(rng)
+
+        return policy.act(draw)
+
+
+class _Draws:
+    """Stands in for a generator: a uniform number for each game, from that game's own generator."""
+
+    def __init__(self, uniform: Any) -> None:
+        self._uniform = uniform
+
+    def random(self, count: int) -> Any:
+        return self._uniform()
+
+
+def make_network(
+    settings: GameSettings, recipe: GameRecipe, words: Sequence[str], sizes: Mapping[str, int], game: Game
+) -> GameNetwork:
+    appearance = make_appearance(settings.appearance, settings.grid)
+    judges_only = recipe.verifier == "cross-entropy"
+    return GameNetwork(appearance, Vocabulary(tuple(words)), game, judges_only=judges_only, **sizes)
+
+
+def network_names(roles: Sequence[Role], recipe: GameRecipe) -> dict[Role, str]:
+    """The name of each agent's network."""
+    return {role: "shared" if recipe.algorithm == "shared" else role.name.lower() for role in roles}
+
+
+def describe(
+    settings: GameSettings,
+    recipe: GameRecipe,
+    roles: Sequence[Role],
+    network: GameNetwork,
+    statistics: Mapping[str, Any],
+) -> ModelDescription:
+    configurations = [configuration_name(settings.appearance, settings.start)]
+    supervision = f"rewards of the two-agent game (corpus {settings.corpus})"
+    if Role.VERIFIER in roles and recipe.learns_claims:
+        supervision += ", truth of claims judged at the end of games"
+    supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
+    details = {
+        "game": settings_to_json(settings),
+        "roles": [role.name.lower() for role in roles],
+        "words": list(network.vocabulary.words),
+        "sizes": dict(network.sizes),
+        **statistics,
+    }
+    return ModelDescription(KIND, VERSION, tuple(configurations), supervision, recipe.to_json(), details)
+
+
+def load_agent(path: Path, device: str = "auto") -> GameAgent:
+    """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
+    torch_device = select_device(device)
+    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    try:
+        details = description.details
+        settings = settings_from_json(details["game"])
+        recipe = GameRecipe.from_json(description.recipe)
+        roles = [Role[name.upper()] for name in details["roles"]]
+        names = network_names(roles, recipe)
+        game = settings.setup().game
+        made = {
+            name: make_network(settings, recipe, details["words"], details["sizes"], game) for name in names.values()
+        }
+    except (KeyError, TypeError, ValueError, VocabularyError) as error:
+        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
+    for name, network in made.items():
+        load_weights(network, tensors_of(name, tensors), path)
+        network.to(torch_device).eval()
+    return GameAgent(description, settings, recipe, {role: made[name] for role, name in names.items()})
+
+
+def tensors_of(name: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The tensors of one network, without its name."""
+    prefix = f"{name}."
+    return {key.removeprefix(prefix): tensor for key, tensor in tensors.items() if key.startswith(prefix)}

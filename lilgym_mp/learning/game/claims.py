@@ -1,0 +1,80 @@
+"""Learning the truth of statements from judged claims, by cross-entropy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
+
+from lilgym_mp.arrays import Int64Array
+from lilgym_mp.learning.game.network import GameNetwork
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.rollout import Claims
+from lilgym_mp.learning.ppo.states import BoxImageTable
+
+CLAIMS_OF_A_STATEMENT = 32  # in one step, at most
+
+
+class ClaimMemory:
+    """The latest claims, up to `claim_memory` of them."""
+
+    def __init__(self, recipe: GameRecipe) -> None:
+        self._recipe = recipe
+        self._claims: Claims | None = None
+        self._order = np.zeros(0, np.int64)  # indices of the claims, sorted by statement
+        self._firsts = np.zeros(0, np.int64)  # (statements,) position of each statement's first in the order
+
+    def __len__(self) -> int:
+        return 0 if self._claims is None else len(self._claims.targets)
+
+    def add(self, claims: Claims) -> None:
+        if self._claims is not None:
+            claims = Claims.joined([self._claims, claims])
+        self._claims = claims.rows(slice(-self._recipe.claim_memory, None))
+        self._order = np.argsort(self._claims.statement_of, kind="stable")
+        self._firsts = np.unique(self._claims.statement_of[self._order], return_index=True)[1]
+
+    def batches(self, rng: np.random.Generator) -> Iterator[Claims]:
+        """`claim_steps` batches, of few statements each."""
+        if self._claims is None or not len(self):
+            return
+        counts = np.diff(np.append(self._firsts, len(self._order)))
+        for _ in range(self._recipe.claim_steps):
+            chosen = rng.choice(len(counts), min(self._recipe.claim_statements, len(counts)), replace=False)
+            rows = [
+                self._firsts[index] + rng.permutation(counts[index])[:CLAIMS_OF_A_STATEMENT]
+                for index in chosen.tolist()
+            ]
+            yield self._claims.rows(self._order[np.concatenate(rows)])
+
+    def to_json(self) -> dict[str, Any]:
+        """For a checkpoint: tensors."""
+        if self._claims is None:
+            return {}
+        return {name: torch.from_numpy(part) for name, part in self._claims._asdict().items()}
+
+    def restore(self, data: dict[str, Any]) -> None:
+        """Inverse of `to_json`. Raises KeyError, TypeError."""
+        if data:
+            self.add(Claims(*(data[name].numpy() for name in Claims._fields)))
+
+
+def claim_loss(
+    network: GameNetwork, table: BoxImageTable, statements: tuple[str, ...], claims: Claims
+) -> tuple[Tensor, float]:
+    """Cross-entropy of the statements' truth in the claims' scenes, true and false ones weighted alike; accuracy.
+
+    The truth does not depend on the target, so the verifier cannot resort to what the target alone predicts.
+    """
+    boxes_of: Int64Array = table.item_indices(claims.items)
+    encoded = network.encode(table.states(statements, claims.statement_of, boxes_of, claims.targets))
+    logits = network.truth(encoded.scenes).squeeze(1).float()
+    truths = torch.from_numpy((claims.holds == (claims.targets == 1)).astype(np.float32)).to(logits.device)
+    true_share = truths.mean().clamp(0.05, 0.95)
+    weights = torch.where(truths > 0.5, 0.5 / true_share, 0.5 / (1 - true_share))
+    loss = F.binary_cross_entropy_with_logits(logits, truths, weights)
+    return loss, float(((logits.detach() > 0) == (truths > 0.5)).float().mean())

@@ -1,0 +1,231 @@
+"""Learning the proposer-verifier game, and its command."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.choices import choose
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
+from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.game.recipe import CHOICES, DESCRIPTIONS, GameRecipe, make_recipe
+from lilgym_mp.learning.learners import Learner
+from lilgym_mp.options import (
+    INTERRUPTED,
+    RUNS,
+    CommandError,
+    add_configuration,
+    add_device,
+    add_recipe,
+    add_run_directory,
+    add_settings,
+    check_at_least,
+    given_options,
+)
+from lilgym_mp.terminal import Progress
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.game.training import Progress as TrainingProgress
+    from lilgym_mp.learning.game.training import Run
+
+NAME = "game"
+DEFAULT_MINUTES = 10.0
+PARTNERS = {"proposers": Role.PROPOSER, "verifiers": Role.VERIFIER}  # options that name frozen partners
+_NUMBERS = {  # options of the game, with their types and help
+    "false_accept_cost": (float, "cost of a false accept in the reward `correctness` (default: 1)"),
+    "false_reject_cost": (float, "cost of a false reject in the reward `correctness` (default: 1)"),
+    "sneaky_share": (float, "share of sneaky games, if the proposer's intent is hidden (default: 0.5)"),
+    "message_size": (int, "messages besides silence, for both agents (default: the protocol's)"),
+    "message_cost": (float, "cost of a message to its sender (default: 0)"),
+    "verdict_bins": (int, "audit: probabilities to choose from (default: true or false)"),
+    "exchanges": (int, "critique: rejections in a round before a proposal needs no answer (default: 3)"),
+}
+_SETTINGS = ("protocol", "ending", "rewards", *_NUMBERS, "corpus", "rules", "horizon", "grid")
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    add_configuration(parser, nargs="?")
+    add_run_directory(parser, f"{NAME}-CONFIGURATION")
+    parser.add_argument(
+        "--minutes", type=float, metavar="N", help=f"CPU time (default: {DEFAULT_MINUTES:g}, without --steps)"
+    )
+    parser.add_argument("--steps", type=int, metavar="N", help="turns of games (default: as many as time allows)")
+    for name, role in PARTNERS.items():
+        parser.add_argument(
+            f"--{name}",
+            type=Path,
+            nargs="+",
+            metavar="RUN",
+            help=f"train only {AGENTS[role.other]}, against these runs' trained {name}",
+        )
+    parser.add_argument(
+        "--start-from", type=Path, metavar="RUN", help="start with the weights of a run of `ppo` or `game`"
+    )
+    parser.add_argument(
+        "--rounds",
+        type=int,
+        metavar="N",
+        help="population rounds: a verifier learns against --proposers and all earlier sneaks, then a sneaky best "
+        "response to it joins them; each has the budget to itself",
+    )
+    parser.add_argument("--warm", action="store_true", help="with --rounds: a verifier continues from the last round's")
+    add_device(parser)
+    options = parser.add_argument_group("game")
+    options.add_argument("--protocol", choices=list(PROTOCOLS), help="(default: veto)")
+    options.add_argument("--ending", choices=list(ENDINGS), help="who may end the game (default: the protocol's)")
+    options.add_argument(
+        "--rewards",
+        metavar="NAME",
+        help=f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)",
+    )
+    for name, (value_type, description) in _NUMBERS.items():
+        options.add_argument(f"--{name.replace('_', '-')}", type=value_type, metavar="N", help=description)
+    add_settings(parser)
+    add_recipe(parser, GameRecipe, choices=CHOICES)
+
+
+def train(args: argparse.Namespace) -> int:
+    check_at_least(args, 1, "steps", "threads", "rounds")
+    if args.minutes is not None and args.minutes <= 0:
+        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
+    if args.configuration is None and not (args.resume and args.out):
+        raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
+    if args.rounds is not None:
+        return _train_rounds(args)
+    from lilgym_mp.learning.agents import AGENT_FILE
+    from lilgym_mp.learning.game.training import train_game
+
+    directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
+    with _Display(directory) as display:
+        agent = train_game(
+            out=directory, resume=args.resume, on_begin=display.begin, on_progress=display, **_budget(args), **arguments
+        )
+    details = agent.description.details
+    print(f"saved {directory / AGENT_FILE} after {details['steps']:,} turns, {details['cpu_minutes']:g} CPU minutes")
+    if details["interrupted"]:
+        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}{_budget_text(args)}")
+        return INTERRUPTED
+    print(f"evaluate it with: lilgym-mp evaluate-game {directory} --corpus {agent.settings.corpus}")
+    return 0
+
+
+def _train_rounds(args: argparse.Namespace) -> int:
+    from lilgym_mp.learning.agents import AGENT_FILE
+    from lilgym_mp.learning.game.population import train_rounds
+
+    if not args.proposers or args.verifiers:
+        raise CommandError("--rounds begins with trained proposers: name their runs with --proposers")
+    directory, arguments = _new_arguments(args)
+    first = arguments.pop("partners")[Role.PROPOSER]
+    arguments.pop("start_from")
+
+    def report(index: int, verifier: Path) -> None:
+        print(f"round {index}: {verifier} and its sneaky best response are trained", flush=True)
+        shutil.copyfile(verifier / AGENT_FILE, directory / AGENT_FILE)
+
+    proposers = train_rounds(
+        arguments.pop("settings"),
+        arguments.pop("recipe"),
+        directory,
+        first,
+        rounds=args.rounds,
+        warm=args.warm,
+        on_round=report,
+        **_budget(args),
+    )
+    if len(proposers) < len(first) + args.rounds:
+        print("interrupted; repeat the command to continue")
+        return INTERRUPTED
+    print(f"saved the last verifier as {directory / AGENT_FILE}")
+    return 0
+
+
+def _budget(args: argparse.Namespace) -> dict[str, Any]:
+    minutes = DEFAULT_MINUTES if args.minutes is None and args.steps is None else args.minutes
+    return {"minutes": minutes, "steps": args.steps, "device": args.device, "threads": args.threads}
+
+
+def _budget_text(args: argparse.Namespace) -> str:
+    return "".join(f" --{name} {value:g}" for name, value in given_options(args, ["minutes", "steps"]).items())
+
+
+def _given_game(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `GameSettings` that were given."""
+    given = given_options(args, _SETTINGS)
+    if args.configuration is not None:
+        appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
+        given |= {"appearance": appearance, "start": start}
+    if str(given.get("rewards", "")).startswith("{"):
+        try:
+            given["rewards"] = json.loads(given["rewards"])
+        except ValueError as error:
+            raise CommandError(f"--rewards: not valid JSON: {error}") from None
+    return given
+
+
+def _new_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    settings = GameSettings.of(**_given_game(args))
+    return args.out or RUNS / f"{NAME}-{args.configuration}", {
+        "settings": settings,
+        "recipe": make_recipe(args.configuration, **given_options(args, list(DESCRIPTIONS))),
+        "partners": {role: getattr(args, name) for name, role in PARTNERS.items() if getattr(args, name)},
+        "start_from": args.start_from,
+    }
+
+
+def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
+    from lilgym_mp.learning.game.training import saved_arguments
+
+    directory = args.out or RUNS / f"{NAME}-{args.configuration}"
+    requested = {"game": _given_game(args), "recipe": given_options(args, list(DESCRIPTIONS))}
+    return directory, saved_arguments(directory, requested)
+
+
+class _Display:
+    """Prints the run's settings when it begins, then shows its progress. A context manager."""
+
+    def __init__(self, directory: Path) -> None:
+        self._directory = directory
+        self._progress = Progress(100, "% of the budget", done=None)
+
+    def __enter__(self) -> _Display:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._progress.__exit__(*exception)
+
+    def begin(self, run: Run) -> None:
+        settings, recipe = run.settings, run.recipe
+        learning = " and ".join(AGENTS[role] for role in run.roles)
+        print(
+            f"{settings.protocol}, rewards {settings.rewards}, corpus {settings.corpus}, {len(run.tasks.tasks):,}"
+            f" training tasks; {learning} learn{'s' * (len(run.roles) == 1)}, {recipe.algorithm}, verifier by"
+            f" {recipe.verifier}\n"
+            f"{run.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {self._directory}",
+            flush=True,
+        )
+
+    def __call__(self, update: TrainingProgress, done: float) -> None:
+        success = "-" if update.success is None else f"{100 * update.success:.0f} %"
+        j = "-" if update.j is None else f"{100 * update.j:.0f}"
+        note = f"{update.steps:,} turns, {update.turns_per_second:,.0f}/s, success {success}, J {j}"
+        self._progress.reach(round(100 * min(1.0, done)), note)
+
+
+LEARNER = Learner(
+    summary="both agents of the proposer-verifier game",
+    description="Trains one or both agents of the proposer-verifier game. Ctrl-C saves a checkpoint and exits.",
+    add_options=add_options,
+    train=train,
+    load_agent="lilgym_mp.learning.game.agent:load_agent",
+    recipe=GameRecipe,
+    make_recipe=lambda configuration, options: make_recipe(configuration, **options),
+    budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
+    progress=("success", "success rate of training games"),
+    numbers={"minutes": DEFAULT_MINUTES},
+)

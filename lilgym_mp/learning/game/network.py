@@ -1,0 +1,129 @@
+"""The network of both agents: the box transformer of `learning.ppo`, with the situation in the game and two more heads.
+
+Module attributes are the keys of saved parameters, so renaming one breaks model files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
+from lilgym_mp.learning.game.policies import AgentPolicy, Categorical
+from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
+from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
+from lilgym_mp.learning.ppo.models.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
+from lilgym_mp.learning.ppo.states import States
+
+IMPOSSIBLE = -1e4  # logit
+SURE = 8.0  # logit of accepting an edit, of a verifier that learns from claims alone
+BIN_SHARPNESS = 200.0
+
+
+class GameNetwork(BoxTransformer):
+    """Policies and values of both agents."""
+
+    def __init__(
+        self, appearance: Appearance, vocabulary: Vocabulary, game: Game, *, judges_only: bool = False, **sizes: int
+    ) -> None:
+        """`judges_only`: the verifier's answers follow from the truth it believes in alone, and it accepts edits."""
+        super().__init__(appearance, vocabulary, **sizes)
+        width, counts = self.sizes["width"], context_sizes(game)
+        self.game, self._judges_only = game, judges_only
+        self._claims_every_turn = not game.turn_based
+        self._offsets = np.array([0, *np.cumsum(counts)[:-1].tolist()], np.int64)
+        self.context = nn.EmbeddingBag(sum(counts), width, mode="sum")
+        nn.init.normal_(self.context.weight, std=0.02)
+        self.answers = nn.Linear(width, len(game.choices[Role.VERIFIER]))
+        self.messages = nn.ModuleList(nn.Linear(width, size + 1) for size in game.message_sizes)
+        for head in (self.answers, *self.messages):
+            assert isinstance(head, nn.Linear)
+            nn.init.orthogonal_(head.weight, SMALL_GAIN)
+            nn.init.zeros_(head.bias)
+        self._latest: tuple[States, EncodedStates] | None = None
+
+    def details(self) -> Mapping[str, Any]:
+        return {"words": list(self.vocabulary.words), "sizes": self.sizes}
+
+    def clear_cache(self) -> None:
+        super().clear_cache()
+        self._latest = None
+
+    def encode(self, states: States) -> EncodedStates:
+        """As `BoxTransformer.encode`; without gradients, the latest states are encoded once for both agents."""
+        if torch.is_grad_enabled():
+            return super().encode(states)
+        if self._latest is None or self._latest[0] is not states:
+            self._latest = states, super().encode(states)
+        return self._latest[1]
+
+    def policy(
+        self, role: Role, encoded: EncodedStates, context: Int64Array, legal: BoolArray | None
+    ) -> tuple[AgentPolicy, Tensor]:
+        """The policy and values (N,) of one agent. `context` as in `situations`; `legal` (N, actions of the MDP)."""
+        device = self.answers.weight.device
+        condition = self._condition(encoded, context)
+        conditioned = self.judge(encoded.scenes + condition)
+        sizes = self.game.message_sizes[role] + 1
+        message = Categorical(self.messages[role](conditioned)) if sizes > 1 else None
+        if role is Role.PROPOSER:
+            prediction = self.decide(encoded, condition)
+            types = prediction.types
+            if not self.game.config.ending.proposer_may_stop:
+                types = torch.cat([torch.full_like(types[:, :1], IMPOSSIBLE), types[:, 1:]], 1)
+            mask = None if legal is None else torch.from_numpy(legal).to(device)
+            choice = FactoredPolicy(self.factorisation, types, prediction.heads, mask)
+            return AgentPolicy(choice, message, sizes), prediction.values
+        answers = Categorical(self._answers(encoded, conditioned, context))
+        return AgentPolicy(answers, message, sizes), self.values(conditioned)
+
+    def values(self, conditioned: Tensor) -> Tensor:
+        return torch.tanh(self.value(conditioned).float()).squeeze(1)
+
+    def critic(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
+        """(N,) values alone."""
+        return self.values(self.judge(encoded.scenes + self._condition(encoded, context)))
+
+    def _condition(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
+        indices = torch.from_numpy(context + self._offsets).to(self.answers.weight.device)
+        return self.target(encoded.targets) + self.context(indices)
+
+    def _answers(self, encoded: EncodedStates, conditioned: Tensor, context: Int64Array) -> Tensor:
+        """(N, answers) logits: learned, plus what the claim's truth says about each answer."""
+        reached = self.reached(encoded)
+        is_claim = torch.ones_like(reached, dtype=torch.bool)
+        if not self._claims_every_turn:
+            is_claim = torch.from_numpy(context[:, PENDING] == STOP_PENDING).to(reached.device)
+        by_truth = self._truth_logits(reached)
+        if self._judges_only:
+            return torch.where(is_claim[:, None], by_truth, self._edit_logits(by_truth))
+        return self.answers(conditioned) + by_truth * is_claim[:, None]
+
+    def _truth_logits(self, reached: Tensor) -> Tensor:
+        """(N, answers) logits of answers to claims that hold with the log-odds (N,)."""
+        bins = self.game.config.verdict_bins
+        if bins is not None:
+            midpoints = (torch.arange(bins, device=reached.device) + 0.5) / bins
+            return -BIN_SHARPNESS * (torch.sigmoid(reached)[:, None] - midpoints).square()
+        logits = reached.new_zeros(len(reached), self.answers.out_features)
+        logits[:, REJECT], logits[:, ACCEPT] = -0.5 * reached, 0.5 * reached
+        if self._judges_only:
+            logits[:, ACCEPT + 1 :] = IMPOSSIBLE
+        return logits
+
+    @staticmethod
+    def _edit_logits(by_truth: Tensor) -> Tensor:
+        logits = torch.full_like(by_truth, IMPOSSIBLE)
+        logits[:, ACCEPT], logits[:, REJECT] = SURE, -SURE
+        return logits
+
+
+__all__ = ["STOP", "GameNetwork"]

@@ -1,0 +1,100 @@
+"""Population rounds: a verifier learns against all earlier proposers, then a sneaky best response to it joins them.
+
+What a best response earns is the verifier's exploitability: the share of games that end in an accepted false claim.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
+from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, agent_file
+from lilgym_mp.learning.game.agent import load_agent
+from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
+from lilgym_mp.learning.game.training import train_game
+from lilgym_mp.learning.training_run import RUN_FILE
+
+SNEAKY, FAIR = "sneaky", "correctness"
+
+
+def best_response(
+    frozen: Path | Partner,
+    role: Role,
+    settings: GameSettings,
+    *,
+    minutes: float | None = None,
+    steps: int | None = None,
+    seed: int = 0,
+    out: Path | None = None,
+    recipe: GameRecipe | None = None,
+    **options: Any,
+) -> Partner:
+    """The agent `role` trained for a budget against `frozen`, the other agent's run directory or a partner.
+
+    A proposer is rewarded for accepted false claims alone, a verifier for correct judgements. `out`: the run directory,
+    by default a temporary one. `options` as for `train_game`, with its errors.
+    """
+    configuration = configuration_name(settings.appearance, settings.start)
+    rewards = {AGENTS[role]: SNEAKY if role is Role.PROPOSER else FAIR, AGENTS[role.other]: "mdp"}
+    with TemporaryDirectory() as temporary:
+        agent = train_game(
+            replace(settings, rewards=rewards),
+            replace(recipe or make_recipe(configuration), seed=seed),
+            out or Path(temporary) / "run",
+            minutes=minutes,
+            steps=steps,
+            partners={role.other: [frozen]},
+            **options,
+        )
+    found = agent.partner(role)
+    assert found is not None
+    return found
+
+
+def train_rounds(
+    settings: GameSettings,
+    recipe: GameRecipe,
+    out: Path,
+    first: Sequence[Path],
+    *,
+    rounds: int,
+    warm: bool = False,
+    on_round: Callable[[int, Path], object] = lambda index, path: None,
+    **options: Any,
+) -> list[Path]:
+    """The proposers' run directories after `rounds` rounds: `first`, then each round's sneaky best response.
+
+    Each round trains `out`/verifier-N against all proposers so far, anew or, if `warm`, from the last round's, then
+    `out`/sneak-N against it; each with the budget and other `options` of `train_game`. Runs that are finished are kept,
+    and interrupted ones resumed; it ends with an interrupted one.
+    """
+    proposers = list(first)
+    for path in proposers:
+        if load_agent(agent_file(path)).partner(Role.PROPOSER) is None:
+            raise AgentError(f"{path}: it has no trained proposer to begin with")
+    fair = replace(settings, rewards={AGENTS[Role.PROPOSER]: SNEAKY, AGENTS[Role.VERIFIER]: FAIR})
+    for index in range(rounds):
+        verifier, sneak = out / f"verifier-{index}", out / f"sneak-{index}"
+        earlier = out / f"verifier-{index - 1}" if warm and index else None
+        seeded = replace(recipe, seed=recipe.seed + index)
+        against = {Role.PROPOSER: proposers}
+        if not _learn(fair, seeded, verifier, partners=against, start_from=earlier, **options):
+            break
+        if not _learn(fair, seeded, sneak, partners={Role.VERIFIER: [verifier]}, **options):
+            break
+        proposers = [*proposers, sneak]
+        on_round(index, verifier)
+    return proposers
+
+
+def _learn(settings: GameSettings, recipe: GameRecipe, out: Path, **options: Any) -> bool:
+    """Trains a run unless it is finished, resuming an interrupted one; returns whether it is finished."""
+    if (out / AGENT_FILE).exists() and not load_agent(out / AGENT_FILE).description.details["interrupted"]:
+        return True
+    agent = train_game(settings, recipe, out, resume=(out / RUN_FILE).exists(), **options)
+    return not agent.description.details["interrupted"]

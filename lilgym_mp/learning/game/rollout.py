@@ -1,0 +1,337 @@
+"""Rollouts of the game: both agents' own turns, and the claims whose truth a game's end reveals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int16Array, Int64Array
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
+from lilgym_mp.envs.proposer_verifier.protocols import Role
+from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
+from lilgym_mp.envs.proposer_verifier.views import GameSetup, make_parts
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.situations import CONTEXT, SituationReader, with_hidden_facts
+from lilgym_mp.learning.ppo.states import BoxImageTable, States
+from lilgym_mp.learning.ppo.tasks import TaskSampler, TrainingTasks
+from lilgym_mp.scene import BOX_COUNT
+
+TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
+
+
+class Decision(NamedTuple):
+    """What an agent does in k games."""
+
+    actions: Int64Array  # (k,) of the game
+    log_probabilities: Float32Array  # (k,)
+    values: Float32Array  # (k,)
+
+
+class Actors(Protocol):
+    """The agents that learn."""
+
+    def decide(
+        self, role: Role, states: States, context: Int64Array, facts: Int64Array, legal: BoolArray | None
+    ) -> Decision:
+        """`facts`: the context for the critics; `legal` (k, actions of the MDP) for the proposer."""
+        ...
+
+    def values(self, role: Role, states: States, context: Int64Array, facts: Int64Array) -> Float32Array:
+        """(k,) values of situations in which the agent is to move."""
+        ...
+
+
+@dataclass
+class Turns:
+    """One agent's turns in a rollout of T turns of N games; entries are valid where it acted."""
+
+    acted: BoolArray  # (T, N)
+    boxes_of: Int64Array  # (T, N, 3)
+    context: Int64Array  # (T, N, 7)
+    facts: Int64Array  # (T, N, 7) the context for the critics
+    legal: BoolArray | None  # (T, N, actions of the MDP), for the proposer with a mask
+    actions: Int64Array  # (T, N)
+    log_probabilities: Float32Array  # (T, N)
+    values: Float32Array  # (T, N)
+    rewards: Float32Array  # (T, N) of every turn
+
+    @classmethod
+    def empty(cls, turns: int, games: int, legal: int) -> Turns:
+        shape = turns, games
+        whole, real = np.zeros(shape, np.int64), np.zeros(shape, np.float32)
+        return cls(
+            np.zeros(shape, np.bool_),
+            np.zeros((*shape, BOX_COUNT), np.int64),
+            np.zeros((*shape, len(CONTEXT)), np.int64),
+            np.zeros((*shape, len(CONTEXT)), np.int64),
+            np.zeros((*shape, legal), np.bool_) if legal else None,
+            whole,
+            real,
+            real.copy(),
+            real.copy(),
+        )
+
+
+class Claims(NamedTuple):
+    """Claims judged in the last turn of their game, when the truth came out."""
+
+    items: Int16Array  # (C, 3, capacity, 5) the scene
+    statement_of: Int64Array  # (C,)
+    targets: Int64Array  # (C,)
+    holds: BoolArray  # (C,)
+
+    def rows(self, rows: Int64Array | slice) -> Claims:
+        return Claims(self.items[rows], self.statement_of[rows], self.targets[rows], self.holds[rows])
+
+    @classmethod
+    def joined(cls, parts: Sequence[Claims]) -> Claims:
+        return cls(
+            np.concatenate([part.items for part in parts]),
+            np.concatenate([part.statement_of for part in parts]),
+            np.concatenate([part.targets for part in parts]),
+            np.concatenate([part.holds for part in parts]),
+        )
+
+
+@dataclass
+class GameStatistics:
+    """Of the games that ended."""
+
+    games: int = 0
+    successes: int = 0
+    returns: Float64Array = field(default_factory=lambda: np.zeros(len(Role)))
+    judged: Counter[tuple[bool, bool, bool]] = field(default_factory=Counter[tuple[bool, bool, bool]])
+    # ^ judged claims by target, whether they hold, whether they were accepted
+
+
+class Rollout(NamedTuple):
+    """T turns of N games; row t * N + n of a flattened array is turn t of game n."""
+
+    table: BoxImageTable
+    statements: tuple[str, ...]
+    statement_of: Int64Array  # (T, N)
+    targets: Int64Array  # (T, N)
+    ended: BoolArray  # (T, N)
+    turns: dict[Role, Turns]
+    last_values: dict[Role, Float32Array]  # (N,) of the situations after the last turn
+    to_move: dict[Role, BoolArray]  # (N,) whether the agent is to move then
+    claims: Claims
+    statistics: GameStatistics
+
+    def states(self, boxes_of: Int64Array, rows: Int64Array) -> States:
+        """States of rows (k,) with the given boxes (k, 3)."""
+        return self.table.states(
+            self.statements, self.statement_of.reshape(-1)[rows], boxes_of, self.targets.reshape(-1)[rows]
+        )
+
+
+class RolloutPlayer:
+    """N games, started anew for each rollout, so that a run resumes exactly."""
+
+    def __init__(
+        self,
+        setup: GameSetup,
+        tasks: TrainingTasks,
+        recipe: GameRecipe,
+        partners: Mapping[Role, Sequence[Partner]],
+    ) -> None:
+        """`setup`: a game of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
+        self._setup, self._recipe, self._partners = setup, recipe, partners
+        self._arrays = GameArrays(setup, recipe.envs)
+        self._parts = make_parts(setup)
+        self._sampler = TaskSampler(tasks, recipe)
+        self._targets = np.array([task.target for task in tasks.tasks], np.int64)
+        self._reader = SituationReader(setup)
+        self._games = np.arange(recipe.envs)
+        self._table = BoxImageTable()
+        self._episodes = np.zeros(recipe.envs, np.int64)
+
+    @property
+    def statements(self) -> tuple[str, ...]:
+        return self._sampler.statements
+
+    def play(self, actors: Actors, rng: np.random.Generator) -> Rollout:
+        """A rollout of the recipe's length."""
+        recipe, arrays, count = self._recipe, self._arrays, self._recipe.envs
+        self._table = BoxImageTable()  # anew, so that a resumed run numbers boxes alike
+        length = recipe.rollout // count
+        legal = arrays.game.config.dynamics.appearance.action_count if recipe.mask else 0
+        turns = {role: Turns.empty(length, count, legal * (role is Role.PROPOSER)) for role in Role}
+        statement_of, targets = np.zeros((2, length, count), np.int64)
+        ended = np.zeros((length, count), np.bool_)
+        claims: list[Claims] = []
+        statistics, returns = GameStatistics(), np.zeros((len(Role), count))
+        partner_of = {role: rng.integers(len(partners), size=count) for role, partners in self._partners.items()}
+        for turn in range(length):
+            if turn % TURNS_PER_STATEMENT == 0:
+                self._sampler.resample_statements(rng)
+            if turn == 0:
+                self._start(self._games, rng)
+            statement_of[turn] = self._sampler.statement_of[arrays.tasks]
+            targets[turn] = self._targets[arrays.tasks]
+            actions, judged_items = self._act(turn, turns, actors, partner_of, rng)
+            arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
+            over = ended[turn] = arrays.terminated | arrays.truncated
+            for role in Role:
+                turns[role].rewards[turn] = arrays.rewards[role]
+            returns += arrays.rewards
+            claims.append(self._claims(over, judged_items, statement_of[turn], targets[turn], statistics))
+            self._note(over, returns, statistics)
+            if over.any():
+                self._start(np.flatnonzero(over), rng)
+        to_move = {role: arrays.movers[role].copy() for role in Role}
+        return Rollout(
+            self._table,
+            self._sampler.statements,
+            statement_of,
+            targets,
+            ended,
+            turns,
+            {role: self._last_values(role, actors) for role in Role},
+            to_move,
+            Claims.joined(claims),
+            statistics,
+        )
+
+    def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
+        setup = self._setup
+        intents = np.array([int(setup.sample_intent(rng)) for _ in indices], np.int64)
+        self._arrays.start(indices, np.array(self._sampler.sample(indices, rng), np.int64), intents)
+        self._episodes[indices] = self._episodes.max() + 1 + np.arange(len(indices))
+
+    def _act(
+        self,
+        turn: int,
+        turns: dict[Role, Turns],
+        actors: Actors,
+        partner_of: dict[Role, Int64Array],
+        rng: np.random.Generator,
+    ) -> tuple[Int64Array, Int16Array]:
+        """Both agents' actions (2, N), and the item arrays (N, 3, capacity, 5) that the verifier judges."""
+        arrays = self._arrays
+        actions = np.zeros((len(Role), self._recipe.envs), np.int64)
+        items = arrays.items().copy()
+        cached: tuple[Int64Array, States] | None = None  # both agents see the same states in a simultaneous protocol
+        for role in Role:
+            moving = np.flatnonzero(arrays.movers[role])
+            if not len(moving):
+                continue
+            if role in self._partners:
+                for index, partner in enumerate(self._partners[role]):
+                    played = moving[partner_of[role][moving] == index]
+                    if len(played):
+                        actions[role, played] = batch_actions(partner, self._partner_turn(role, played, rng))
+                if role is Role.VERIFIER:
+                    items[moving] = self._reader.read(arrays, role, moving).items
+                continue
+            situations = self._reader.read(arrays, role, moving)
+            if role is Role.VERIFIER:
+                items[moving] = situations.items
+            facts = self._facts(situations.context, moving)
+            if cached is None or arrays.game.turn_based:
+                boxes_of = self._table.item_indices(situations.items)
+                cached = boxes_of, self._states(moving, boxes_of)
+            boxes_of, states = cached
+            own = turns[role]
+            legal = None
+            if own.legal is not None:
+                legal = own.legal[turn, moving] = proposer_choices(arrays, moving)
+            decision = actors.decide(role, states, situations.context, facts, legal)
+            actions[role, moving] = decision.actions
+            own.acted[turn, moving] = True
+            own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, situations.context
+            own.facts[turn, moving] = facts
+            own.actions[turn, moving], own.values[turn, moving] = decision.actions, decision.values
+            own.log_probabilities[turn, moving] = decision.log_probabilities
+        return actions, items
+
+    def _states(self, indices: Int64Array, boxes_of: Int64Array) -> States:
+        tasks = self._arrays.tasks[indices]
+        return self._table.states(
+            self._sampler.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
+        )
+
+    def _facts(self, context: Int64Array, indices: Int64Array) -> Int64Array:
+        """The context for the critics."""
+        if self._recipe.algorithm != "central":
+            return context
+        return with_hidden_facts(context, self._arrays, indices)
+
+    def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
+        rngs = [rng] * len(indices)
+        return BatchTurn(self._arrays, self._parts, self._setup.tasks, role, indices, self._episodes[indices], rngs)
+
+    def _claims(
+        self,
+        over: BoolArray,
+        items: Int16Array,
+        statement_of: Int64Array,
+        targets: Int64Array,
+        statistics: GameStatistics,
+    ) -> Claims:
+        """The claims judged in games' last turns; counts all judgements."""
+        probabilities, holds = self._arrays.probabilities, self._arrays.holds
+        judged = ~np.isnan(probabilities)
+        accepted = probabilities > ACCEPTANCE_THRESHOLD
+        statistics.judged.update(
+            zip(targets[judged].astype(bool).tolist(), holds[judged].tolist(), accepted[judged].tolist(), strict=True)
+        )
+        known = np.flatnonzero(judged & over)
+        return Claims(items[known], statement_of[known], targets[known], holds[known])
+
+    def _note(self, over: BoolArray, returns: Float64Array, statistics: GameStatistics) -> None:
+        statistics.games += int(over.sum())
+        statistics.successes += int(self._arrays.successes[over].sum())
+        statistics.returns += returns[:, over].sum(1)
+        returns[:, over] = 0
+
+    def _last_values(self, role: Role, actors: Actors) -> Float32Array:
+        arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])
+        values = np.zeros(self._recipe.envs, np.float32)
+        if len(moving) and role not in self._partners:
+            situations = self._reader.read(arrays, role, moving)
+            states = self._states(moving, self._table.item_indices(situations.items))
+            facts = self._facts(situations.context, moving)
+            values[moving] = actors.values(role, states, situations.context, facts)
+        return values
+
+
+def proposer_choices(arrays: GameArrays, indices: Int64Array) -> BoolArray:
+    """(k, actions of the MDP) the proposer's legal choices, whatever the message."""
+    game = arrays.game
+    sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
+    return arrays.masks(Role.PROPOSER, indices)[:, : choices * sizes : sizes].astype(np.bool_)
+
+
+def own_turn_advantages(
+    turns: Turns,
+    ended: BoolArray,
+    last_values: Float32Array,
+    to_move: BoolArray,
+    gamma: float,
+    gae_lambda: float,
+) -> tuple[Float32Array, BoolArray]:
+    """(T, N) advantages of an agent's own turns, and where they are complete.
+
+    An own turn earns the rewards up to the agent's next own turn, or to the end of the game. The last one of a game
+    still going on is incomplete if its successor is not known, and then only lends its value to the one before.
+    """
+    count = len(last_values)
+    advantages, complete = np.zeros_like(turns.values), np.zeros_like(turns.acted)
+    next_values, next_advantages = last_values.copy(), np.zeros(count, np.float32)
+    rewards, continues, known = np.zeros(count, np.float32), np.ones(count, np.bool_), to_move.copy()
+    for turn in range(len(turns.acted) - 1, -1, -1):
+        over, acted, values = ended[turn], turns.acted[turn], turns.values[turn]
+        rewards = np.where(over, 0, rewards) + turns.rewards[turn]
+        continues, known = continues & ~over, known | over
+        delta = rewards + gamma * next_values * continues - values
+        found = np.where(known, delta + gamma * gae_lambda * continues * next_advantages, 0)
+        advantages[turn], complete[turn] = np.where(acted, found, 0), acted & known
+        next_values, next_advantages = np.where(acted, values, next_values), np.where(acted, found, next_advantages)
+        rewards, continues, known = np.where(acted, 0, rewards), continues | acted, known | acted
+    return advantages, complete

@@ -1,0 +1,552 @@
+"""Runs that train one or both agents of the game. Start reading at `train_game`; the update is `ppo.update`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
+from lilgym_mp.envs.proposer_verifier.views import with_tasks
+from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.agents import AgentError, agent_file
+from lilgym_mp.learning.clock import TrainingClock
+from lilgym_mp.learning.devices import select_device, torch_threads
+from lilgym_mp.learning.game.agent import (
+    KIND,
+    VIEWS,
+    GameAgent,
+    describe,
+    load_agent,
+    make_network,
+    network_names,
+    settings_from_json,
+    settings_to_json,
+    tensors_of,
+)
+from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
+from lilgym_mp.learning.game.network import GameNetwork
+from lilgym_mp.learning.game.policies import AgentPolicy
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
+from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
+from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.ppo.models.weights import weights_digest
+from lilgym_mp.learning.ppo.states import States
+from lilgym_mp.learning.ppo.tasks import training_tasks
+from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+
+SAVE_SECONDS = 60.0  # CPU time between checkpoints
+CRITIC = "critic"  # name of the central critic's network
+TEXT_LAYERS, HEADS = 1, 2
+
+
+class Progress(NamedTuple):
+    """A line of progress.jsonl: statistics of one rollout and its updates."""
+
+    steps: int  # turns so far
+    games: int  # so far
+    seconds: float  # training time so far
+    cpu_seconds: float  # CPU time of this process so far
+    turns_per_second: float  # per second of CPU time, in this rollout
+    success: float | None  # of the games that ended; None without any
+    returns: list[float] | None  # mean returns of both agents
+    completeness: float | None  # share of judged true claims that were accepted
+    soundness: float | None  # share of judged false claims that were not
+    j: float | None  # completeness + soundness - 1, averaged over the targets
+    losses: dict[str, dict[str, float]]  # by network: policy, value, entropy, clipped
+    claim_loss: float | None
+    claim_accuracy: float | None
+
+
+@dataclass
+class _Counters:
+    """The counters in a checkpoint; field names are part of its format."""
+
+    steps: int = 0
+    games: int = 0
+    seconds: float = 0.0
+    cpu_seconds: float = 0.0
+
+
+def train_game(
+    settings: GameSettings,
+    recipe: GameRecipe,
+    out: Path,
+    *,
+    minutes: float | None = None,
+    steps: int | None = None,
+    partners: Mapping[Role, Sequence[Path | Partner]] | None = None,
+    start_from: Path | None = None,
+    device: str = "auto",
+    resume: bool = False,
+    threads: int = 1,
+    on_begin: Callable[[Run], object] = lambda run: None,
+    on_progress: Callable[[Progress, float], object] = lambda progress, done: None,
+) -> GameAgent:
+    """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first; saves and returns the agents.
+
+    `partners`: by role, run directories or partners; an agent that has any does not learn, and each game is played
+    with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start.
+    `on_progress` is also given the fraction of the budget spent. `out`, `resume` and signals as for `train_ppo`; with
+    `steps` alone, a resumed run trains the same agents as an uninterrupted one.
+    Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`, TrainingError when a loss is not
+    finite, CorpusError for unusable data.
+    """
+    if minutes is None and steps is None:
+        raise ValueError("give a budget: minutes, steps, or both")
+    for name, budget in (("minutes", minutes), ("steps", steps)):
+        if budget is not None and not 0 < budget < float("inf"):
+            raise ValueError(f"{name} must be above 0, not {budget:g}")
+    with torch_threads(threads), stop_on_signals() as stop:
+        run = Run(settings, recipe, out, dict(partners or {}), start_from, device, resume=resume)
+        if run.done(minutes, steps) >= 1:
+            raise TrainingRunError(f"the run in {out} has spent this budget; request more with --minutes or --steps")
+        on_begin(run)
+        saved = run.clock.cpu_seconds
+        while (done := run.done(minutes, steps)) < 1 and not stop.requested:
+            on_progress(run.update(done), done)
+            if run.clock.cpu_seconds - saved > SAVE_SECONDS:
+                run.save()
+                saved = run.clock.cpu_seconds
+        run.save()
+        return run.finish(stop)
+
+
+class Run:
+    """A run in memory."""
+
+    def __init__(
+        self,
+        settings: GameSettings,
+        recipe: GameRecipe,
+        out: Path,
+        partners: dict[Role, Sequence[Path | Partner]],
+        start_from: Path | None,
+        device: str,
+        *,
+        resume: bool,
+    ) -> None:
+        self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
+        self.recipe, self._device = recipe, select_device(device)
+        partners = {role: found for role, found in partners.items() if found}
+        self.roles = [role for role in Role if role not in partners]
+        if not self.roles:
+            raise ValueError("no agent is left to learn: name partners for one of them only")
+        configuration = configuration_name(settings.appearance, settings.start)
+        assert isinstance(settings.grid, tuple)
+        plain = Settings(configuration, str(settings.corpus), settings.rules, settings.horizon, settings.grid)
+        self.tasks = training_tasks(plain, recipe)
+        setup = with_tasks(settings.setup(), self.tasks.tasks)
+        opened = {role: [_partner(one, role, settings, device) for one in given] for role, given in partners.items()}
+        torch.manual_seed(recipe.seed)
+        self.networks = self._make_networks(start_from, setup.game)
+        self.files = begin_run(out, _identity(settings, recipe, self.tasks.sha256, partners, start_from), resume=resume)
+        self._network_of = network_names(self.roles, recipe)
+        self._optimisers = {
+            name: make_optimiser(nn.ModuleList([network, *([self._critic] if self._critic else [])]), recipe)
+            for name, network in self._actor_networks.items()
+        }
+        self._rng = np.random.default_rng(recipe.seed)
+        self._counters = _Counters()
+        self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
+        self._memory = ClaimMemory(recipe)
+        if resume and self.files.has_checkpoint:
+            self._load()
+        self.clock = TrainingClock(self._counters.seconds, self._counters.cpu_seconds)
+
+    def _make_networks(self, start_from: Path | None, game: Any) -> nn.ModuleDict:
+        recipe, words = self.recipe, None
+        sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
+        weights: dict[str, dict[str, Tensor]] = {}
+        names = dict.fromkeys(network_names(self.roles, recipe).values())
+        if start_from is not None:
+            words, sizes, weights = _weights(start_from, list(names))
+        if words is None:
+            words = Vocabulary.from_statements(self.tasks.statements).words
+        if recipe.algorithm == "central":
+            names[CRITIC] = None
+        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in names}
+        for name, tensors in weights.items():
+            networks[name].load_state_dict(tensors, strict=False)
+        return nn.ModuleDict(networks).to(self._device)
+
+    @property
+    def _actor_networks(self) -> dict[str, GameNetwork]:
+        return {name: self._network(name) for name in self.networks if name != CRITIC}
+
+    @property
+    def _critic(self) -> GameNetwork | None:
+        return self._network(CRITIC) if CRITIC in self.networks else None
+
+    def _network(self, name: str) -> GameNetwork:
+        network = self.networks[name]
+        assert isinstance(network, GameNetwork)
+        return network
+
+    @property
+    def steps(self) -> int:
+        return self._counters.steps
+
+    @property
+    def trained_parameters(self) -> int:
+        return sum(parameter.numel() for parameter in self.networks.parameters())
+
+    def done(self, minutes: float | None, steps: int | None) -> float:
+        """The fraction of the budget spent."""
+        by_steps = 0.0 if steps is None else self.steps / steps
+        return max(by_steps, 0.0 if minutes is None else self.clock.cpu_seconds / (60 * minutes))
+
+    # Acting, as `rollout.Actors`
+
+    def decide(
+        self, role: Role, states: States, context: Int64Array, facts: Int64Array, legal: BoolArray | None
+    ) -> Decision:
+        with torch.no_grad():
+            policy, values = self._evaluate(role, states, None, context, facts, legal)
+            actions = policy.act(lambda part: part.sample(self._rng))
+            log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
+        return Decision(actions, _numpy(log_probabilities), _numpy(values))
+
+    def values(self, role: Role, states: States, context: Int64Array, facts: Int64Array) -> Float32Array:
+        with torch.no_grad():
+            return _numpy(self._evaluate(role, states, None, context, facts, None)[1])
+
+    def _evaluate(
+        self,
+        role: Role,
+        states: States,
+        rows: Tensor | None,
+        context: Int64Array,
+        facts: Int64Array,
+        legal: BoolArray | None,
+    ) -> tuple[AgentPolicy, Tensor]:
+        """The policy and values of an agent in the states' `rows` (None: all)."""
+        encoded = self._network(self._network_of[role]).encode(states)
+        policy, values = self._network(self._network_of[role]).policy(
+            role, encoded if rows is None else encoded.rows(rows), context, legal
+        )
+        if self._critic is not None:
+            encoded = self._critic.encode(states)
+            values = self._critic.critic(encoded if rows is None else encoded.rows(rows), facts)
+        return policy, values
+
+    # Learning
+
+    def update(self, done: float) -> Progress:
+        """Plays a rollout and learns from it. `done`: training progress, 0 to 1."""
+        start = self.clock.cpu_seconds
+        entropy_coefficient = 0.0
+        for optimiser in self._optimisers.values():
+            entropy_coefficient = schedule(optimiser, self.recipe, done)
+        self.networks.eval()
+        rollout = self._player.play(self, self._rng)
+        self.networks.train()
+        for network in self.networks.children():
+            assert isinstance(network, GameNetwork)
+            network.clear_cache()
+        losses: dict[str, Losses] = {}
+        try:
+            for name, optimiser in self._optimisers.items():
+                if (experience := self._experience(name, rollout)) is not None:
+                    found = update(experience, optimiser, self.recipe, entropy_coefficient, self._rng)
+                    losses[name] = mean_losses(found)
+            claim_losses = self._learn_claims(rollout)
+        except TrainingError as error:
+            raise TrainingError(
+                f"the loss is not finite after {self.steps:,} turns ({error}); the last good checkpoint is kept in"
+                f" {self.files.path}; try a lower learning-rate"
+            ) from None
+        self._counters.steps += self.recipe.rollout
+        return self._report(rollout, losses, claim_losses, start)
+
+    def _experience(self, name: str, rollout: Rollout) -> Experience | None:
+        """What the agents of a network did; None if its verifier learns from claims alone."""
+        roles = [role for role in self.roles if self._network_of[role] == name]
+        if self.recipe.verifier == "cross-entropy" and Role.VERIFIER in roles:
+            roles.remove(Role.VERIFIER)
+        if not roles:
+            return None
+        parts = [self._own_turns(role, rollout) for role in roles]
+        joined: dict[str, Any] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
+        cells, role_of = joined.pop("cells"), joined.pop("roles")
+        advantages = joined.pop("advantages")
+
+        def evaluate(rows: Int64Array) -> tuple[_MixedPolicy, Tensor]:
+            return self._evaluate_rows(rollout, cells[rows], role_of[rows])
+
+        statement_of = rollout.statement_of.reshape(-1)[cells]
+        return Experience.of(self.recipe, joined, advantages, statement_of, evaluate, self._device)
+
+    def _own_turns(self, role: Role, rollout: Rollout) -> dict[str, Any]:
+        """The complete own turns of an agent, with advantages of unit scale."""
+        turns, recipe = rollout.turns[role], self.recipe
+        advantages, complete = own_turn_advantages(
+            turns, rollout.ended, rollout.last_values[role], rollout.to_move[role], recipe.gamma, recipe.gae_lambda
+        )
+        cells = np.flatnonzero(complete)
+        own = {name: getattr(turns, name).reshape(-1)[cells] for name in ("actions", "log_probabilities", "values")}
+        return {
+            **own,
+            "forced": np.zeros(len(cells), np.bool_),
+            "advantages": advantages.reshape(-1)[cells],
+            "cells": cells,
+            "roles": np.full(len(cells), int(role)),
+        }
+
+    def _evaluate_rows(self, rollout: Rollout, cells: Int64Array, roles: Int64Array) -> tuple[_MixedPolicy, Tensor]:
+        """The current policies and values of turns (m,); scenes that both agents judge are encoded once."""
+        boxes_of = np.empty((len(cells), 3), np.int64)
+        for role in Role:
+            mine = roles == role
+            boxes_of[mine] = rollout.turns[role].boxes_of.reshape(-1, 3)[cells[mine]]
+        keys = np.concatenate([cells[:, None], boxes_of], 1)
+        _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
+        states = rollout.states(boxes_of[firsts], cells[firsts])
+        policies: list[tuple[Tensor, AgentPolicy]] = []
+        values = torch.zeros(len(cells), device=self._device)
+        for role in Role:
+            mine = np.flatnonzero(roles == role)
+            if not len(mine):
+                continue
+            turns = rollout.turns[role]
+            own = cells[mine]
+            legal = None if turns.legal is None else turns.legal.reshape(-1, turns.legal.shape[-1])[own]
+            context, facts = (array.reshape(-1, array.shape[-1])[own] for array in (turns.context, turns.facts))
+            policy, found = self._evaluate(role, states, torch.from_numpy(state_of[mine]), context, facts, legal)
+            rows = torch.from_numpy(mine).to(self._device)
+            policies.append((rows, policy))
+            values = values.index_copy(0, rows, found)
+        return _MixedPolicy(policies), values
+
+    def _learn_claims(self, rollout: Rollout) -> list[tuple[float, float]]:
+        """Optimiser steps on remembered claims; losses and accuracies."""
+        if Role.VERIFIER not in self.roles or not self.recipe.learns_claims:
+            return []
+        name = self._network_of[Role.VERIFIER]
+        network, optimiser = self._network(name), self._optimisers[name]
+        self._memory.add(rollout.claims)
+        found: list[tuple[float, float]] = []
+        for claims in self._memory.batches(self._rng):
+            loss, accuracy = claim_loss(network, rollout.table, rollout.statements, claims)
+            if not torch.isfinite(loss):
+                raise TrainingError(f"claims {loss.item():g}")
+            optimiser.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(network.parameters(), self.recipe.gradient_norm)
+            optimiser.step()
+            found.append((float(loss.detach()), accuracy))
+        return found
+
+    def _report(
+        self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
+    ) -> Progress:
+        statistics, counters = rollout.statistics, self._counters
+        counters.games += statistics.games
+        self._read_clock()
+        count = statistics.games
+        completeness, soundness, j = judgement_rates(statistics.judged)
+        loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
+        progress = Progress(
+            steps=counters.steps,
+            games=counters.games,
+            seconds=round(counters.seconds, 3),
+            cpu_seconds=round(counters.cpu_seconds, 3),
+            turns_per_second=round(self.recipe.rollout / max(1e-9, counters.cpu_seconds - start), 1),
+            success=statistics.successes / count if count else None,
+            returns=(statistics.returns / count).round(4).tolist() if count else None,
+            completeness=completeness,
+            soundness=soundness,
+            j=j,
+            losses={
+                name: {key: round(float(value), 5) for key, value in found._asdict().items() if key != "total"}
+                for name, found in losses.items()
+            },
+            claim_loss=loss,
+            claim_accuracy=accuracy,
+        )
+        self.files.record(progress._asdict())
+        return progress
+
+    # Files
+
+    def _read_clock(self) -> None:
+        self._counters.seconds, self._counters.cpu_seconds = self.clock.seconds, self.clock.cpu_seconds
+
+    def save(self) -> None:
+        """Saves a checkpoint."""
+        self._read_clock()
+        self.files.save_checkpoint(
+            {
+                "networks": self.networks.state_dict(),
+                "optimisers": {name: optimiser.state_dict() for name, optimiser in self._optimisers.items()},
+                "counters": asdict(self._counters),
+                "claims": self._memory.to_json(),
+                "random": json.dumps(self._rng.bit_generator.state),
+            }
+        )
+
+    def _load(self) -> None:
+        state = self.files.load_checkpoint(self._device)
+        try:
+            self.networks.load_state_dict(state["networks"])
+            for name, optimiser in self._optimisers.items():
+                optimiser.load_state_dict(state["optimisers"][name])
+            self._counters = _Counters(**state["counters"])
+            self._memory.restore(state["claims"])
+            self._rng.bit_generator.state = json.loads(state["random"])
+            if any(not torch.isfinite(tensor).all() for tensor in self.networks.state_dict().values()):
+                raise ValueError("a network holds non-finite values")
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
+
+    def finish(self, stop: StopRequest) -> GameAgent:
+        """Saves the agents."""
+        counters, actors = self._counters, self._actor_networks
+        statistics = {
+            "steps": counters.steps,
+            "games": counters.games,
+            "seconds": round(counters.seconds, 1),
+            "cpu_minutes": round(counters.cpu_seconds / 60, 2),
+            "seed": self.recipe.seed,
+            "trained_parameters": self.trained_parameters,
+            "interrupted": stop.requested,
+        }
+        description = describe(self.settings, self.recipe, self.roles, next(iter(actors.values())), statistics)
+        tensors = {
+            f"{name}.{key}": tensor for name, network in actors.items() for key, tensor in network.state_dict().items()
+        }
+        self.files.save_agent(description, tensors)
+        self.networks.eval()
+        for network in actors.values():
+            network.clear_cache()
+        networks = {role: actors[name] for role, name in self._network_of.items()}
+        return GameAgent(description, self.settings, self.recipe, networks)
+
+
+_MIXING = np.random.default_rng(0).integers(1, 2**62, 4, dtype=np.int64)  # hashes a turn and its boxes to one number
+
+
+class _MixedPolicy(NamedTuple):
+    """Policies of both agents in rows of one mini-batch."""
+
+    policies: list[tuple[Tensor, AgentPolicy]]  # rows and their policy
+
+    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """(m,) log-probabilities and entropies, in the order of the rows."""
+        log_probs = entropies = torch.zeros(len(actions), device=actions.device)
+        for rows, policy in self.policies:
+            found, entropy = policy.evaluate_actions(actions[rows])
+            log_probs, entropies = log_probs.index_copy(0, rows, found), entropies.index_copy(0, rows, entropy)
+        return log_probs, entropies
+
+
+def judgement_rates(judged: Mapping[tuple[bool, bool, bool], int]) -> tuple[float | None, float | None, float | None]:
+    """Completeness, soundness and J (the mean over targets of their sum minus 1) of judged claims."""
+
+    def rate(holds: bool, targets: Sequence[bool]) -> float | None:
+        right, wrong = (
+            sum(judged.get((target, holds, accepted), 0) for target in targets) for accepted in (holds, not holds)
+        )
+        return right / (right + wrong) if right + wrong else None
+
+    both = (False, True)
+    by_target = [(rate(True, [target]), rate(False, [target])) for target in both]
+    known = [complete + sound - 1 for complete, sound in by_target if complete is not None and sound is not None]
+    return rate(True, both), rate(False, both), sum(known) / len(known) if known else None
+
+
+def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:
+    """A partner of a run directory: a proposer samples its actions, a verifier takes the most probable ones."""
+    if not isinstance(given, Path):
+        return given
+    agent = load_agent(agent_file(given), device)
+    own, wanted = agent.settings, settings
+    for name in ("appearance", "protocol", "grid"):
+        if getattr(own, name) != getattr(wanted, name):
+            raise AgentError(
+                f"{given}: trained on {name} {getattr(own, name)!r}; this game has {getattr(wanted, name)!r}"
+            )
+    partner = agent.partner(role, sampled=role is Role.PROPOSER)
+    if partner is None:
+        raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
+    return partner
+
+
+def _weights(path: Path, names: Sequence[str]) -> tuple[list[str], dict[str, int], dict[str, dict[str, Tensor]]]:
+    """Words, sizes and, by network, the weights of a run to start from. Raises AgentError for another learner's."""
+    description, tensors = load_model(agent_file(path))
+    details = description.details
+    if description.kind == KIND:
+        found = {name: tensors_of(name, tensors) or tensors_of("shared", tensors) for name in names}
+        return list(details["words"]), dict(details["sizes"]), {name: own for name, own in found.items() if own}
+    if description.kind != "ppo" or "words" not in details.get("model", {}):
+        raise AgentError(
+            f"{path}: a run of {description.kind!r}; start from one of `train ppo` with --model ours, or `train game`"
+        )
+    single = tensors_of("actor", tensors) or dict(tensors)
+    return list(details["model"]["words"]), dict(details["model"]["sizes"]), dict.fromkeys(names, single)
+
+
+def _identity(
+    settings: GameSettings,
+    recipe: GameRecipe,
+    tasks_sha256: str,
+    partners: Mapping[Role, Sequence[Path | Partner]],
+    start_from: Path | None,
+) -> Mapping[str, Any]:
+    return {
+        "learner": KIND,
+        "game": settings_to_json(settings),
+        "recipe": recipe.to_json(),
+        "tasks_sha256": tasks_sha256,
+        "partners": {role.name.lower(): [_partner_identity(one) for one in given] for role, given in partners.items()},
+        "start_from": None if start_from is None else str(start_from),
+        "start_sha256": None if start_from is None else weights_digest(agent_file(start_from)),
+    }
+
+
+def _partner_identity(partner: Path | Partner) -> str:
+    return f"{partner}: {weights_digest(agent_file(partner))}" if isinstance(partner, Path) else repr(partner)
+
+
+def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings, recipe, partners and start of the run in a directory, as arguments of `train_game`.
+
+    `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
+    """
+    identity = begin_run(out, required, resume=True).identity
+    try:
+        if identity["learner"] != KIND:
+            raise ValueError(f"a run of {identity['learner']}, not of {KIND}")
+        partners = {
+            Role[name.upper()]: [Path(one.rsplit(": ", 1)[0]) for one in given]
+            for name, given in identity["partners"].items()
+        }
+        start_from = identity["start_from"]
+        return {
+            "settings": settings_from_json(identity["game"]),
+            "recipe": GameRecipe.from_json(identity["recipe"]),
+            "partners": partners,
+            "start_from": None if start_from is None else Path(start_from),
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None
+
+
+def _numpy(tensor: Tensor) -> Float32Array:
+    return tensor.detach().float().cpu().numpy()
+
+
+__all__ = ["Progress", "Run", "saved_arguments", "train_game"]

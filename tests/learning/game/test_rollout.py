@@ -1,0 +1,94 @@
+"""Rollouts of the game: own turns, advantages, claims and situations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import GameSettings, Role
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.learning.game.agent import VIEWS
+from lilgym_mp.learning.game.rollout import Turns, own_turn_advantages
+from lilgym_mp.learning.game.situations import (
+    EDIT_PENDING,
+    INTENT,
+    PENDING,
+    REFUSED,
+    STOP_PENDING,
+    SituationReader,
+    with_hidden_facts,
+)
+from lilgym_mp.observation import item_array
+
+GAMMA, LAMBDA = 0.9, 0.8
+
+
+def turns(acted: list[int], values: list[float], rewards: list[float]) -> Turns:
+    """One agent's turns in one game."""
+    found = Turns.empty(len(acted), 1, 0)
+    found.acted[:, 0], found.values[:, 0], found.rewards[:, 0] = acted, values, rewards
+    return found
+
+
+def test_own_turns__earn_the_rewards_up_to_the_next_own_turn_or_the_end():
+    # veto: the proposer moves in turns 0, 2, 4, the verifier answers in 1, 3, 5, which ends the game
+    ended = np.array([[False]] * 5 + [[True]])
+    proposer = turns([1, 0, 1, 0, 1, 0], [0.5, 9, 0.4, 9, 0.3, 9], [0, -0.1, 0, -0.1, 0, 1])
+    found, complete = own_turn_advantages(
+        proposer, ended, np.array([7.0], np.float32), np.array([False]), GAMMA, LAMBDA
+    )
+    last = 1 - 0.3
+    middle = -0.1 + GAMMA * 0.3 - 0.4 + GAMMA * LAMBDA * last
+    first = -0.1 + GAMMA * 0.4 - 0.5 + GAMMA * LAMBDA * middle
+    assert found[:, 0].tolist() == pytest.approx([first, 0, middle, 0, last, 0])
+    assert complete[:, 0].tolist() == [True, False, True, False, True, False]
+    verifier = turns([0, 1, 0, 1, 0, 1], [9, 0.2, 9, 0.1, 9, 0.6], [0, -0.1, 0, -0.1, 0, 1])
+    found, _ = own_turn_advantages(verifier, ended, np.zeros(1, np.float32), np.array([False]), GAMMA, LAMBDA)
+    assert found[5, 0] == pytest.approx(1 - 0.6)
+    assert found[3, 0] == pytest.approx(-0.1 + GAMMA * 0.6 - 0.1 + GAMMA * LAMBDA * (1 - 0.6))
+
+
+def test_own_turns__without_a_known_successor_are_incomplete_but_lend_their_value():
+    ended = np.zeros((3, 1), np.bool_)
+    proposer = turns([1, 0, 1], [0.5, 0, 0.4], [0, -0.1, 0])
+    args = ended, np.array([0.8], np.float32)
+    found, complete = own_turn_advantages(proposer, *args, np.array([False]), GAMMA, LAMBDA)
+    assert complete[:, 0].tolist() == [True, False, False]
+    assert found[0, 0] == pytest.approx(-0.1 + GAMMA * 0.4 - 0.5)
+    found, complete = own_turn_advantages(proposer, *args, np.array([True]), GAMMA, LAMBDA)  # it is to move again
+    assert complete[2, 0]
+    assert found[2, 0] == pytest.approx(GAMMA * 0.8 - 0.4)
+
+
+def test_own_turns__do_not_earn_rewards_of_the_next_game():
+    ended = np.array([[True], [False], [True]])
+    verifier = turns([1, 0, 1], [0.5, 0, 0.2], [-1, 3, 1])  # the game that begins in turn 1 pays 3 before its own turn
+    found, _ = own_turn_advantages(verifier, ended, np.zeros(1, np.float32), np.array([False]), GAMMA, LAMBDA)
+    assert found[:, 0].tolist() == pytest.approx([-1.5, 0, 0.8])
+
+
+def test_situations__show_each_agent_what_it_may_know():
+    settings = GameSettings.of(protocol="critique", rewards="hidden", views=VIEWS)
+    setup = settings.setup()
+    games, reader = GameArrays(setup, 2), SituationReader(setup)
+    games.start(np.arange(2), np.array([0, 1]), np.array([Intent.SNEAKY, Intent.HELPFUL]))
+    rows = np.arange(2)
+    proposer = reader.read(games, Role.PROPOSER, rows)
+    assert proposer.context[:, INTENT].tolist() == [2, 1]
+    stop, add = 0, 1
+    games.step(np.array([stop, add]), np.zeros(2, np.int64))
+    verifier = reader.read(games, Role.VERIFIER, rows)
+    assert verifier.context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
+    assert not verifier.context[:, INTENT].any()
+    assert with_hidden_facts(verifier.context, games, rows)[:, INTENT].tolist() == [2, 1]
+    capacity = verifier.items.shape[2]
+    edited = setup.game.config.dynamics.step(games.mdp(1), setup.game.config.dynamics.appearance.decode(add)).state
+    assert np.array_equal(verifier.items[0], item_array(games.mdp(0).scene, capacity))
+    assert np.array_equal(verifier.items[1], item_array(edited.scene, capacity))
+    for row in rows.tolist():
+        alone = reader.read_state(games.state(row), Role.VERIFIER)
+        assert np.array_equal(alone.items[0], verifier.items[row])
+        assert np.array_equal(alone.context[0], verifier.context[row])
+    games.step(np.zeros(2, np.int64), np.zeros(2, np.int64))  # both proposals are rejected
+    assert reader.read(games, Role.PROPOSER, rows).context[:, REFUSED].tolist() == [1 + stop, 1 + add]

@@ -1,0 +1,370 @@
+"""Runs that learn the game: learning, saving, resuming, partners, rounds and invalid input."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from lilgym_mp.cli import main
+from lilgym_mp.corpus import write_corpus
+from lilgym_mp.envs.proposer_verifier import (
+    ALWAYS_ACCEPT,
+    SCRIPTED,
+    GameSettings,
+    OracleVerifier,
+    Role,
+    SingleAgentView,
+    measure,
+    parallel_env,
+)
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.game.agent import GameAgent, load_agent
+from lilgym_mp.learning.game.population import best_response, train_rounds
+from lilgym_mp.learning.game.recipe import GameRecipe
+from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
+from lilgym_mp.learning.game.training import Progress, Run, saved_arguments, train_game
+from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.training import train_ppo
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
+
+SMALL = GameRecipe(
+    envs=8, same_statement=2, rollout=128, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
+)
+JOINT = GameSettings.of(protocol="joint")
+STATEMENTS = {
+    "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
+    "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
+    "There is a tower.": "exist(filter_obj(all_boxes, lambda b: count(b) >= 2))",
+}
+
+
+@pytest.fixture(scope="module")
+def three(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A corpus of three statements."""
+    place = tmp_path_factory.mktemp("three") / "three.jsonl"
+    entries = [
+        {"id": f"{split}-{index}", "appearance": "tower", "split": split, "statement": statement, "program": program}
+        | {"starts": []}
+        for split in ("train", "dev")
+        for index, (statement, program) in enumerate(STATEMENTS.items())
+    ]
+    write_corpus(place, "three", "MIT", entries)
+    return str(place)
+
+
+def trained(
+    path: Path, steps: int = 256, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
+) -> GameAgent:
+    return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
+
+
+def tensors(path: Path) -> dict[str, torch.Tensor]:
+    return load_model(path / "agent.safetensors")[1]
+
+
+def equal(one: Path, other: Path) -> bool:
+    first, second = tensors(one), tensors(other)
+    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
+
+
+def partner(agent: GameAgent, role: Role) -> Any:
+    found = agent.partner(role)
+    assert found is not None
+    return found
+
+
+# Learning
+
+
+@pytest.mark.parametrize("algorithm", ["shared", "independent", "central"])
+def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
+    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str
+):
+    recipe = replace(
+        SMALL, algorithm=algorithm, envs=64, rollout=1024, batch_size=256, epochs=2, learning_rate=3e-3, width=32
+    )
+    settings = GameSettings.of(protocol="joint", corpus=three)
+    env = parallel_env(protocol="joint", corpus=three, split="dev")
+
+    def success(name: str) -> float:
+        agent = trained(tmp_path / name, 12_288, recipe, settings)
+        players = agent.partner(Role.PROPOSER, sampled=True), agent.partner(Role.VERIFIER, sampled=True)
+        assert players[0] is not None
+        assert players[1] is not None
+        return measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate
+
+    assert success("learnt") > 0.85
+    if algorithm != "shared":
+        return
+    play = RolloutPlayer.play
+
+    def shuffled(self: RolloutPlayer, *args: Any) -> Rollout:
+        found, rng = play(self, *args), np.random.default_rng(0)
+        for turns in found.turns.values():
+            turns.rewards = rng.permutation(turns.rewards.reshape(-1)).reshape(turns.rewards.shape)
+        return found._replace(claims=found.claims._replace(holds=rng.permutation(found.claims.holds)))
+
+    monkeypatch.setattr(RolloutPlayer, "play", shuffled)
+    assert success("shuffled") < 0.6
+
+
+@pytest.mark.parametrize("verifier", ["ppo", "cross-entropy"])
+def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str, verifier: str):
+    recipe = replace(SMALL, verifier=verifier, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
+    settings = GameSettings.of(protocol="audit", rewards="correctness", corpus=three)
+    partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["sneaky"]]}
+    agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
+    assert agent.partner(Role.PROPOSER) is None
+    env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
+    for proposer, measured in (("helpful", "completeness"), ("sneaky", "soundness")):
+        found = measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
+        assert getattr(found, measured) > 0.8
+
+
+def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: Path, three: str):
+    settings = GameSettings.of(protocol="audit", corpus=three)
+    recipe = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3)
+    env = parallel_env(protocol="audit", rewards="sneaky", corpus=three, split="dev")
+    for verifier, exploitability in ((ALWAYS_ACCEPT, 1.0), (OracleVerifier(), 0.0)):
+        found = best_response(verifier, Role.PROPOSER, settings, steps=8_192, recipe=recipe, seed=1)
+        measured = measure(env, found, verifier).accepted_false_claims
+        assert measured == pytest.approx(exploitability, abs=0.01)
+
+
+# Every game
+
+
+@pytest.mark.parametrize(
+    ("protocol", "rewards", "changes"),
+    [
+        ("veto", "common", {}),
+        ("veto", "correctness", {"ending": "verifier"}),
+        ("joint", "common", {"ending": "agreement"}),
+        ("joint", "common", {"ending": "either", "appearance": "scatter"}),
+        ("audit", "hidden", {}),
+        ("audit", "brier", {"verdict_bins": 5}),
+        ("critique", "common", {"message_size": 3, "message_cost": 0.01}),
+    ],
+)
+@pytest.mark.parametrize("verifier", ["both", "cross-entropy"])
+def test_train__every_protocol_gives_agents_that_play(
+    tmp_path: Path, own: str, protocol: str, rewards: str, changes: dict[str, Any], verifier: str
+):
+    settings = GameSettings.of(protocol=protocol, rewards=rewards, corpus=own, start="flipit", **changes)
+    recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
+    trained(tmp_path, 256, recipe, settings)
+    agent = open_agent(tmp_path, "cpu")
+    assert isinstance(agent, GameAgent)
+    env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, start="flipit", split="dev", **changes)
+    players = partner(agent, Role.PROPOSER), partner(agent, Role.VERIFIER)
+    batched = measure(env, *players)
+    single = measure(env, *(lambda turn, one=one: one(turn) for one in players))
+    assert batched == single
+    game = SingleAgentView(env, "verifier_0", partner=players[0])
+    game.reset(seed=0)
+    assert game.step(int(game.action_masks().argmax()))
+    with pytest.raises(AgentError, match="evaluate-game"):
+        agent.policy(Settings("TowerFlipIt"))
+    other = parallel_env(protocol="audit" if protocol != "audit" else "veto", corpus=own, split="dev")
+    with pytest.raises(AgentError, match=f"trained on protocol '{protocol}'"):
+        measure(other, *players)
+
+
+# Runs on disk
+
+
+def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path):
+    heard: list[Progress] = []
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        trained(
+            tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=lambda progress, done: heard.append(progress)
+        )
+    assert [progress.steps for progress in heard] == [128, 256] * 3
+    recorded = [json.loads(line) for line in (tmp_path / "a" / "progress.jsonl").read_text().splitlines()]
+    assert [line["steps"] for line in recorded] == [128, 256]
+    assert equal(tmp_path / "a", tmp_path / "b")
+    assert not equal(tmp_path / "a", tmp_path / "c")
+
+
+def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
+    trained(tmp_path / "whole", 512, schedule_free())
+
+    def interrupt(progress: Progress, done: float) -> None:
+        if progress.steps == 256:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    cut = trained(tmp_path / "cut", 512, schedule_free(), on_progress=interrupt)
+    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (256, True)
+    arguments = saved_arguments(tmp_path / "cut", {})
+    train_game(out=tmp_path / "cut", steps=512, resume=True, **arguments)
+    assert equal(tmp_path / "whole", tmp_path / "cut")
+    with pytest.raises(TrainingRunError, match="has spent this budget"):
+        trained(tmp_path / "cut", 512, schedule_free(), resume=True)
+
+
+def schedule_free() -> GameRecipe:
+    return replace(SMALL, algorithm="central")
+
+
+def test_train__survives_being_killed(tmp_path: Path):
+    command = [sys.executable, "-m", "lilgym_mp", "train", "game", "TowerScratch", "--protocol", "joint", "--out"]
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]
+    process = subprocess.Popen([*command, str(tmp_path / "run"), "--steps", "100000000", *small])
+    progress = tmp_path / "run" / "progress.jsonl"
+    for _ in range(1200):
+        if progress.exists() and progress.read_text().count("\n") > 2:
+            break
+        time.sleep(0.1)
+    process.kill()
+    process.wait()
+    arguments = saved_arguments(tmp_path / "run", {})
+    assert train_game(out=tmp_path / "run", steps=256, resume=True, **arguments).description.details["steps"] == 256
+
+
+def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    trained(tmp_path / "run")
+    before = (tmp_path / "run" / "checkpoint.pt").read_bytes()
+    play = RolloutPlayer.play
+
+    def spoilt(self: RolloutPlayer, *args: Any) -> Rollout:
+        found = play(self, *args)
+        found.turns[Role.VERIFIER].rewards[0] = np.nan
+        return found
+
+    monkeypatch.setattr(RolloutPlayer, "play", spoilt)
+    with pytest.raises(TrainingError, match=r"not finite after 256 turns .* try a lower learning-rate"):
+        trained(tmp_path / "run", 512, resume=True)
+    assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
+
+
+# Partners, rounds and warm starts
+
+
+def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path: Path):
+    both = trained(tmp_path / "both")
+    before = tensors(tmp_path / "both")
+    alone = trained(tmp_path / "alone", partners={Role.PROPOSER: [tmp_path / "both"]}, start_from=tmp_path / "both")
+    assert alone.partner(Role.PROPOSER) is None
+    assert set(alone.networks) == {Role.VERIFIER}
+    assert all(torch.equal(before[name], tensor) for name, tensor in tensors(tmp_path / "both").items())
+    assert both.networks[Role.VERIFIER].vocabulary.words == alone.networks[Role.VERIFIER].vocabulary.words
+    with pytest.raises(AgentError, match="no trained proposer_0"):
+        trained(tmp_path / "third", partners={Role.PROPOSER: [tmp_path / "alone"]})
+    veto = GameSettings.of(protocol="veto")
+    with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):
+        trained(tmp_path / "fourth", settings=veto, partners={Role.PROPOSER: [tmp_path / "both"]})
+    with pytest.raises(ValueError, match="no agent is left to learn"):
+        trained(tmp_path / "fifth", partners={role: [tmp_path / "both"] for role in Role})
+
+
+def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
+    single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
+    agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
+    run = Run(JOINT, SMALL, tmp_path / "game", {}, tmp_path / "single", "cpu", resume=False)
+    own = run.networks["shared"].state_dict()
+    assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
+
+
+def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Path):
+    settings = GameSettings.of(protocol="audit", rewards="hidden")
+    trained(tmp_path / "first", settings=settings)
+
+    def play(rounds: int) -> list[Path]:
+        return train_rounds(
+            settings, SMALL, tmp_path / "rounds", [tmp_path / "first"], rounds=rounds, warm=True, steps=128
+        )
+
+    assert [path.name for path in play(1)] == ["first", "sneak-0"]
+    modified = (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns
+    assert [path.name for path in play(2)] == ["first", "sneak-0", "sneak-1"]
+    assert (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns == modified
+    identity = json.loads((tmp_path / "rounds" / "verifier-1" / "run.json").read_text())["identity"]
+    assert len(identity["partners"]["proposer"]) == 2
+    assert load_agent(tmp_path / "rounds" / "sneak-1" / "agent.safetensors").partner(Role.VERIFIER) is None
+
+
+# Invalid input
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"steps": None}, "give a budget: minutes, steps, or both"),
+        ({"steps": 0}, "steps must be above 0, not 0"),
+        ({"steps": None, "minutes": float("nan")}, "minutes must be above 0, not nan"),
+    ],
+)
+def test_train__rejects_invalid_budgets(tmp_path: Path, options: dict[str, Any], error: str):
+    with pytest.raises(ValueError, match=error):
+        train_game(JOINT, SMALL, tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"algorithm": "mappo"}, "unknown algorithm 'mappo'; choose from central, independent, shared"),
+        ({"verifier": "oracle"}, "unknown verifier 'oracle'; choose from both, cross-entropy, ppo"),
+        ({"width": 0}, "width must be at least 8 and at most 1024, not 0"),
+    ],
+)
+def test_recipe__rejects_invalid_values(changes: dict[str, Any], error: str):
+    with pytest.raises(ValueError, match=error):
+        GameRecipe(**changes)
+
+
+def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
+    trained(tmp_path / "run")
+    with pytest.raises(TrainingRunError, match="has protocol joint, but veto was requested"):
+        saved_arguments(tmp_path / "run", {"game": {"protocol": "veto"}})
+    copy = shutil.copytree(tmp_path / "run", tmp_path / "copy")
+    state = torch.load(copy / "checkpoint.pt", weights_only=True)
+    torch.save({**state, "networks": {}}, copy / "checkpoint.pt")
+    with pytest.raises(TrainingRunError, match="is not of this run"):
+        trained(copy, 512, resume=True)
+
+
+# The command
+
+
+def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]
+    run = ["--out", str(tmp_path / "run")]
+    game = ["train", "game", "TowerFlipIt", "--protocol", "joint"]
+    assert main([*game, "--rewards", "common", "--seed", "3", *run, "--steps", "128", *small]) == 0
+    said = capsys.readouterr().out
+    assert "proposer_0 and verifier_0 learn" in said
+    assert "evaluate-game" in said
+    assert main(["train", "game", "--resume", *run, "--steps", "256"]) == 0
+    assert load_agent(tmp_path / "run" / "agent.safetensors").recipe.seed == 3
+    rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
+    audit = ["train", "game", "TowerScratch", "--protocol", "audit", "--rewards", rewards, *small, "--steps", "128"]
+    assert main([*audit, "--out", str(tmp_path / "audit")]) == 0
+    rounds = [*audit, "--out", str(tmp_path / "rounds"), "--proposers", str(tmp_path / "audit"), "--rounds", "1"]
+    assert main(rounds) == 0
+    assert load_agent(tmp_path / "rounds" / "agent.safetensors").partner(Role.VERIFIER) is not None
+    capsys.readouterr()
+    for wrong, error in (
+        (["--minutes", "0"], "--minutes must be above 0, not 0"),
+        (["--rewards", "{"], "--rewards: not valid JSON"),
+        (["--rewards", "none"], "unknown rewards 'none'; choose from"),
+        (["--rounds", "2"], "--rounds begins with trained proposers"),
+        (["--proposers", str(tmp_path / "nowhere")], "no trained agent at"),
+    ):
+        assert main([*game, "--out", str(tmp_path / "bad"), *small, *wrong]) == 2
+        assert error in capsys.readouterr().err
+    assert not (tmp_path / "bad").exists()
