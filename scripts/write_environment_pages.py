@@ -18,7 +18,7 @@ from lilgym_mp.appearances import Appearance, InvalidReason, Scatter, Tower
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.engine import BatchConfig
+from lilgym_mp.envs.engine import BatchSettings
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.rules import RULE_SETS, Outcome, make_dynamics
@@ -311,7 +311,7 @@ def _keywords(settings: Settings) -> Iterator[str]:
     yield "## Arguments of `gym.make`"
     single = _parameters(LilGymEnv.__init__)
     yield _table(("argument", "default", "meaning"), _keyword_rows(single))
-    batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchConfig.of)}
+    batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchSettings.of)}
     more = {name: default for name, default in batch.items() if name not in single}
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
     yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec
@@ -42,9 +43,16 @@ def factory(
             f" environments of the proposer-verifier game, not {env!r}"
         )
 
+    wrap.__name__ = wrap.__qualname__ = factory_name(wrapper.__name__)
+    wrap.__module__ = wrapper.__module__
     wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
-    wrap.__signature__ = signature  # pyright: ignore[reportFunctionMemberAccess]
+    wrap.__signature__ = signature.replace(return_annotation="AnyEnv")  # pyright: ignore[reportFunctionMemberAccess]
     return wrap
+
+
+def factory_name(wrapper: str) -> str:
+    """The name of a wrapper's factory: `NLVRReward` has `nlvr_reward_v0`."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper).lower() + "_v0"
 
 
 def _comes_from_pettingzoo(env: object) -> bool:

@@ -23,13 +23,6 @@ NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per v
 MASKS = {form: form for form in (NUMBERS, SLOTS)}
 
 
-class _ActionBlock(NamedTuple):
-    """The consecutive indices of one action type, last slot fastest (docs/spec.md, "Actions")."""
-
-    last: Int64Array  # (slots,) array form of the last action: the largest value of each slot, -1 if unused
-    first_index: int
-
-
 class ArrayDecoding(Transformation):
     """Decodes batches of action arrays to action indices."""
 
@@ -113,3 +106,10 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
 
 
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)
+
+
+class _ActionBlock(NamedTuple):
+    """The consecutive indices of one action type, last slot fastest (docs/spec.md, "Actions")."""
+
+    last: Int64Array  # (slots,) array form of the last action: the largest value of each slot, -1 if unused
+    first_index: int

@@ -48,6 +48,17 @@ _COORDINATION = (
 )
 
 
+def has_ambiguous_coordination(statement: str) -> bool:
+    """Whether a conjunct ("and", "or") could attach to an earlier phrase, or share a modifier with the other one."""
+    tags = _tagged(statement)
+    return any(pattern.search(tags) for pattern in _COORDINATION)
+
+
+def has_ambiguous_preposition(statement: str) -> bool:
+    """Whether a prepositional phrase could attach to the preceding noun or to an earlier one."""
+    return _PREPOSITIONAL.search(_tagged(statement)) is not None
+
+
 def _tagged(statement: str) -> str:
     """One part-of-speech letter per word; "at least" and the like are one determiner."""
     words = plain_words(statement)
@@ -58,14 +69,3 @@ def _tagged(statement: str) -> str:
             continue
         tags.append("d" if word.isdigit() or following in _LIMITS.get(word, ()) else _TAGS.get(word, _OTHER))
     return "".join(tags)
-
-
-def has_ambiguous_coordination(statement: str) -> bool:
-    """Whether a conjunct ("and", "or") could attach to an earlier phrase, or share a modifier with the other one."""
-    tags = _tagged(statement)
-    return any(pattern.search(tags) for pattern in _COORDINATION)
-
-
-def has_ambiguous_preposition(statement: str) -> bool:
-    """Whether a prepositional phrase could attach to the preceding noun or to an earlier one."""
-    return _PREPOSITIONAL.search(_tagged(statement)) is not None

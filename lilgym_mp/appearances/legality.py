@@ -24,20 +24,6 @@ Words = NDArray[Any]  # unsigned integers
 Place = tuple[slice, ...]
 
 
-class _Span(NamedTuple):
-    """The overlap of an array axis with a shorter window that may extend beyond both ends."""
-
-    axis: slice  # in coordinates of the axis
-    window: slice  # in coordinates of the window
-
-    @classmethod
-    def of(cls, start: int, length: int, size: int) -> _Span:
-        """For an axis of `size` and a window of `length` from `start`, which may be negative."""
-        first = max(0, start)
-        stop = max(first, min(size, start + length))
-        return cls(slice(first, stop), slice(first - start, stop - start))
-
-
 @cache
 def box_legality(cell_width: int, cell_height: int, *, searches: bool) -> BoxLegality:
     """Legality for a cell size in pixels; `searches`: whether an ADD may place the item elsewhere in its cell."""
@@ -144,3 +130,17 @@ def allowed_corners(cell_width: int, cell_height: int, *, searches: bool) -> Boo
         in_cell |= search_offsets(cell_width, cell_height)
     in_cell[:, 0, 0] = True
     return np.tile(in_cell, (1, columns, rows)) & inside_corners()
+
+
+class _Span(NamedTuple):
+    """The overlap of an array axis with a shorter window that may extend beyond both ends."""
+
+    axis: slice  # in coordinates of the axis
+    window: slice  # in coordinates of the window
+
+    @classmethod
+    def of(cls, start: int, length: int, size: int) -> _Span:
+        """For an axis of `size` and a window of `length` from `start`, which may be negative."""
+        first = max(0, start)
+        stop = max(first, min(size, start + length))
+        return cls(slice(first, stop), slice(first - start, stop - start))

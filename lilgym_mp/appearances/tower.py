@@ -34,83 +34,7 @@ ACTIONS: tuple[TowerAction, ...] = (
 _INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
 
 
-class _Stack(NamedTuple):
-    """A box and its successors; None if the edit is invalid."""
-
-    box: Box
-    with_block: tuple[Box | None, ...]  # indexed by Colour
-    without_top: Box | None
-
-
 _MEMO_KEY = "tower stack"
-
-
-def _block(level: int, colour: Colour) -> Item:
-    return Item(BLOCK_X, LEVEL_Y[level], Shape.SQUARE, colour, Size.MEDIUM)
-
-
-@cache
-def _boxes() -> dict[tuple[Item, ...], Box]:
-    """All 121 boxes by items, each with its `_Stack` in its memo."""
-    boxes: dict[tuple[Item, ...], Box] = {(): Box()}
-    layer: list[tuple[Item, ...]] = [()]
-    for level in range(CAPACITY):
-        layer = [(*items, _block(level, colour)) for items in layer for colour in Colour]
-        boxes.update((items, Box(items)) for items in layer)
-    for items, box in boxes.items():
-        full = len(items) == CAPACITY
-        box.memo[_MEMO_KEY] = _Stack(
-            box,
-            tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
-            boxes[items[:-1]] if items else None,
-        )
-    return boxes
-
-
-def _stack(box: Box) -> _Stack:
-    try:
-        return box.memo[_MEMO_KEY]
-    except KeyError:
-        return _shared(box).memo[_MEMO_KEY]
-
-
-def _shared(box: Box) -> Box:
-    try:
-        return _boxes()[box.items]
-    except KeyError:
-        raise SceneError(_fault(box)) from None
-
-
-def _fault(box: Box) -> str:
-    if len(box.items) > CAPACITY:
-        return f"a tower holds at most {CAPACITY} blocks, not {len(box.items)}"
-    for level, item in enumerate(box.items):
-        if item != _block(level, item.colour):
-            return (
-                f"item {level} must be a medium square at ({BLOCK_X}, {LEVEL_Y[level]}) to stack,"
-                f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
-            )
-    raise AssertionError("the box is a legal tower")
-
-
-@cache
-def _legal_by_heights() -> BoolArray:
-    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
-    heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
-    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
-    for index, action in enumerate(ACTIONS):
-        if isinstance(action, AddBlock):
-            legal[..., index] = heights[action.box] < CAPACITY
-        elif isinstance(action, RemoveBlock):
-            legal[..., index] = heights[action.box] > 0
-    return legal
-
-
-@cache
-def _legal_rows() -> list[list[list[BoolArray]]]:
-    """The rows of `_legal_by_heights` in nested lists, which are indexed in half the time. Read-only."""
-    heights = range(CAPACITY + 1)
-    return [[[_legal_by_heights()[left, middle, right] for right in heights] for middle in heights] for left in heights]
 
 
 class TowerTables(NamedTuple):
@@ -247,3 +171,79 @@ class Tower:
                 raise SceneError(f"box {index}: {fault}") from None
         left, middle, right = boxes
         return Scene((left, middle, right))
+
+
+class _Stack(NamedTuple):
+    """A box and its successors; None if the edit is invalid."""
+
+    box: Box
+    with_block: tuple[Box | None, ...]  # indexed by Colour
+    without_top: Box | None
+
+
+def _block(level: int, colour: Colour) -> Item:
+    return Item(BLOCK_X, LEVEL_Y[level], Shape.SQUARE, colour, Size.MEDIUM)
+
+
+@cache
+def _boxes() -> dict[tuple[Item, ...], Box]:
+    """All 121 boxes by items, each with its `_Stack` in its memo."""
+    boxes: dict[tuple[Item, ...], Box] = {(): Box()}
+    layer: list[tuple[Item, ...]] = [()]
+    for level in range(CAPACITY):
+        layer = [(*items, _block(level, colour)) for items in layer for colour in Colour]
+        boxes.update((items, Box(items)) for items in layer)
+    for items, box in boxes.items():
+        full = len(items) == CAPACITY
+        box.memo[_MEMO_KEY] = _Stack(
+            box,
+            tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
+            boxes[items[:-1]] if items else None,
+        )
+    return boxes
+
+
+def _stack(box: Box) -> _Stack:
+    try:
+        return box.memo[_MEMO_KEY]
+    except KeyError:
+        return _shared(box).memo[_MEMO_KEY]
+
+
+def _shared(box: Box) -> Box:
+    try:
+        return _boxes()[box.items]
+    except KeyError:
+        raise SceneError(_fault(box)) from None
+
+
+def _fault(box: Box) -> str:
+    if len(box.items) > CAPACITY:
+        return f"a tower holds at most {CAPACITY} blocks, not {len(box.items)}"
+    for level, item in enumerate(box.items):
+        if item != _block(level, item.colour):
+            return (
+                f"item {level} must be a medium square at ({BLOCK_X}, {LEVEL_Y[level]}) to stack,"
+                f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
+            )
+    raise AssertionError("the box is a legal tower")
+
+
+@cache
+def _legal_by_heights() -> BoolArray:
+    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
+    heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
+    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
+    for index, action in enumerate(ACTIONS):
+        if isinstance(action, AddBlock):
+            legal[..., index] = heights[action.box] < CAPACITY
+        elif isinstance(action, RemoveBlock):
+            legal[..., index] = heights[action.box] > 0
+    return legal
+
+
+@cache
+def _legal_rows() -> list[list[list[BoolArray]]]:
+    """The rows of `_legal_by_heights` in nested lists, which are indexed in half the time. Read-only."""
+    heights = range(CAPACITY + 1)
+    return [[[_legal_by_heights()[left, middle, right] for right in heights] for middle in heights] for left in heights]

@@ -17,31 +17,6 @@ from lilgym_mp.rules import Dynamics, State
 Component = Callable[[State], object]
 
 
-def _timed_in_states(workload: Workload, make_component: Callable[[Dynamics], Component], *, every: int = 1) -> Play:
-    """Times a component in all states of every n-th episode; no scene is reused, so nothing is cached."""
-    env = workload.recorder
-    dynamics, decode = env.dynamics, env.dynamics.appearance.decode
-    component = make_component(dynamics)
-    (script,) = workload.scripts(1)
-    games = [
-        (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
-    ]
-
-    def play() -> Timing:
-        seconds, count = 0.0, 0
-        for task, edits in games:
-            state = dynamics.start(task)
-            for edit in edits:
-                state = dynamics.step(state, edit).state
-                started = perf_counter()
-                component(state)
-                seconds += perf_counter() - started
-                count += 1
-        return Timing(count, seconds)
-
-    return play
-
-
 @contextmanager
 def truth(workload: Workload) -> Iterator[Play]:
     """Evaluating the program in a scene: whether STOP would succeed."""
@@ -123,3 +98,28 @@ def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
 
     yield play
     env.close()
+
+
+def _timed_in_states(workload: Workload, make_component: Callable[[Dynamics], Component], *, every: int = 1) -> Play:
+    """Times a component in all states of every n-th episode; no scene is reused, so nothing is cached."""
+    env = workload.recorder
+    dynamics, decode = env.dynamics, env.dynamics.appearance.decode
+    component = make_component(dynamics)
+    (script,) = workload.scripts(1)
+    games = [
+        (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
+    ]
+
+    def play() -> Timing:
+        seconds, count = 0.0, 0
+        for task, edits in games:
+            state = dynamics.start(task)
+            for edit in edits:
+                state = dynamics.step(state, edit).state
+                started = perf_counter()
+                component(state)
+                seconds += perf_counter() - started
+                count += 1
+        return Timing(count, seconds)
+
+    return play

@@ -20,7 +20,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
-from lilgym_mp.envs.engine import NO_ACTION, BatchConfig, Engine, ResetRequest
+from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.window import RENDER_FPS
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
 from lilgym_mp.render import text
@@ -73,7 +73,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     single_action_space: spaces.Discrete
     single_observation_space: spaces.Dict
 
-    def __init__(self, settings: BatchConfig, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
+    def __init__(self, settings: BatchSettings, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
         self.num_envs = settings.num_envs
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
@@ -421,7 +421,7 @@ class BatchedEnv(LilGymVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the keywords of `engine.BatchConfig.of`: those of a single environment, and two more.
+        """`settings`: the keywords of `engine.BatchSettings.of`: those of a single environment, and two more.
 
         `copy`: whether returned images are copies; otherwise they are valid until the next call.
         `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
@@ -429,7 +429,7 @@ class BatchedEnv(LilGymVectorEnv):
         environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        checked = BatchConfig.of(num_envs, **settings)
+        checked = BatchSettings.of(num_envs, **settings)
         buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)

@@ -30,7 +30,7 @@ NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environme
 
 
 @dataclass(frozen=True)
-class BatchConfig:
+class BatchSettings:
     """The configuration of a batch: the keywords of `LilGymEnv` and of vector environments. Picklable."""
 
     appearance: str
@@ -62,7 +62,7 @@ class BatchConfig:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         evaluation: bool = False,
         observation: str = TEXT,
-    ) -> BatchConfig:
+    ) -> BatchSettings:
         """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, not {num_envs!r}")
@@ -110,7 +110,7 @@ class ResetRequest(NamedTuple):
 class Engine:
     """Steps environments `first` .. `first + N - 1` of a batch, over their slice of its buffers."""
 
-    def __init__(self, settings: BatchConfig, buffers: Buffers, first: int = 0) -> None:
+    def __init__(self, settings: BatchSettings, buffers: Buffers, first: int = 0) -> None:
         self.dynamics = settings.dynamics()
         self.buffers = buffers
         self._image_size = settings.image_size

@@ -35,7 +35,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
-from lilgym_mp.envs.engine import BatchConfig, Engine, ResetRequest
+from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.render import image_shape
 from lilgym_mp.rules import State
@@ -151,7 +151,7 @@ def _spin_until(ready: Callable[[], bool], spin_seconds: float) -> bool:
 class Assignment:
     """The arguments of a worker process. Picklable."""
 
-    settings: BatchConfig
+    settings: BatchSettings
     shared: SharedMemory
     index: int
     first: int
@@ -165,12 +165,12 @@ def _control_size(workers: int) -> int:
     return workers * WorkerControl.LINES * ALIGNMENT
 
 
-def _pages_spec(settings: BatchConfig, pages: int) -> ArraySpec:
+def _pages_spec(settings: BatchSettings, pages: int) -> ArraySpec:
     return ArraySpec((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
 
 
 def _map_memory(
-    shared: SharedMemory, settings: BatchConfig, workers: int, pages: int
+    shared: SharedMemory, settings: BatchSettings, workers: int, pages: int
 ) -> tuple[memoryview, Buffers, UInt8Array]:
     """The control words, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
     control = _control_size(workers)
@@ -326,7 +326,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
         self._finalizer: weakref.finalize[Any, Any] | None = None  # set when there are processes or memory to release
-        checked = BatchConfig.of(num_envs, **{**gym.spec(id).kwargs, **settings})
+        checked = BatchSettings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)
@@ -355,7 +355,9 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self.close()
             raise
 
-    def _start(self, context: Any, settings: BatchConfig, assignments: Sequence[Assignment], words: memoryview) -> None:
+    def _start(
+        self, context: Any, settings: BatchSettings, assignments: Sequence[Assignment], words: memoryview
+    ) -> None:
         with _starting:
             _check_room(len(assignments), self._shared)
             if assignments and context.get_start_method() == "fork":
@@ -569,7 +571,7 @@ def _check_room(workers: int, shared: SharedMemory) -> None:
         )
 
 
-def _warm_up(settings: BatchConfig) -> None:
+def _warm_up(settings: BatchSettings) -> None:
     """Steps a few environments, so that forked processes inherit all imports, data and compiled code.
 
     A process forked while another thread imports a module could wait for that module forever.

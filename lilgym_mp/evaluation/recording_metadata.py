@@ -20,7 +20,7 @@ from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.report import software
 
-CIRCUMSTANCES_SUFFIX = ".made.json"
+METADATA_SUFFIX = ".metadata.json"
 MAX_BYTES = 1 << 20  # bytes
 MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
 
@@ -65,7 +65,7 @@ class RecordingMetadata:
 
 
 def _file(recording: Path) -> Path:
-    return recording.with_name(recording.name.removesuffix(SUFFIX) + CIRCUMSTANCES_SUFFIX)
+    return recording.with_name(recording.name.removesuffix(SUFFIX) + METADATA_SUFFIX)
 
 
 @cache

@@ -55,94 +55,6 @@ _Patch = tuple[int, int, UInt8Array, UInt8Array, int, int]
 _Patches = Sequence[Sequence[Sequence[Sequence[Sequence[_Patch]]]]]  # by shape, colour, size, parity of x, parity of y
 
 
-def _pitch(shrink: int) -> int:
-    """Entries per row of `drawn` (shrink 1) or `counts`: enough for a patch with neighbours on both sides."""
-    return 3 * LARGEST_PATCH // shrink
-
-
-def _patch(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
-    sprite, counts = stamp(footprint, colour, odd_x, odd_y, shrink)
-    rows, columns = counts.shape
-    bare = empty_box(shrink)[:rows, :columns]
-    mask = np.pad(item_mask(footprint), ((odd_y, 0), (odd_x, 0)))
-    drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
-    packed_counts = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
-    return columns * shrink, rows * shrink, sprite, bare, drawn, packed_counts
-
-
-def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
-    return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
-
-
-@cache
-def _patches(shrink: int) -> _Patches:
-    """Patches of all item types and parities; shifting one to its position is as fast as a cache by position."""
-    return [
-        [
-            [
-                [
-                    [_patch(FOOTPRINTS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
-                    for odd_x in (0, 1)
-                ]
-                for size in Size
-            ]
-            for colour in Colour
-        ]
-        for shape in Shape
-    ]
-
-
-def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: int, *, shown: bool) -> Blit | None:
-    """The pixels of a box on the patch of `item`, with the `others` and, if `shown`, the item itself.
-
-    None if an item there extends beyond the box or overlaps another, since then the drawing order matters.
-    """
-    x, y, shape, colour, size = item
-    width, height, alone, bare, _, _ = patches[shape][colour][size][x & 1][y & 1]
-    left, top = x & -2, y & -2
-    right, bottom = left + width, top + height
-    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
-        return None
-    near: list[Item] = []
-    for other in others:
-        if other[0] < right and other[1] < bottom:
-            side = SIZE_PIXELS[other[4]]
-            if left < other[0] + side and top < other[1] + side:
-                near.append(other)
-    pixels = alone if shown else bare
-    if near:
-        pixels = _composed(left, top, bare.shape, [item, *near] if shown else near, shrink)
-        if pixels is None:
-            return None
-    return top // shrink, bottom // shrink, left // shrink, right // shrink, pixels
-
-
-def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
-    """A patch of that shape (rows, columns, 3) with the items on and near it; None as in `_patch_blit`.
-
-    Shifts and adds packed ints, as array operations take ten times as long on so few entries.
-    """
-    patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
-    drawn = counts = 0
-    for item in items:
-        if not fits_box(item.footprint, item.x, item.y):
-            return None
-        x, y, item_shape, colour, size = item
-        _, _, _, _, own_drawn, own_counts = patches[item_shape][colour][size][x & 1][y & 1]
-        across, down = (x & -2) - left, (y & -2) - top
-        shift = down * pitch + across
-        own_drawn = own_drawn << shift if shift >= 0 else own_drawn >> -shift
-        if drawn & own_drawn:
-            return None
-        drawn |= own_drawn
-        shift = 8 * (down // shrink * block_pitch + across // shrink)
-        counts += own_counts << shift if shift >= 0 else own_counts >> -shift
-    # The maximum length, as an item near the patch may begin in its last row.
-    by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
-    blocks = np.ndarray(shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
-    return palette(shrink).colours.take(blocks, axis=0)
-
-
 _BLITS_KEYS = {shrink: f"blits {shrink}" for shrink in SHRINKS.values()}  # in a box's memo, by shrink
 
 
@@ -318,3 +230,91 @@ def _removed(before: Sequence[Item], after: Sequence[Item]) -> Item | None:
             break
         first += 1
     return before[first] if before[first + 1 :] == after[first:] else None
+
+
+def _pitch(shrink: int) -> int:
+    """Entries per row of `drawn` (shrink 1) or `counts`: enough for a patch with neighbours on both sides."""
+    return 3 * LARGEST_PATCH // shrink
+
+
+def _patch(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
+    sprite, counts = stamp(footprint, colour, odd_x, odd_y, shrink)
+    rows, columns = counts.shape
+    bare = empty_box(shrink)[:rows, :columns]
+    mask = np.pad(item_mask(footprint), ((odd_y, 0), (odd_x, 0)))
+    drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
+    packed_counts = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
+    return columns * shrink, rows * shrink, sprite, bare, drawn, packed_counts
+
+
+def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
+    return np.pad(entries, ((0, 0), (0, pitch - entries.shape[1])))
+
+
+@cache
+def _patches(shrink: int) -> _Patches:
+    """Patches of all item types and parities; shifting one to its position is as fast as a cache by position."""
+    return [
+        [
+            [
+                [
+                    [_patch(FOOTPRINTS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
+                    for odd_x in (0, 1)
+                ]
+                for size in Size
+            ]
+            for colour in Colour
+        ]
+        for shape in Shape
+    ]
+
+
+def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: int, *, shown: bool) -> Blit | None:
+    """The pixels of a box on the patch of `item`, with the `others` and, if `shown`, the item itself.
+
+    None if an item there extends beyond the box or overlaps another, since then the drawing order matters.
+    """
+    x, y, shape, colour, size = item
+    width, height, alone, bare, _, _ = patches[shape][colour][size][x & 1][y & 1]
+    left, top = x & -2, y & -2
+    right, bottom = left + width, top + height
+    if left < 0 or top < 0 or right > BOX_SIDE or bottom > BOX_SIDE:
+        return None
+    near: list[Item] = []
+    for other in others:
+        if other[0] < right and other[1] < bottom:
+            side = SIZE_PIXELS[other[4]]
+            if left < other[0] + side and top < other[1] + side:
+                near.append(other)
+    pixels = alone if shown else bare
+    if near:
+        pixels = _composed(left, top, bare.shape, [item, *near] if shown else near, shrink)
+        if pixels is None:
+            return None
+    return top // shrink, bottom // shrink, left // shrink, right // shrink, pixels
+
+
+def _composed(left: int, top: int, shape: tuple[int, ...], items: Sequence[Item], shrink: int) -> UInt8Array | None:
+    """A patch of that shape (rows, columns, 3) with the items on and near it; None as in `_patch_blit`.
+
+    Shifts and adds packed ints, as array operations take ten times as long on so few entries.
+    """
+    patches, pitch, block_pitch = _patches(shrink), _pitch(1), _pitch(shrink)
+    drawn = counts = 0
+    for item in items:
+        if not fits_box(item.footprint, item.x, item.y):
+            return None
+        x, y, item_shape, colour, size = item
+        _, _, _, _, own_drawn, own_counts = patches[item_shape][colour][size][x & 1][y & 1]
+        across, down = (x & -2) - left, (y & -2) - top
+        shift = down * pitch + across
+        own_drawn = own_drawn << shift if shift >= 0 else own_drawn >> -shift
+        if drawn & own_drawn:
+            return None
+        drawn |= own_drawn
+        shift = 8 * (down // shrink * block_pitch + across // shrink)
+        counts += own_counts << shift if shift >= 0 else own_counts >> -shift
+    # The maximum length, as an item near the patch may begin in its last row.
+    by_block = counts.to_bytes(2 * LARGEST_PATCH // shrink * block_pitch, "little")
+    blocks = np.ndarray(shape[:2], np.uint8, by_block, strides=(block_pitch, 1))
+    return palette(shrink).colours.take(blocks, axis=0)

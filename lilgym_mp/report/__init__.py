@@ -1,6 +1,6 @@
 """Evaluation reports: the paper's tables and figures, and more, from recorded episodes.
 
-`make_report(places, directory)` writes one HTML page and every item as files; docs/report.md describes the items.
+`make_report(paths, directory)` writes one HTML page and every item as files; docs/report.md describes the items.
 Does not import torch.
 """
 

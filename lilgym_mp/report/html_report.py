@@ -42,7 +42,7 @@ def chapters(data: ReportData, tags: Tags | None) -> Iterator[tuple[str, list[It
 
 
 def make_report(
-    places: Sequence[Path],
+    paths: Sequence[Path],
     directory: Path,
     *,
     tags: Path | None = None,
@@ -50,7 +50,7 @@ def make_report(
     document: Path | None = None,
     command: str = "make_report",
 ) -> Path:
-    """Writes a report on all recordings in the places; returns the path of its page. Same input, same bytes.
+    """Writes a report on all recordings in the paths; returns the path of its page. Same input, same bytes.
 
     `tags`: a file with hand-made tags of phenomena; `runs`: further training runs for the learning curves; `document`:
     also write a Markdown page, which names `command` as its origin.
@@ -61,7 +61,7 @@ def make_report(
     check_directory(directory)
     if document is not None:
         check_document(document)
-    found = load_report_data(places, runs)
+    found = load_report_data(paths, runs)
     made = list(chapters(found, None if tags is None else read_tags(tags)))
     page = replace_directory(directory, lambda unfinished: _write(unfinished, found, made, template))
     if document is not None:

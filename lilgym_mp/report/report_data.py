@@ -95,35 +95,35 @@ class ReportData:
         return [entry for agent in self.agents if (entry := self.find(agent, configuration)) is not None]
 
 
-def load_report_data(places: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
-    """Loads all recordings and training curves in the places: recordings, or directories searched recursively.
+def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
+    """Loads all recordings and training curves in the paths: recordings, or directories searched recursively.
 
     `runs`: further directories with training runs.
 
     Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
     damaged file.
     """
-    files = list(dict.fromkeys(file for place in places for file in _files(place)))
+    files = list(dict.fromkeys(file for path in paths for file in _files(path)))
     recordings = _distinct(read_episodes(file) for file in files)
     _check_comparable(recordings)
     return ReportData(
         tuple(_entries(recordings)),
-        tuple(_curves([*places, *runs])),
+        tuple(_curves([*paths, *runs])),
         tuple(made for recording in recordings if (made := RecordingMetadata.read(recording.path)) is not None),
-        tuple(_training_commands(places)),
+        tuple(_training_commands(paths)),
     )
 
 
-def _files(place: Path) -> list[Path]:
-    if not place.exists():
-        raise ReportError(f"{place}: there is no such file or directory")
-    if not place.is_dir():
-        return [place]
-    found = sorted(place.rglob(f"*{SUFFIX}"))
+def _files(path: Path) -> list[Path]:
+    if not path.exists():
+        raise ReportError(f"{path}: there is no such file or directory")
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.rglob(f"*{SUFFIX}"))
     if not found:
-        problem = "is a training run without" if (place / RUN_FILE).exists() else "contains no training run and no"
+        problem = "is a training run without" if (path / RUN_FILE).exists() else "contains no training run and no"
         raise ReportError(
-            f"{place} {problem} recorded episodes (*{SUFFIX});"
+            f"{path} {problem} recorded episodes (*{SUFFIX});"
             " record some with: lilgym-mp evaluate RUN --record DIR, or name a run that `lilgym-mp train` finished"
         )
     return found
@@ -220,10 +220,10 @@ def format_setting(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
 
 
-def _curves(places: Iterable[Path]) -> Iterator[TrainingCurve]:
+def _curves(paths: Iterable[Path]) -> Iterator[TrainingCurve]:
     """The curve of every training run in the directories."""
-    for place in places:
-        for file in sorted(place.rglob(PROGRESS_FILE)) if place.is_dir() else ():
+    for path in paths:
+        for file in sorted(path.rglob(PROGRESS_FILE)) if path.is_dir() else ():
             description = file.with_name(RUN_FILE)
             if not description.exists():
                 continue
@@ -263,10 +263,10 @@ def _object(value: object) -> dict[str, Any]:
     return cast("dict[str, Any]", value)
 
 
-def _training_commands(places: Iterable[Path]) -> Iterator[str]:
-    """The commands that trained the runs of the experiments in the places."""
-    for place in places:
-        for file in sorted(place.rglob(f"{FINISHED}/*.json")) if place.is_dir() else ():
+def _training_commands(paths: Iterable[Path]) -> Iterator[str]:
+    """The commands that trained the runs of the experiments in the paths."""
+    for path in paths:
+        for file in sorted(path.rglob(f"{FINISHED}/*.json")) if path.is_dir() else ():
             try:
                 words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
                 command = " ".join(["lilgym-mp", *words])

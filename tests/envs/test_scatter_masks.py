@@ -91,13 +91,13 @@ def test_cell_places__bits_equal_the_free_positions_and_uncovered_parts(grid: tu
     places = cell_places(*cell, searches=True)
     there = square(37, 44, LARGE)
     width, height = cell[0], places.part_height
-    left = np.zeros_like(places.empty)
+    kept = np.zeros_like(places.empty)
     for part, index in np.ndindex(places.empty.shape[:2]):
         column, row = divmod(index, BOX_SIDE // cell[1])
         dx = column * width - there.x + places.offset[0]
         dy = row * cell[1] + part * height - there.y + places.offset[1]
-        near = 0 <= dx < places.left_index.shape[1] and 0 <= dy < places.left_index.shape[2]
-        left[part, index] = places.left[places.left_index[there.footprint, dx, dy] if near else 0]
+        near = 0 <= dx < places.kept_index.shape[1] and 0 <= dy < places.kept_index.shape[2]
+        kept[part, index] = places.kept[places.kept_index[there.footprint, dx, dy] if near else 0]
     free = sum(
         is_free(footprint, x, y, [there])
         for footprint, x, y in np.argwhere(allowed_corners(*cell, searches=True)).tolist()
@@ -108,7 +108,7 @@ def test_cell_places__bits_equal_the_free_positions_and_uncovered_parts(grid: tu
         if x < 67 and x + width > 37 and y < 74 and y + height > 44
     ]
     uncovered = places.empty[..., 0].size - len(covered)
-    assert int(np.bitwise_count(places.empty & left).sum()) == free + uncovered
+    assert int(np.bitwise_count(places.empty & kept).sum()) == free + uncovered
 
 
 @BY_RULES

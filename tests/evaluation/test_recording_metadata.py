@@ -31,8 +31,8 @@ def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
 def test_read__is_none_without_a_file_and_names_a_damaged_one(tmp_path: Path):
     recording = tmp_path / f"a{SUFFIX}"
     assert RecordingMetadata.read(recording) is None
-    (tmp_path / "a.made.json").write_text(json.dumps({"date": "today"}))
-    with pytest.raises(EpisodesError, match=r"a\.made\.json: not valid metadata of a recording"):
+    (tmp_path / "a.metadata.json").write_text(json.dumps({"date": "today"}))
+    with pytest.raises(EpisodesError, match=r"a\.metadata\.json: not valid metadata of a recording"):
         RecordingMetadata.read(recording)
 
 

@@ -77,7 +77,7 @@ def test_evaluate_command__records_decisions_on_request(tmp_path: Path, capsys: 
     decisions = [decision for episode in read_episodes(file).episodes for decision in episode.decisions or ()]
     assert decisions
     assert all(decision.optimal for decision in decisions)
-    assert "--record-decisions" in json.loads(next(tmp_path.glob("*.made.json")).read_text())["command"]
+    assert "--record-decisions" in json.loads(next(tmp_path.glob("*.metadata.json")).read_text())["command"]
     assert main([*words, "--force"]) == 0
     assert all(episode.decisions is None for episode in read_episodes(file).episodes)
     capsys.readouterr()

@@ -21,7 +21,7 @@ from typing import Any
 
 from lilgym_mp.cli import main as run_command
 from lilgym_mp.evaluation.episodes import SUFFIX
-from lilgym_mp.evaluation.recording_metadata import CIRCUMSTANCES_SUFFIX
+from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 
 EPISODES = 8
 MARKUP = "<script>alert(1)</script>"
@@ -57,7 +57,7 @@ def recorded(directory: Path) -> tuple[list[Any], Any]:
     with gzip.open(file, "rt", encoding="utf-8") as lines:
         rows = [json.loads(line) for _, line in zip(range(1 + EPISODES), lines, strict=False)]
     rows[0]["episodes"] = EPISODES
-    return rows, json.loads(next(directory.rglob(f"*{CIRCUMSTANCES_SUFFIX}")).read_text(encoding="utf-8"))
+    return rows, json.loads(next(directory.rglob(f"*{METADATA_SUFFIX}")).read_text(encoding="utf-8"))
 
 
 def _quietly(words: list[str]) -> tuple[int, str]:
@@ -73,7 +73,7 @@ def hostile_reports(count: int, seed: int) -> Counter[str]:
     with tempfile.TemporaryDirectory() as base:
         rows, metadata = recorded(Path(base) / "recorded")
         for _ in range(count):
-            parts = json.loads(json.dumps({"rows": rows, "made": metadata, "progress": PROGRESS, "run": RUN}))
+            parts = json.loads(json.dumps({"rows": rows, "metadata": metadata, "progress": PROGRESS, "run": RUN}))
             _spoil(rng.choice([parts["rows"][0], parts["rows"][rng.randint(1, EPISODES)], parts, *parts.values()]), rng)
             case = Path(base) / "case"
             shutil.rmtree(case, ignore_errors=True)
@@ -87,7 +87,7 @@ def _write(case: Path, parts: Any) -> None:
     run = case / "run"
     run.mkdir(parents=True)
     files: dict[Path, Callable[[], str]] = {
-        case / f"a{CIRCUMSTANCES_SUFFIX}": lambda: json.dumps(parts["made"]),
+        case / f"a{METADATA_SUFFIX}": lambda: json.dumps(parts["metadata"]),
         run / "run.json": lambda: json.dumps({"identity": parts["run"]}),
         run / "progress.jsonl": lambda: _lines(parts["progress"]),
         run / "evaluations.jsonl": lambda: _lines(parts["progress"]),

@@ -444,12 +444,12 @@ def _remove(tables: GridTables, drawing: DrawingTables, scenes: Scenes, row: int
 
 @_kernel
 def write_masks(
-    tables: GridTables, places: CellPlaces, scenes: Scenes, seen: Int64Array, words: Any, masks: BoolArray
+    tables: GridTables, places: CellPlaces, scenes: Scenes, seen: Int64Array, scratch: Any, masks: BoolArray
 ) -> None:
     """Writes `Scatter.legal_mask` into `masks` (N, actions) for boxes whose version differs from `seen` (3 N,).
 
-    After one added item only the cells near it are updated, after any other change all cells of the box. `words`
-    (words,) uint64 is a scratch buffer.
+    After one added item only the cells near it are updated, after any other change all cells of the box. `scratch`
+    (masks of a cell,) uint64: overwritten.
     """
     for row in range(len(seen)):
         if seen[row] == scenes.versions[row]:
@@ -460,7 +460,7 @@ def write_masks(
         for cell in range(places.empty.shape[1]):
             if grown and not _reaches(tables, places, newest, cell):
                 continue
-            legal = _legal_edits(tables, places, scenes, row, cell, words)
+            legal = _legal_edits(tables, places, scenes, row, cell, scratch)
             in_grid = tables.first_cells[row % BOX_COUNT] + cell
             first = np.uint64(add_index(in_grid, 0))
             for item_type in range(np.uint64(ITEM_TYPE_COUNT)):
@@ -469,13 +469,13 @@ def write_masks(
 
 
 @_inlined
-def _left_index(tables: GridTables, places: CellPlaces, item: int, cell: int, part: int) -> int:
-    """Index in `CellPlaces.left` for an item and a part of a cell of its box; 0 if they are apart."""
+def _kept_index(tables: GridTables, places: CellPlaces, item: int, cell: int, part: int) -> int:
+    """The line of `CellPlaces.kept` for the bits that an item keeps in a part of a cell; 0 if it is far from it."""
     x, y, item_type = decode_item(item)
     dx = tables.xs[cell] - x + places.offset[0]
     dy = tables.ys[cell] + part * places.part_height - y + places.offset[1]
-    if 0 <= dx < places.left_index.shape[1] and 0 <= dy < places.left_index.shape[2]:
-        return int(places.left_index[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
+    if 0 <= dx < places.kept_index.shape[1] and 0 <= dy < places.kept_index.shape[2]:
+        return int(places.kept_index[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
     return 0
 
 
@@ -484,26 +484,26 @@ def _reaches(tables: GridTables, places: CellPlaces, item: int, cell: int) -> bo
     """Whether an item can affect the legal edits of a cell."""
     reaches = False
     for part in range(places.empty.shape[0]):
-        reaches |= _left_index(tables, places, item, cell, part) != 0
+        reaches |= _kept_index(tables, places, item, cell, part) != 0
     return reaches
 
 
 @_inlined
-def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, cell: int, words: Any) -> int:
-    """Bitmask of the footprints that can be added to a cell, and REMOVABLE. `words` (words,) uint64: scratch."""
+def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, cell: int, scratch: Any) -> int:
+    """Bitmask of the footprints that can be added to a cell, and REMOVABLE. `scratch` (masks,) uint64: overwritten."""
     width = np.uint64(places.empty.shape[2])
     legal = 0
     for part in range(places.empty.shape[0]):
-        for word in range(width):
-            words[word] = places.empty[part, cell, word]
+        for mask in range(width):
+            scratch[mask] = places.empty[part, cell, mask]
         for slot in range(scenes.counts[row]):
-            line = _left_index(tables, places, scenes.items[row, slot], cell, part)
+            line = _kept_index(tables, places, scenes.items[row, slot], cell, part)
             if line != 0:
-                for word in range(width):
-                    words[word] &= places.left[line, word]
-        for word in range(width):
-            if (words[word] != 0) == (places.edits[word] != REMOVABLE):
-                legal |= places.edits[word]
+                for mask in range(width):
+                    scratch[mask] &= places.kept[line, mask]
+        for mask in range(width):
+            if (scratch[mask] != 0) == (places.edits[mask] != REMOVABLE):
+                legal |= places.edits[mask]
     return legal
 
 

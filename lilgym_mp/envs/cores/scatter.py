@@ -140,9 +140,9 @@ class ScatterCore(CompiledCore):
             if len(self._tasks) * mask.shape[1] <= MAX_START_MASK_BYTES:
                 self._start_masks = _StartMasks(len(self._tasks), mask.shape[1])
         places = cell_places(*appearance.cell, searches=appearance.searches(placement))
-        words = np.empty(places.empty.shape[2], np.uint64)
+        scratch = np.empty(places.empty.shape[2], np.uint64)
         with compiling(kernels.write_masks):
-            kernels.write_masks(self._tables, places, self._current, self._written_masks, words, mask)
+            kernels.write_masks(self._tables, places, self._current, self._written_masks, scratch, mask)
         if self._start_masks is not None:
             self._start_masks.add(self._versions_by_env, mask)
         for env_id in self._uses_fallback.nonzero()[0].tolist():

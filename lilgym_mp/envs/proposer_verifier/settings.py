@@ -24,7 +24,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class GameSettings:
-    """GameSettings of the game; docs/proposer_verifier.md gives the reason for each default."""
+    """The settings of a game; docs/proposer_verifier.md gives the reason for each default."""
 
     appearance: str = "tower"
     start: str = "scratch"
