@@ -86,6 +86,17 @@ test-oldest test-newest: test-%:
 	@build/matrix/$*/bin/python -m pip list 2>/dev/null | grep -i -E '^(gymnasium|numpy|pettingzoo|stable_baselines3|numba) '
 	@build/matrix/$*/bin/python -m pytest -n 2 --dist worksteal $(ARGS)
 
+# The adapters of integrations/, each in an environment of its own with the library it adapts to.
+INTEGRATIONS := trl verifiers openenv reasoning_gym
+.PHONY: test-integrations $(INTEGRATIONS:%=test-integration-%)
+test-integrations: $(INTEGRATIONS:%=test-integration-%)  ## test the adapters to libraries for training language models
+$(INTEGRATIONS:%=test-integration-%): test-integration-%:
+	@$(PYTHON) -m venv build/integrations/$*
+	@$(if $(filter trl,$*),build/integrations/$*/bin/python -m pip install --quiet $(TORCH))
+	@build/integrations/$*/bin/python -m pip install --quiet --editable . -r integrations/$*/requirements.txt
+	cd integrations/$* && PATH="$(CURDIR)/build/integrations/$*/bin:$$PATH" PYTHONPATH=. \
+		python -m pytest -q -p no:cacheprovider -c /dev/null --rootdir .
+
 docs: $(INSTALLED_FORM)  ## build the documentation site in build/site
 	$(BIN)/python scripts/write_environment_pages.py
 	NO_MKDOCS_2_WARNING=1 LILGYM_DOCS_PACKAGE=$(INSTALLED_FORM) $(BIN)/python -m mkdocs build --strict --quiet

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import json
 import os
 import re
 import runpy
@@ -95,6 +96,13 @@ def test_sb3_ppo__learns_the_same_with_subprocesses_and_with_a_batch(run: Run, o
     returns = re.findall(r"PPO over (\w+) +32 steps .* episodes ([-+.\d]+)$", printed, re.MULTILINE)
     assert [backend for backend, _ in returns] == ["subproc", "batched"]
     assert returns[0][1] == returns[1][1]
+
+
+def test_train_language_model__reports_both_phases(run: Run) -> None:
+    _needs("train_language_model.py", "torch", "sb3")
+    short = ("--rows", "40", "--supervised-steps", "2", "--reward-steps", "1", "--prompts", "2", "--plans", "random")
+    phases = [json.loads(line)["phase"] for line in run("train_language_model.py", *short).splitlines()]
+    assert phases == ["supervised", "supervised", "rewarded by success"]
 
 
 def test_torchrl__collects_legal_actions_only(run_in_process: Run) -> None:

@@ -11,7 +11,7 @@ from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.generator import LEVELS, Entry, ScenePool, drafts, validate_draft
-from lilgym_mp.generator.generated_corpus import split_of
+from lilgym_mp.generator.meanings.generated_corpus import split_of
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rlvr.rows import KINDS, Row, dynamics_of, solver_of
 from lilgym_mp.rlvr.scoring import checked_truths

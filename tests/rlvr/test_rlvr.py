@@ -12,7 +12,7 @@ import pytest
 
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.generator.generated_corpus import split_of
+from lilgym_mp.generator.meanings.generated_corpus import split_of
 from lilgym_mp.rlvr import BASELINES, KINDS, Conversation, Row, RowError, expert_reply, random_reply, rows, score
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene

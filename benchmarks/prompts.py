@@ -1,0 +1,117 @@
+"""Figures on prompts for training language models: speed, variety, difficulty, baselines, overlap with corpora.
+
+Run: python benchmarks/prompts.py [--count 400] [--corpora builtin lilgym]
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import statistics
+import time
+from collections import Counter
+from collections.abc import Iterable
+from itertools import islice
+
+from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
+from lilgym_mp.corpus.held_out import statement_digest
+from lilgym_mp.generator import LEVELS
+from lilgym_mp.rlvr import BASELINES, KINDS, Row, rows, score
+from lilgym_mp.terminal import table
+
+APPEARANCES = ("tower", "scatter")
+
+
+def speed(count: int) -> None:
+    """CPU time, so that other processes matter less."""
+    lines = []
+    for appearance in APPEARANCES:
+        for kind in KINDS:
+            stream = rows(kind, appearance, 3, seed=7)
+            next(stream)
+            begun = time.process_time()
+            found = list(islice(stream, count))
+            cold = count / (time.process_time() - begun)
+            begun = time.process_time()
+            for row in found:
+                _ = row.prompt
+            warm = count / (time.process_time() - begun)
+            replies = [BASELINES["expert"](row, random.Random(0)) for row in found]
+            seconds = [_seconds(reply, row) for reply, row in zip(replies, found, strict=True)]
+            micro = 1e6 * statistics.median(seconds)
+            lines.append((appearance, kind, round(cold), round(warm), round(micro), round(1e6 * max(seconds))))
+    print(table(("appearance", "task", "new rows/s", "prompts/s", "score, median us", "at most us"), lines), "\n")
+
+
+def _seconds(reply: str, row: Row) -> float:
+    begun = time.process_time()
+    score(reply, row)
+    return time.process_time() - begun
+
+
+def baselines(count: int) -> None:
+    lines = []
+    for appearance in APPEARANCES:
+        for kind in KINDS:
+            found = list(islice(rows(kind, appearance, 3, seed=8, split="dev"), count))
+            rng = random.Random(0)
+            rates = [
+                100 * statistics.mean(score(reply(row, rng), row).reward for row in found)
+                for reply in BASELINES.values()
+            ]
+            lines.append((appearance, kind, *rates))
+    print(table(("appearance", "task", *(f"{name}, %" for name in BASELINES)), lines), "\n")
+
+
+def lengths(count: int) -> None:
+    """The shares of shortest plans by length, in percent, and their variety."""
+    lines = []
+    for appearance in APPEARANCES:
+        for level in LEVELS:
+            found = list(islice(rows("plan", appearance, level, seed=9), count))
+            steps = Counter(min(row.steps or 0, 8) for row in found)
+            lines.append((appearance, level, *(round(100 * steps[length] / count) for length in range(2, 9))))
+    print(table(("appearance", "level", *range(2, 8), "8 to 12"), lines), "\n")
+
+
+def variety(counts: Iterable[int]) -> None:
+    lines = []
+    for appearance in APPEARANCES:
+        for level in (1, 3, 5):
+            stream, found = rows("truth", appearance, level, seed=10), list[Row]()
+            for count in counts:
+                found += islice(stream, count - len(found))
+                statements = len({row.task.statement for row in found})
+                lines.append((appearance, level, count, statements, len({row.task.program for row in found})))
+    print(table(("appearance", "level", "rows", "statements", "programs"), lines), "\n")
+
+
+def overlap(corpora: Iterable[str], count: int) -> None:
+    own = {
+        statement_digest(row.task.statement)
+        for appearance in APPEARANCES
+        for level in LEVELS
+        for row in islice(rows("truth", appearance, level, seed=11), count)
+    }
+    for corpus in corpora:
+        theirs = {
+            statement_digest(task.statement) for tasks in load_all_tasks(corpus, splits=HELD_OUT) for task in tasks
+        }
+        print(f"{len(own & theirs)} of {len(own)} statements are among the {len(theirs)} of dev and test of {corpus}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=400)
+    parser.add_argument("--corpora", nargs="*", default=["builtin"])
+    args = parser.parse_args()
+    speed(args.count)
+    baselines(args.count)
+    lengths(args.count)
+    variety((args.count, 4 * args.count, 16 * args.count))
+    overlap(args.corpora, args.count)
+
+
+if __name__ == "__main__":
+    main()

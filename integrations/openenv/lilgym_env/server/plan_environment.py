@@ -1,0 +1,44 @@
+"""One conversation for each session."""
+
+import random
+from typing import Any
+from uuid import uuid4
+
+from openenv.core.env_server.interfaces import Environment
+from openenv.core.env_server.types import State
+
+from lilgym_mp.rlvr import Conversation, rows
+
+try:
+    from ..models import LilgymAction, LilgymObservation
+except ImportError:
+    from models import LilgymAction, LilgymObservation
+
+
+class PlanEnvironment(Environment):
+    """Makes a statement true or false, one action for each reply; reward 1 for success, else 0."""
+
+    SUPPORTS_CONCURRENT_SESSIONS: bool = True
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._state = State(episode_id=str(uuid4()), step_count=0)
+        self._talk: Conversation | None = None
+
+    def reset(self, seed: int | None = None, episode_id: str | None = None, **settings: Any) -> LilgymObservation:
+        """`seed` determines the task. `settings`: appearance, level, split, min_actions, max_actions."""
+        seed = random.randrange(2**32) if seed is None else seed
+        self._talk = Conversation(next(rows("plan", seed=seed, **settings)))
+        self._state = State(episode_id=episode_id or str(uuid4()), step_count=0)
+        return LilgymObservation(text=self._talk.prompt, outcome="continues", done=False, reward=0.0)
+
+    def step(self, action: LilgymAction, timeout_s: float | None = None, **_: Any) -> LilgymObservation:
+        if self._talk is None or self._talk.done:
+            return LilgymObservation(text="Reset first.", outcome="over", done=True, reward=0.0)
+        self._state.step_count += 1
+        turn = self._talk.step(action.reply)
+        return LilgymObservation(text=turn.text, outcome=turn.outcome, done=turn.done, reward=turn.reward)
+
+    @property
+    def state(self) -> State:
+        return self._state

@@ -1,0 +1,83 @@
+"""The server and its client: three sessions at once, the expert's reward, odd messages, and OpenEnv's validation."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from lilgym_env import LilgymAction, LilgymEnv
+
+from lilgym_mp.actions import describe
+from lilgym_mp.rlvr import rows
+from lilgym_mp.rlvr.rows import solver_of
+
+PACKAGE = Path(__file__).parent / "lilgym_env"
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    command = [sys.executable, "-m", "uvicorn", "server.app:app", "--port", str(port), "--log-level", "warning"]
+    with subprocess.Popen(command, cwd=PACKAGE) as server:
+        address = f"http://127.0.0.1:{port}"
+        for _ in range(600):
+            try:
+                httpx.get(f"{address}/health", timeout=5)
+                break
+            except httpx.HTTPError:
+                time.sleep(0.2)
+        yield address
+        server.terminate()
+
+
+def test_three_sessions_at_once__each_play_their_own_task(url: str):
+    solver = solver_of("tower")
+    tasks = [next(rows("plan", level=2, seed=seed)).task for seed in (1, 2, 3)]
+    plans = [list(map(describe, solver.solve(task).actions)) for task in tasks]
+    sessions = [LilgymEnv(base_url=url).sync() for _ in tasks]
+    for session, task, seed in zip(sessions, tasks, (1, 2, 3), strict=True):
+        session.connect()
+        assert task.statement in session.reset(seed=seed, level=2).observation.text
+    results = [None] * 3
+    while any(plans):
+        for index, (session, plan) in enumerate(zip(sessions, plans, strict=True)):
+            if plan:
+                results[index] = session.step(LilgymAction(reply=f"So:\n{plan.pop(0)}"))
+    assert [(result.reward, result.done, result.observation.outcome) for result in results] == [
+        (1, True, "success")
+    ] * 3
+    for session in sessions:
+        session.close()
+
+
+def test_replies_without_an_action__end_without_reward(url: str):
+    with LilgymEnv(base_url=url).sync() as session:
+        session.reset(seed=1)
+        assert session.step(LilgymAction(reply="hm")).observation.outcome == "not_understood"
+        result = session.step(LilgymAction(reply=""))
+        assert (result.reward, result.done) == (0, True)
+        assert session.step(LilgymAction(reply="STOP")).observation.outcome == "over"
+
+
+def test_openenv__validates_the_package():
+    command = [str(Path(sys.executable).with_name("openenv")), "validate", str(PACKAGE), "--skip-build"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert re.search(r"Verdict: (?:PASS|WARN)", done.stdout), done.stdout
+    assert "FAIL" not in done.stdout
+
+
+def test_openenv__validates_the_running_server(url: str):
+    command = [str(Path(sys.executable).with_name("openenv")), "validate", "--url", url, "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert json.loads(done.stdout)["passed"] is True

@@ -1,0 +1,90 @@
+"""Two GRPO steps of a tiny random model: rewards vary and weights change, for whole plans and for several turns."""
+
+from __future__ import annotations
+
+import json
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+import transformers
+import trl
+from lilgym_trl import stream, trainer, verified_reward
+from tokenizers import AddedToken, Tokenizer, models, pre_tokenizers
+
+from lilgym_mp.rlvr import Row, expert_reply, rows
+
+SPECIAL = ("<|endoftext|>", "<|im_start|>", "<|im_end|>", "[UNK]")
+NAMES = ("ADD(LEFT, BLUE)", "ADD(MIDDLE, YELLOW)", "REMOVE(LEFT)", "STOP")
+CALL = '<tool_call>\n{{"name": "act", "arguments": {{"action": "{}"}}}}\n</tool_call>'
+
+
+def tiny_model(directory: Path, replies: tuple[str, ...]) -> tuple[Any, Any, list[int]]:
+    """A random model, its tokenizer, and the tokens that it must not generate: all but the replies and the end."""
+    vocabulary = {token: index for index, token in enumerate(SPECIAL)}
+    for row in islice(rows("plan", "tower", 2), 50):
+        for word in row.prompt.split():
+            vocabulary.setdefault(word, len(vocabulary))
+    backend = Tokenizer(models.WordLevel(vocabulary, unk_token="[UNK]"))
+    backend.pre_tokenizer = pre_tokenizers.WhitespaceSplit()
+    backend.add_special_tokens([AddedToken(token, special=True) for token in SPECIAL])
+    backend.add_tokens([AddedToken(reply, normalized=False) for reply in replies])
+    tokenizer = transformers.PreTrainedTokenizerFast(
+        tokenizer_object=backend, eos_token="<|im_end|>", pad_token="<|endoftext|>", unk_token="[UNK]"
+    )
+    tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text()
+    config = transformers.Qwen3Config(
+        vocab_size=len(tokenizer), hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2,
+        num_key_value_heads=2, head_dim=16, max_position_embeddings=8_192, eos_token_id=tokenizer.eos_token_id,
+        pad_token_id=tokenizer.pad_token_id,
+    )  # fmt: skip
+    torch.manual_seed(0)
+    model = transformers.Qwen3ForCausalLM(config)
+    kept = {tokenizer.eos_token_id, *tokenizer.convert_tokens_to_ids(list(replies))}
+    return model, tokenizer, [token for token in range(len(tokenizer)) if token not in kept]
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_grpo__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: bool):
+    replies = tuple(CALL.format(name) for name in NAMES) if turns else tuple(f"{name}\n" for name in NAMES)
+    model, tokenizer, suppressed = tiny_model(tmp_path, replies)
+    before = {name: weight.clone() for name, weight in model.named_parameters()}
+    training = trainer(
+        model,
+        turns=turns,
+        tokenizer=tokenizer,
+        dataset=stream(level=1, max_actions=2),
+        output_dir=str(tmp_path),
+        max_steps=2,
+        num_generations=16,
+        per_device_train_batch_size=32,
+        max_completion_length=800 if turns else 3,
+        learning_rate=0.01,
+        generation_kwargs={"suppress_tokens": suppressed},
+        use_cpu=True,
+        report_to="none",
+        logging_steps=1,
+        **({"max_tool_calling_iterations": 3} if turns else {}),
+    )
+    training.train()
+    deviations = [entry["reward_std"] for entry in training.state.log_history if "reward_std" in entry]
+    assert len(deviations) == 2
+    assert max(deviations) > 0
+    assert any(not torch.equal(weight, before[name]) for name, weight in model.named_parameters())
+
+
+def test_reward__of_right_wrong_and_odd_completions():
+    row = next(rows("plan"))
+    data = json.dumps(row.to_json())
+    right = [{"role": "assistant", "content": expert_reply(row)}]
+    odd = [[{"role": "assistant"}], "", expert_reply(row)]
+    assert verified_reward([right, *odd], [data] * 4) == [1, 0, 0, 1]
+    assert verified_reward([right, right], ["{}", "no"]) == [None, None]
+
+
+def test_stream__rows_can_be_scored():
+    for example in stream(level=1).take(3):
+        row = Row.from_json(json.loads(example["row"]))
+        assert example["prompt"][0]["content"] == row.prompt
