@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -47,37 +46,16 @@ def add_parser(subparsers: Any) -> None:
         "--output", type=Path, default=OUTPUT, metavar="DIR", help="directory of the results (default: %(default)s)"
     )
     parser.add_argument("--write-docs", type=Path, metavar="FILE", help="update the tables and the chart of a document")
-    parser.add_argument("--against", type=Path, metavar="PATH", help="also measure this checkout of the lilGym release")
-    parser.add_argument(
-        "--against-options",
-        type=_json_object,
-        default={},
-        metavar="JSON",
-        help="keyword arguments of the release's gym.make",
-    )
     parser.set_defaults(run=run)
-
-
-def _json_object(text: str) -> dict[str, Any]:
-    try:
-        options = json.loads(text)
-    except ValueError:
-        options = None
-    if not isinstance(options, dict):
-        raise argparse.ArgumentTypeError(f"""{text!r} must be a JSON object, such as '{{"name": 1}}'""")
-    return options
 
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Workload, benchmark_cases
-    from lilgym_mp.benchmark.release import release_case
 
     names = args.configurations or (QUICK_CONFIGURATIONS if args.quick else CONFIGURATIONS)
     for name in names:
         choose("configuration", name, CONFIGURATIONS)
     chosen = benchmark_cases(args.only or GROUPS)
-    if args.against is not None:
-        chosen.append(release_case(args.against, args.against_options))
     output = writable_directory(args.output)
     if args.write_docs is not None:
         _with_tables(args.write_docs, "")  # fails now if the document has no place for tables

@@ -10,7 +10,7 @@ import numpy as np
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.play import add_task_choice, input_lines
+from lilgym_mp.cli.play import add_task_choice, first_split, input_lines
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import CommandError, add_configuration, add_settings, given_settings
@@ -64,16 +64,14 @@ def run(args: argparse.Namespace) -> int:
         from lilgym_mp.envs.proposer_verifier import SCRIPTED, parallel_env
     except ImportError as error:
         raise CommandError(str(error)) from None
-    settings = given_settings(args)
-    configuration = Settings(settings.pop("configuration"))
+    settings = Settings(**given_settings(args))
     named = args.partner or PARTNERS[args.side]
     partner = choose("partner", named, SCRIPTED)
     game = parallel_env(
-        appearance=configuration.appearance,
-        start=configuration.start,
+        appearance=settings.appearance,
+        start=settings.start,
         protocol=args.protocol,
-        split=args.split,
-        **settings,
+        **settings.arguments(args.split or first_split(settings)),
     )
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
     try:

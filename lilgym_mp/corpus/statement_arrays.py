@@ -1,4 +1,4 @@
-"""Statements of tasks as padded arrays of token ids; the vocabulary comes from the corpus's train split."""
+"""Statements of tasks as padded arrays of token ids; the vocabulary comes from `training_tasks`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 import numpy.typing as npt
 
+from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import Vocabulary, words
@@ -22,12 +23,20 @@ def statements_of(tasks: TaskSet) -> list[str]:
     return list({task.statement: None for task in tasks})
 
 
-def training_statements(tasks: TaskSet) -> list[str]:
-    """The distinct statements in the train split of the tasks' corpus."""
+def training_tasks(tasks: TaskSet) -> TaskSet:
+    """The train split of the tasks' corpus; the tasks themselves if it has none."""
     origin = tasks.provenance
-    if origin.split != VOCABULARY_SPLIT:
-        tasks = load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
-    return statements_of(tasks)
+    if origin.split == VOCABULARY_SPLIT:
+        return tasks
+    try:
+        return load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
+    except NoTasksError:
+        return tasks
+
+
+def training_statements(tasks: TaskSet) -> list[str]:
+    """The distinct statements of `training_tasks`."""
+    return statements_of(training_tasks(tasks))
 
 
 def default_length(statements: Iterable[str]) -> int:
@@ -54,7 +63,7 @@ def statement_rows(tasks: TaskSet, vocabulary: Vocabulary, length: int) -> npt.N
 
 
 class StatementArrays:
-    """Token ids by task; vocabulary and length come from the train split of the tasks' corpus."""
+    """Token ids by task; vocabulary and length come from `training_tasks`."""
 
     def __init__(self, tasks: TaskSet) -> None:
         """Raises ValueError when a statement of `tasks` exceeds the length."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from lilgym_mp.corpus import contexts, load_tasks
+from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.evaluation.metrics import SuccessCount, Summary, summarise
 from lilgym_mp.evaluation.named_policies import NamedPolicy
@@ -153,7 +153,7 @@ def make_result(
         plan,
         summarise(episodes, training_statements),
         SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
-        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if not seen]),
+        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if forms and not seen]),
         episodes,
         cpu_seconds,
         mask,
@@ -177,8 +177,11 @@ def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> l
 
 
 def training_statements(settings: Settings) -> set[str]:
-    """The statements of the settings' training split."""
-    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    """The statements of the settings' training split; none if the corpus has no such split."""
+    try:
+        tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    except NoTasksError:
+        return set()
     return {task.statement for task in tasks}
 
 

@@ -46,7 +46,7 @@ class Summary:
 
 
 def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
-    """Raises ValueError if there are no episodes."""
+    """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
     if not episodes:
         raise ValueError("cannot summarise zero episodes")
     count = len(episodes)
@@ -54,7 +54,9 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     return Summary(
         all=SuccessCount.of(episodes),
         seen=SuccessCount.of([episode for episode in episodes if episode.statement in training_statements]),
-        unseen=SuccessCount.of([episode for episode in episodes if episode.statement not in training_statements]),
+        unseen=SuccessCount.of(
+            [episode for episode in episodes if training_statements and episode.statement not in training_statements]
+        ),
         mean_reward=sum(episode.reward for episode in episodes) / count,
         mean_length=sum(len(episode.actions) for episode in episodes) / count,
         outcomes={outcome: outcomes[outcome] / count for outcome in FINAL_OUTCOMES},

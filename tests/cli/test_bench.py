@@ -19,46 +19,16 @@ from lilgym_mp.benchmark import Bench, Effort, Workload, benchmark_cases, goals,
 from lilgym_mp.benchmark.catalogue import COPY_GROUP, BenchmarkCase
 from lilgym_mp.benchmark.chart import COLOURS, scaling_chart
 from lilgym_mp.benchmark.players import Play, Timing
-from lilgym_mp.benchmark.release import ReleaseError, release_case
 from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, insert_tables, report_text
 from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
 from lilgym_mp.cli import main
 
 SHORT = Effort(2, 1e-9, 110)
 
-RELEASE = """
-import gymnasium as gym
-
-print("a word of greeting")
-
-class Environment(gym.Env):
-    def __init__(self, horizon=5):
-        self.horizon = horizon
-
-    def reset(self, seed=None, options=None):
-        self.steps = 0
-        return 0, {}
-
-    def step(self, action):
-        self.steps += 1
-        return 0, 0.0, action[0] == 0, self.steps == self.horizon, {}
-
-gym.register("TowerFlipIt-v0", entry_point=Environment, disable_env_checker=True)
-"""
-
 
 @pytest.fixture(scope="module", params=["TowerFlipIt", "ScatterFlipIt"])
 def workload(request: pytest.FixtureRequest) -> Workload:
     return Workload(request.param, actions=110)
-
-
-@pytest.fixture
-def release(tmp_path: Path) -> Path:
-    """A stand-in for a checkout of the release, with an environment whose episodes end after five steps."""
-    package = tmp_path / "release" / "lilgym"
-    package.mkdir(parents=True)
-    (package / "__init__.py").write_text(RELEASE)
-    return package.parent
 
 
 def test_script__is_deterministic_random_legal_edits_and_a_stop(workload: Workload) -> None:
@@ -216,34 +186,6 @@ def test_insert_tables__replaces_the_old_tables() -> None:
         insert_tables("no marks", "new")
 
 
-def test_release__runs_in_a_subprocess(release: Path) -> None:
-    workload = Workload("TowerFlipIt", actions=33)
-    with release_case(release, {"horizon": 3}).open(workload) as play:
-        assert play().steps == 1 + 3 * 3  # a STOP, then three episodes that end early
-
-
-@pytest.mark.parametrize(
-    ("configuration", "options", "message"),
-    [
-        ("ScatterFlipIt", {}, "no environment ScatterFlipIt was registered .* there are: TowerFlipIt-v0"),
-        ("TowerFlipIt", {"speed": 9}, "speed"),
-    ],
-)
-def test_release__errors_name_the_cause(
-    release: Path, configuration: str, options: dict[str, int], message: str
-) -> None:
-    case = release_case(release, options)
-    with pytest.raises(ReleaseError, match=message), case.open(Workload(configuration, actions=11)):
-        pass
-
-
-def test_release__that_exits_is_an_error(release: Path) -> None:
-    (release / "lilgym" / "__init__.py").write_text("raise SystemExit(3)")
-    case = release_case(release, {})
-    with pytest.raises(ReleaseError, match="exit code 3"), case.open(Workload("TowerFlipIt", actions=11)):
-        pass
-
-
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """An even shorter quick effort."""
@@ -296,9 +238,6 @@ def test_bench__ctrl_c_writes_results_so_far(tmp_path: Path, monkeypatch: pytest
     [
         (["--only", "speed"], "unknown group 'speed'; choose from batched, copy, parts"),
         (["--configurations", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
-        (["--against", "nowhere"], "no lilGym release in nowhere: there is no such directory"),
-        (["--against", "."], "name the checkout that contains the package 'lilgym'"),
-        (["--against-options", "[1]"], "must be a JSON object"),
         (["--write-docs", "missing.md"], "cannot read missing.md"),
         (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),
     ],

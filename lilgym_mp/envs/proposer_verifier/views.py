@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
-from lilgym_mp.corpus.statement_arrays import default_length
+from lilgym_mp.corpus import TaskSet, Vocabulary
+from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game, GameState
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION, Role
@@ -34,7 +34,6 @@ Value = NDArray[Any] | np.integer[Any]
 
 BOX_TITLES = ("left", "middle", "right")
 TARGETS = (np.int64(0), np.int64(1))
-VOCABULARY_SPLIT = "train"
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +113,7 @@ class GameSetup:
 
     @cached_property
     def _training_tasks(self) -> TaskSet:
-        origin = self.tasks.provenance
-        if origin.split == VOCABULARY_SPLIT:
-            return self.tasks
-        return load_tasks(origin.corpus, origin.appearance, origin.start, VOCABULARY_SPLIT)
+        return training_tasks(self.tasks)
 
     @cached_property
     def item_capacity(self) -> int:

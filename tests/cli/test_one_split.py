@@ -1,0 +1,68 @@
+"""A corpus with a single split, dev or test, can be played, evaluated and observed as arrays."""
+
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import pytest
+
+from lilgym_mp.cli import main
+from lilgym_mp.corpus import write_corpus
+from lilgym_mp.wrappers import tokenized_statement_v0
+
+STATEMENT = "A blue block crowns some box."
+
+
+@pytest.fixture(params=["dev", "test"])
+def split(request: pytest.FixtureRequest) -> str:
+    return request.param
+
+
+@pytest.fixture
+def corpus(tmp_path: Path, split: str) -> str:
+    entry: dict[str, Any] = {
+        "id": "crown",
+        "appearance": "tower",
+        "split": split,
+        "statement": STATEMENT,
+        "program": "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))",
+        "starts": [],
+    }
+    path = tmp_path / "one_split.jsonl"
+    write_corpus(path, "one split", "CC0-1.0", [entry])
+    return str(path)
+
+
+def test_play__takes_the_split_that_has_tasks(
+    corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdin", io.StringIO("add left blue\nstop\nquit\n"))
+    assert main(["play", "--corpus", corpus]) == 0
+    assert "success" in capsys.readouterr().out
+
+
+def test_evaluate__counts_no_statement_as_seen_or_unseen(
+    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", split]) == 0
+    row = next(line for line in capsys.readouterr().out.splitlines() if "TowerScratch" in line and "100.0 %" in line)
+    assert [cell.strip() for cell in row.split("|")].count("-") == 2
+
+
+def test_array_observations__take_the_words_of_that_split(corpus: str, split: str) -> None:
+    env = gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split, observation="arrays")
+    assert env.observation_space.contains(env.reset(seed=0)[0])
+    tokens = tokenized_statement_v0(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split))
+    ids = tokens.reset(seed=0)[0]["statement"]
+    assert len(set(ids[ids > 0])) == len(STATEMENT.split())
+
+
+def test_missing_split__is_named_with_the_corpus(
+    tmp_path: Path, corpus: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["play", "ScatterScratch", "--corpus", corpus]) == 2
+    assert "has no tasks for" in capsys.readouterr().err
