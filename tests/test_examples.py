@@ -21,8 +21,7 @@ EXAMPLES = TESTS.parent / "examples"
 TESTED_ELSEWHERE = {  # example: the test file that runs it
     "language_model_agent.py": "wrappers/test_text.py",
     "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
-    "proposer_verifier_both_learn.py": "envs/proposer_verifier/test_examples.py",
-    "self_play_sneaky_and_helpful.py": "envs/proposer_verifier/test_examples.py",
+    "game_ppo.py": "envs/proposer_verifier/test_examples.py",
     "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
 }
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
@@ -129,12 +128,15 @@ def test_rllib_single_agent__learns_on_a_local_ray(run_in_process: Run) -> None:
 
 @pytest.mark.parametrize(
     ("module", "extra", "expected"),
-    [("ray", "rllib", r"^[+-]?\d\.\d+$"), ("torchrl", "torchrl", r"^\(64, 100\) 100% legal, \d+ ")],
+    [
+        ("ray", "rllib", r"^[+-]?\d\.\d+$"),
+        ("torchrl", "torchrl", r"^\(64, 100\) 100% legal, \d+ episodes\n\{'proposer': \['proposer_0'\].* \(10, 1\)$"),
+    ],
 )
 def test_code_in_the_integrations_page__prints_the_described_output(module: str, extra: str, expected: str) -> None:
     _needs("../docs/integrations.md", module, extra)
     page = (TESTS.parent / "docs" / "integrations.md").read_text()
-    (code,) = [block.code for block in code_blocks(page) if f"from {module}." in block.code]
+    code = "\n".join(block.code for block in code_blocks(page) if f"from {module}." in block.code)
     done = subprocess.run(
         [sys.executable, "-c", code],
         capture_output=True,

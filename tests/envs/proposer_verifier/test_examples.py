@@ -41,13 +41,11 @@ def test_audit__trains_a_verifier_and_writes_its_curve(run: Run, tmp_path: Path)
     assert {path.name for path in tmp_path.iterdir()} == {"curve.csv", "curve.svg", "verifier.zip"}
 
 
-def test_both_learn__plays_and_reports(run: Run):
-    assert "rounds  success" in run("proposer_verifier_both_learn.py", "--steps", "64", "--games", "4")
-
-
-def test_self_play__plays_and_reports(run: Run):
-    printed = run("self_play_sneaky_and_helpful.py", "--steps", "128", "--games", "4", "--reports", "1")
-    assert "soundness" in printed
+def test_game_ppo__plays_and_reports(run: Run):
+    header, last = run("game_ppo.py", "--steps", "4096").splitlines()
+    assert header.split() == ["turns", "CPU", "s", "success"]
+    assert last.split()[0] == "4,096"
+    assert 0 <= float(last.split()[2]) <= 1
 
 
 @pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # from SuperSuit
