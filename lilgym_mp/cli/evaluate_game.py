@@ -176,10 +176,10 @@ class GameToPlay:
 
     def _exploitability(self, verifier: Player, args: argparse.Namespace) -> float:
         """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
-        from lilgym_mp.learning.game.training import best_response
+        from lilgym_mp.learning.game.population import best_response
 
         assert verifier.run is not None
-        agent = best_response(verifier.run, "proposer", minutes=args.best_response, seed=args.seed)
+        agent = best_response(verifier.run, Role.PROPOSER, self.settings, minutes=args.best_response, seed=args.seed)
         response = Player("best response", agent, verifier.view)
         env = self._env((response, verifier), args.split)
         return measure(env, response.partner, verifier.partner, seed=args.seed).accepted_false_claims
@@ -282,4 +282,4 @@ def _row(result: Mapping[str, Any]) -> tuple[str, ...]:
 
 
 def _percent(share: float | None, digits: int = 1) -> str:
-    return "-" if share is None else f"{100 * share:.{digits}f}"
+    return "-" if share is None else f"{round(100 * share, digits) + 0.0:.{digits}f}"  # no "-0"
