@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from contextlib import suppress
+from types import FrameType
 from typing import NoReturn
 
 INTERRUPTED = 130  # the shell convention for Ctrl-C
@@ -19,7 +20,7 @@ def main() -> int:
             from lilgym_mp.cli import make_parser
 
             make_parser()  # imports every subcommand
-            signal.signal(signal.SIGINT, signal.default_int_handler)
+            signal.signal(signal.SIGINT, _interrupt)
         else:  # the parent process disabled Ctrl-C
             from lilgym_mp.cli import main as run
         return run()
@@ -37,8 +38,17 @@ def end_on_interrupt() -> bool:
     return signal.getsignal(signal.SIGINT) is _end
 
 
+def _interrupt(signal_number: int, frame: FrameType | None) -> None:
+    """Raises KeyboardInterrupt, or ends the process while something is being imported: some libraries swallow it."""
+    while frame is not None:
+        if frame.f_code.co_filename.startswith("<frozen importlib"):
+            _end()
+        frame = frame.f_back
+    raise KeyboardInterrupt
+
+
 def _end(*_: object) -> NoReturn:
-    """Ends the process at once; nothing has started that would need cleaning up."""
+    """Ends the process at once."""
     with suppress(OSError):  # stderr is closed
         os.write(2, b"interrupted\n")
     os._exit(INTERRUPTED)
