@@ -1,7 +1,8 @@
 """Distinct boxes by index, with binary features of their items and of the whole box, and exchanges of these features.
 
 An exchange permutes colours, shapes or sides in words and scenes alike: in scenes it is a permutation of feature
-columns. Truth does not depend on it, as far as the words name what is exchanged.
+columns. Truth does not depend on it, as far as the words name what is exchanged. So every statement is read as one that
+names them in a standard order; else learning which word goes with which colour is a long plateau.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ GAP_BINS = len(GAP_BOUNDS) + 1
 CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160
 CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
-SQUARE_SYNONYMS = re.compile(r"\b(block|rect|cube|ball|dot|dis[ck]|round)")  # shapes are not exchanged with these
+SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins words with which shapes are kept
 
 ITEM_PARTS = {  # feature columns of an item, by appearance
     "tower": {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
@@ -43,12 +44,11 @@ BOX_PARTS = {  # feature columns of a box
 
 
 class Exchange(NamedTuple):
-    """A permutation of colours and shapes, and whether left and right, or top and bottom, are swapped."""
+    """A permutation of colours and of shapes, and whether left and right are swapped."""
 
     colours: tuple[int, ...] = tuple(range(COLOURS))  # colours[c] replaces colour c
     shapes: tuple[int, ...] = tuple(range(SHAPES))
     mirrored: bool = False
-    upturned: bool = False
 
     def words(self) -> dict[str, str]:
         """The words it replaces."""
@@ -56,8 +56,7 @@ class Exchange(NamedTuple):
         shapes = {Shape(old).name.lower(): Shape(new).name.lower() for old, new in enumerate(self.shapes)}
         plurals = {f"{old}s": f"{new}s" for old, new in shapes.items()}
         sides = {"left": "right", "right": "left"} if self.mirrored else {}
-        ends = {"top": "bottom", "bottom": "top", "upper": "lower", "lower": "upper"} if self.upturned else {}
-        return {**colours, **shapes, **plurals, **sides, **ends}
+        return {**colours, **shapes, **plurals, **sides}
 
     def columns(self, appearance: str) -> tuple[Int64Array, Int64Array]:
         """For items and for boxes: feature i of the scene is feature `columns[i]` of the exchanged one."""
@@ -80,9 +79,8 @@ class Exchange(NamedTuple):
             )
         gaps = np.arange(4 * GAP_BINS).reshape(2, 2, GAP_BINS)
         centre = np.arange(2 * CENTRE_BINS).reshape(2, CENTRE_BINS)
-        for axis, swapped in enumerate((self.mirrored, self.upturned)):
-            if swapped:
-                gaps[axis], centre[axis] = gaps[axis, ::-1].copy(), centre[axis, ::-1].copy()
+        if self.mirrored:
+            gaps[0], centre[0] = gaps[0, ::-1].copy(), centre[0, ::-1].copy()
         moved = {
             "colour": colour,
             "shape": np.array(self.shapes),
@@ -101,23 +99,35 @@ def _columns(appearance: str, parts: Mapping[str, Mapping[str, int]], moved: Map
     return np.concatenate(columns)
 
 
-COLOUR_EXCHANGES = tuple(Exchange(colours) for colours in permutations(range(COLOURS)))
-
-
 @cache
 def exchanges(appearance: str) -> tuple[Exchange, ...]:
-    """All exchanges used in training; those of colours alone come first."""
+    """All exchanges, the identity first."""
+    colours, shapes = permutations(range(COLOURS)), tuple(permutations(range(SHAPES)))
     if appearance == "tower":
-        return COLOUR_EXCHANGES
-    rest = product(permutations(range(SHAPES)), (False, True), (False, True))
-    found = [Exchange(colours, *others) for others in rest for colours in permutations(range(COLOURS))]
-    return tuple(sorted(found, key=lambda one: one[1:] != Exchange()[1:]))
+        return tuple(map(Exchange, colours))
+    return tuple(Exchange(*one) for one in product(colours, shapes, (False, True)))
 
 
-def exchanges_of(statement: str, appearance: str) -> int:
-    """The number of `exchanges` that may be used for the statement: all, or those of colours."""
-    safe = not SQUARE_SYNONYMS.search(statement.lower())
-    return len(exchanges(appearance)) if safe else len(COLOUR_EXCHANGES)
+def standard_exchanges(words: Sequence[str], appearance: str) -> list[int]:
+    """The indices of the `exchanges` after which the words name colours, shapes and sides in the same order as all
+    statements: they differ in what the words do not name."""
+    named = {"colours": _first_named(words, Colour)}
+    if appearance == "scatter":
+        keeps_shapes = any(map(SHAPE_SYNONYM.match, words))
+        named["shapes"] = tuple(range(SHAPES)) if keeps_shapes else _first_named(words, Shape)
+    sides = [word == "right" for word in words if word in ("left", "right")] if appearance == "scatter" else []
+    return [
+        index
+        for index, one in enumerate(exchanges(appearance))
+        if all(getattr(one, kind)[old] == new for kind, olds in named.items() for new, old in enumerate(olds))
+        and (not sides or one.mirrored == sides[0])
+    ]
+
+
+def _first_named(words: Sequence[str], kind: type[Colour] | type[Shape]) -> tuple[int, ...]:
+    """The colours or shapes that the words name, in the order of their first mention."""
+    by_name = {member.name.lower() + plural: int(member) for member in kind for plural in ("", "s")}
+    return tuple(dict.fromkeys(by_name[word] for word in words if word in by_name))
 
 
 class BoxTable:

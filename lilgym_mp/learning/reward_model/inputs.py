@@ -12,7 +12,7 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.batches import StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS
-from lilgym_mp.learning.reward_model.features import BoxTable, exchanges
+from lilgym_mp.learning.reward_model.features import BoxTable, exchanges, standard_exchanges
 
 Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
@@ -24,6 +24,7 @@ class InputReader:
     def __init__(self, vocabulary: Vocabulary, table: BoxTable, device: torch.device) -> None:
         self.table, self.device, self.vocabulary = table, device, vocabulary
         self._tokenizer = StatementTokenizer(vocabulary)
+        self._kinds: dict[str, list[int]] = {}
         kinds = exchanges(table.appearance)
         self._words = np.tile(np.arange(len(vocabulary)), (len(kinds), 1))
         for row, kind in zip(self._words, kinds, strict=True):
@@ -35,17 +36,25 @@ class InputReader:
         self._item_columns = np.stack([items for items, _ in columns])
         self._box_columns = np.stack([boxes for _, boxes in columns])
 
+    def kinds(self, statement: str) -> list[int]:
+        """The `standard_exchanges` of the statement."""
+        found = self._kinds.get(statement)
+        if found is None:
+            words = self.vocabulary.decode(self._tokenizer.encode(statement).tolist())
+            found = self._kinds[statement] = standard_exchanges(words, self.table.appearance)
+        return found
+
     def statements(
-        self, statements: Sequence[str], kinds: Int64Array, unknown_words: float = 0.0, rng: Rng | None = None
+        self, statements: Sequence[str], kinds: Sequence[int], unknown_words: float = 0.0, rng: Rng | None = None
     ) -> Columns:
         """The statements, each under the exchange of index `kinds[i]`; a fraction of the words becomes unknown."""
         rows = [
             self._words[kind][self._tokenizer.encode(statement)]
-            for statement, kind in zip(statements, kinds.tolist(), strict=True)
+            for statement, kind in zip(statements, kinds, strict=True)
         ]
         if rng is not None and unknown_words:
             rows = [np.where(rng.random(len(row)) < unknown_words, UNKNOWN, row) for row in rows]
-        arrays = pad_rows(rows, MIN_PADDED_WORDS), self._item_columns[kinds], self._box_columns[kinds]
+        arrays = pad_rows(rows, MIN_PADDED_WORDS), self._item_columns[list(kinds)], self._box_columns[list(kinds)]
         words, items, boxes = (torch.from_numpy(array).to(self.device) for array in arrays)
         return words, items, boxes
 

@@ -25,12 +25,12 @@ class RewardModelRecipe:
     weight_decay: float = setting(0.02, "weight decay of AdamW")
     averaging: float = setting(0.998, "decay of the running average of weights, which plays", 0, 1)
     unknown_words: float = setting(0.03, "fraction of training words replaced by the unknown word", 0, 1)
-    exchanging: bool = setting(True, "exchange colours, shapes and sides at random in words and scenes alike")
     first_stops: int = setting(60, "scenes stopped in per statement before training begins", 1)
     exploring: float = setting(0.2, "fraction of the CPU time for collecting data, once training has begun", 0, 0.95)
+    reuse: int = setting(30, "times that a label is trained on before more are collected, on average")
     searching: float = setting(0.5, "fraction of that for scenes that a search finds, after a quarter of the run", 0, 1)
     held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
-    averaged_exchanges: int = setting(3, "exchanges of colours over which the probability is averaged in play", 1, 6)
+    averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
     beam: int = setting(16, "scenes kept by the search", 1)
     edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
 
@@ -54,4 +54,4 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
     return RewardModelRecipe(**{**_BY_APPEARANCE[appearance], **changes})
 
 
-_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {"tower": {}, "scatter": {"first_stops": 250, "beam": 3}}
+_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {"tower": {"reuse": 120}, "scatter": {"first_stops": 250, "beam": 3}}

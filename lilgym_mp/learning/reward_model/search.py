@@ -60,19 +60,20 @@ class Breadth:
     """How much is searched."""
 
     beam: int
-    exchanges: int  # of colours, over which the choice is averaged
+    exchanges: int  # of what a statement does not name, over which the choice is averaged
     edit_cost: float
 
 
 class Judge:
-    """The model's opinion of scenes for one statement, made true or false, under E exchanges of colours."""
+    """The model's opinion of scenes for one statement, made true or false, under at most `exchanges` exchanges, E."""
 
     def __init__(
         self, network: CountingNetwork, reader: InputReader, statement: str, exchanges: int, *, target: bool
     ) -> None:
         self.network, self.reader = network, reader
         self._sign = 1.0 if target else -1.0
-        self.reading = network.read(*reader.statements([statement] * exchanges, np.arange(exchanges)))
+        kinds = reader.kinds(statement)[:exchanges]
+        self.reading = network.read(*reader.statements([statement] * len(kinds), kinds))
 
     def logits(self, sums: Tensor) -> Tensor:
         """(E, N) of success, from values (E, N, K + H) summed over boxes."""

@@ -32,7 +32,7 @@ from lilgym_mp.learning.reward_model.collection import (
     stored,
     truths_of,
 )
-from lilgym_mp.learning.reward_model.features import BoxTable, exchanges_of
+from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
@@ -193,12 +193,7 @@ class _Run:
         chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
         entries = [self._entries[index] for index in chosen.tolist()]
         indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
-        kinds = np.array(
-            [
-                rng.integers(exchanges_of(entry.statement, self._table.appearance)) if recipe.exchanging else 0
-                for entry in entries
-            ]
-        )
+        kinds = [int(rng.choice(self._reader.kinds(entry.statement))) for entry in entries]
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
         self._network.train()
@@ -246,7 +241,8 @@ class _Run:
             return None
         rng = np.random.default_rng(0)
         indices = [sample_scenes(entry, JUDGED, 1.0, rng) for entry in entries]
-        columns = self._reader.statements([entry.statement for entry in entries], np.zeros(len(entries), np.int64))
+        kinds = [self._reader.kinds(entry.statement)[0] for entry in entries]
+        columns = self._reader.statements([entry.statement for entry in entries], kinds)
         logits, truths = self._judged(self._averaged, columns, entries, indices)
         return float(((logits > 0) == (truths > 0.5)).float().mean())
 
@@ -265,7 +261,8 @@ class _Run:
     def _is_collection_due(self) -> bool:
         if self._budget_steps is not None:  # deterministic
             return self._state.steps % 5 == 4 and self._recipe.exploring > 0
-        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
+        is_wanted = self._collector.stops * self._recipe.reuse < self._state.labels
+        return is_wanted and self._state.exploring_seconds < self._recipe.exploring * self._seconds()
 
     def _collect_more(self) -> None:
         began = self._seconds()

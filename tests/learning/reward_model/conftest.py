@@ -20,7 +20,6 @@ SMALL: dict[str, Any] = {
     "scenes": 32,
     "held_out": 0.0,
     "unknown_words": 0.0,
-    "exchanging": False,
     "first_stops": 40,
     "learning_rate": 1e-2,
     "averaging": 0.95,

@@ -13,12 +13,12 @@ from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.augmentation import Augmentation
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchanges
+from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchanges, standard_exchanges
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import CountingNetwork
 from lilgym_mp.learning.reward_model.search import Breadth, Planner, _box_distances
 from lilgym_mp.rules import Outcome, State, make_dynamics
-from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape
+from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.task import Task
 
 STATEMENT = "there is a black block on the left"
@@ -74,16 +74,22 @@ def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str)
         items, boxes = exchange.columns(appearance)
         for scene in scenes:
             exchanged = augmentation.scene(scene)
-            if exchange.upturned:
-                exchanged = _upturned(exchanged)
             before = table.features(np.array(table.of(scene)))
             after = table.features(np.array(table.of(exchanged)))
             assert np.array_equal(before[0], after[0][..., items])
             assert np.array_equal(before[1], after[1][..., boxes])
 
 
-def _upturned(scene: Scene) -> Scene:
-    return Scene.of(*([item._replace(y=BOX_SIDE - item.y - item.side) for item in box.items] for box in scene.boxes))
+def test_statements__are_read_in_a_standard_order():
+    def read(words: str, appearance: str) -> set[str]:
+        kinds = [exchanges(appearance)[index].words() for index in standard_exchanges(words.split(), appearance)]
+        return {" ".join(kind.get(word, word) for word in words.split()) for kind in kinds}
+
+    assert read("a blue block above a black one", "tower") == {"a yellow block above a black one"}
+    assert read("a black circle right of blue triangles", "scatter") == {"a yellow circle left of black squares"}
+    assert read("two blocks", "tower") == {"two blocks"}
+    assert len(standard_exchanges(["two", "blocks"], "tower")) == 6  # any colours in the scene
+    assert len(standard_exchanges(["two", "blue", "blocks"], "scatter")) == 4  # a block may mean a square
 
 
 def test_exchange__replaces_words_by_those_of_what_it_exchanges():
@@ -96,7 +102,7 @@ def test_exchange__replaces_words_by_those_of_what_it_exchanges():
 
 def test_network__ignores_the_order_of_boxes():
     planner = new_planner("tower")
-    reading = planner._network.read(*planner._reader.statements([STATEMENT], np.zeros(1, np.int64)))
+    reading = planner._network.read(*planner._reader.statements([STATEMENT], [0]))
     features, scenes = planner._reader.scenes(np.array([[[1, 5, 20], [20, 1, 5], [5, 5, 5]]]))
     logits = planner._network(reading, features, scenes)[0].detach()
     assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
