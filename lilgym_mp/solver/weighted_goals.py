@@ -112,10 +112,11 @@ class _Candidate(NamedTuple):
     def satisfies(self, goal: WeightedGoal) -> bool:
         return any(goal[:2] == satisfied[:2] for satisfied in self.satisfied)
 
-    def beats(self, other: _Candidate) -> bool:
-        """Whether it has more mass, or equal mass in fewer edits."""
-        gain = self.mass - other.mass
-        return gain > ROUNDING or (gain > -ROUNDING and len(self.edits) < len(other.edits))
+    def beats(self, other: _Candidate, edit_cost: float) -> bool:
+        """Whether it has more mass after the cost of its edits, or equally much in fewer edits."""
+        extra_edits = len(self.edits) - len(other.edits)
+        gain = self.mass - other.mass - edit_cost * extra_edits
+        return gain > ROUNDING or (gain > -ROUNDING and extra_edits < 0)
 
 
 class _NoRefinementError(Exception):
@@ -130,8 +131,15 @@ class WeightedPlanner:
     """
 
     def __init__(
-        self, backend: PlannerBackend, goals: Sequence[WeightedGoal], scene: Scene, max_edits: int, budget: Budget
+        self,
+        backend: PlannerBackend,
+        goals: Sequence[WeightedGoal],
+        scene: Scene,
+        max_edits: int,
+        budget: Budget,
+        edit_cost: float = 0.0,
     ) -> None:
+        """`edit_cost`: the probability that another edit must gain to be worth taking."""
         masses: dict[tuple[str, bool], list[float]] = {}
         for program, target, probability in goals:
             masses.setdefault((program, target), []).append(probability)
@@ -142,6 +150,7 @@ class WeightedPlanner:
         self._scene = scene
         self._max_edits = max_edits
         self._budget = budget
+        self._edit_cost = edit_cost
 
     def plan(self) -> WeightedPlan:
         """The best of several greedy plans: from the most probable goal, then from omitted goals that weigh as much."""
@@ -150,11 +159,13 @@ class WeightedPlanner:
         highest = left[0].probability if left else 0.0
         while left and len(best.satisfied) < len(self._goals):
             first, *others = left
-            if max(_mass(left) - best.mass, first.probability - highest) < -ROUNDING:
+            reachable = _mass(left) - self._edit_cost * min(1, self._max_edits)
+            best_value = best.mass - self._edit_cost * len(best.edits)
+            if max(reachable - best_value, first.probability - highest) < -ROUNDING:
                 break
             found = self._greedy([first, *(goal for goal in self._goals if goal.probability > 0 and goal != first)])
             left = [goal for goal in others if goal not in found.satisfied]
-            best = found if found.beats(best) else best
+            best = found if found.beats(best, self._edit_cost) else best
         satisfied = tuple(index for index, goal in enumerate(self._given) if best.satisfies(goal))
         actions = (*best.edits, STOP) if satisfied else ()
         return WeightedPlan(actions, satisfied, best.mass, self._budget.spent)
@@ -171,7 +182,7 @@ class WeightedPlanner:
         for goal in goals:
             if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
                 extended, found = self._with_goal(goal, required, best)
-                if found.beats(best):
+                if found.beats(best, self._edit_cost):
                     required, best = extended, found
         return best
 
@@ -185,7 +196,7 @@ class WeightedPlanner:
             found = self._shortest(extended, len(best.edits))
             if found is None:
                 break
-            result = found if found.beats(result) else result
+            result = found if found.beats(result, self._edit_cost) else result
             lost = best.satisfied - found.satisfied
             if not lost:
                 break

@@ -13,10 +13,10 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.recipe import default_recipe
-from lilgym_mp.learning.imitation.training import train_imitation
+from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.learning.training_run import TrainingRunError, begin_run
@@ -60,9 +60,11 @@ def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
 ):
     settings = Settings("TowerFlipIt", corpus=own, horizon=7)
     recipe = default_recipe("tower", **IMITATION)
-    monkeypatch.setattr("lilgym_mp.learning.imitation.training.REPORT_SECONDS", 0.1)
+    monkeypatch.setattr(imitation, "REPORT_SECONDS", 0.1)
     with pytest.raises(KeyboardInterrupt):
-        train_imitation(settings, recipe, tmp_path / "run", minutes=0.1, seed=5, device="cpu", on_progress=interrupt)
+        imitation.train_imitation(
+            settings, recipe, tmp_path / "run", minutes=0.1, seed=5, device="cpu", on_progress=interrupt
+        )
     assert main(["train", "imitation", "--resume", "--out", str(tmp_path / "run")]) == 0
     details = open_agent(tmp_path / "run").description.details
     assert 0.09 < details["cpu_minutes"] < 0.3
@@ -71,8 +73,8 @@ def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
 
 def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe = ParserRecipe(seed=2, **PARSER)
-    monkeypatch.setattr("lilgym_mp.learning.parsing.training.REPORT_EVERY", 20)
-    train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
+    monkeypatch.setattr(parsing, "REPORT_EVERY", 20)
+    parsing.train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
     assert not (tmp_path / "run" / "agent.safetensors").exists()
     assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
     saved = open_agent(tmp_path / "run").description.recipe

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.learning.learners import Learner
-from lilgym_mp.learning.parsing.recipe import RECIPE_DESCRIPTIONS, ParserRecipe
+from lilgym_mp.learning.parsing.recipe import OBJECTIVES, RECIPE_DESCRIPTIONS, ParserRecipe
 from lilgym_mp.options import (
     CORPUS_HELP,
     INTERRUPTED,
@@ -33,7 +33,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     add_run_directory(parser, NAME)
     add_save_every(parser, 500)
     add_device(parser)
-    add_recipe(parser, ParserRecipe)
+    add_recipe(parser, ParserRecipe, choices={"objective": OBJECTIVES})
 
 
 def train(args: argparse.Namespace) -> int:

@@ -6,12 +6,15 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from lilgym_mp.actions import STOP, Action
+from lilgym_mp.choices import choose
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser
+from lilgym_mp.learning.parsing.recipe import OBJECTIVES
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, Outcome
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, WeightedGoal
+from lilgym_mp.solver.value import edit_cost
 from lilgym_mp.task import Task
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
@@ -37,11 +40,15 @@ class Planner:
     is_flipit: bool  # a FlipIt start never satisfies the target
     calibration: Calibration = IDENTITY
     votes: bool = True  # plan for all candidates; else for the most probable one alone
+    objective: str = "accuracy"  # "accuracy": the probability of success; "return": the expected return
     beam_width: int = BEAM_WIDTH
     _solver: Solver = field(init=False, repr=False)
+    _edit_cost: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._solver = Solver(self.dynamics)
+        choose("objective", self.objective, dict.fromkeys(OBJECTIVES))
+        self._edit_cost = edit_cost(self.dynamics) if self.objective == "return" else 0.0
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         """A plan from the scene; `steps`: actions taken so far in the episode."""
@@ -50,7 +57,8 @@ class Planner:
         edits_left = self.dynamics.horizon - steps - 1
         if not goals or edits_left < 0:
             return Plan(scene, parse, goals, (STOP,), (), 0.0)
-        planned = self._solver.plan_for(goals if self.votes else goals[:1], scene, edits_left)
+        considered = goals if self.votes else goals[:1]
+        planned = self._solver.plan_for(considered, scene, edits_left, edit_cost=self._edit_cost)
         mass = sum(goals[index].probability for index in planned.satisfied)
         return Plan(
             scene,

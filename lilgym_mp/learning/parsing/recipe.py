@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Any
 
+from lilgym_mp.choices import choose
 from lilgym_mp.learning.recipes import check_bounds, setting
 
+OBJECTIVES = ("accuracy", "return")
 HEADS = 4  # attention heads; must divide the width
 
 
@@ -29,10 +31,12 @@ class ParserRecipe:
     numbers: float = setting(0.5, "fraction of pairs augmented by exchanging numbers", 0, 1)
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
     width: int = setting(96, "network width", 1)
+    objective: str = setting("return", "what plans maximise: expected accuracy, or expected return, which edits reduce")
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds."""
-        check_bounds(self)
+        check_bounds(self, exempt=("objective",))
+        choose("objective", self.objective, dict.fromkeys(OBJECTIVES))
         if self.learning_rate <= 0:
             raise ValueError(f"learning-rate must be above 0, not {self.learning_rate}")
         if self.width % HEADS:

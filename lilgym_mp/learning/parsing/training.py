@@ -133,7 +133,7 @@ def _finish(run: TrainingRun, trainer: _Trainer, data: TrainingData, corpus: str
     parser = Parser(trainer.network.eval(), data.vocabulary)
     parser.temperature = calibrated_temperature(parser, data.held_out)
     coverage = beam_coverage(parser, data.held_out)
-    calibration = fit_calibration(forecasts(parser, corpus, data.held_out))
+    calibration = fit_calibration(forecasts(parser, corpus, data.held_out, trainer.recipe.objective))
     configurations = tuple(
         name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
     )
@@ -317,7 +317,7 @@ def beam_coverage(parser: Parser, examples: Sequence[Example]) -> float:
     return sum(_candidate_probabilities(parser, example)[1] is not None for example in examples) / len(examples)
 
 
-def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
+def forecasts(parser: Parser, corpus: str, examples: Sequence[Example], objective: str) -> list[Forecast]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []
@@ -327,7 +327,7 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[
             tasks = settings.make("train").tasks
         except NoTasksError:
             continue
-        planner = Planner(parser, settings.dynamics(), settings.start == FLIPIT)
+        planner = Planner(parser, settings.dynamics(), settings.start == FLIPIT, objective=objective)
         planned = Counter[tuple[str, bool]]()
         for task in tasks:
             planned[task.statement, task.target] += (task.statement, appearance) in held_out

@@ -483,6 +483,16 @@ def test_parser__rejects_tokens_that_the_language_lacks(trained: Path):
         Parser.from_details({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
 
 
+def test_planner__plans_for_the_return_or_for_accuracy():
+    def plan(objective: str) -> int:
+        chosen = planner((BLUE, 0.97), (BLACK, 0.03))
+        return len(dataclasses.replace(chosen, objective=objective).plan(empty_tower(), "any", True).actions)
+
+    assert (plan("accuracy"), plan("return")) == (3, 2)
+    with pytest.raises(ValueError, match="unknown objective 'glory'; choose from accuracy, return"):
+        plan("glory")
+
+
 def test_parser__uses_one_thread_and_restores_the_setting(trained: Path, monkeypatch: pytest.MonkeyPatch):
     agent = open_agent(trained, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
@@ -531,7 +541,7 @@ def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
     ("change", "said"),
     [
         (lambda d: dataclasses.replace(d, version=99), "version 99; must be 'parse-and-plan', version 1"),
-        (lambda d: dataclasses.replace(d, details={**d.details, "tokens": ["x"]}), "not those of this version"),
+        (lambda d: dataclasses.replace(d, details={**d.details, "tokens": ["x"]}), "program language has no"),
         (lambda d: dataclasses.replace(d, details={**d.details, "words": ["blue"]}), "its vocabulary"),
         (lambda d: dataclasses.replace(d, details={}), "cannot be used: KeyError"),
         (
