@@ -266,7 +266,9 @@ class _LazyBatch(Mapping[str, Batch]):
 
 
 def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
-    """Entries (N,) in the format of Gymnasium's vector infos: each with a mask `_name`."""
+    """Entries (N,) in the format of Gymnasium's vector infos: each with a mask `_name`; none where there are none."""
+    if not where.any():
+        return {}
     values = {name: value * where for name, value in entries.items()}
     return values | {f"_{name}": where.copy() for name in entries}
 
