@@ -72,7 +72,7 @@ def lengths(count: int) -> None:
             found = list(islice(rows("plan", appearance, level, seed=9), count))
             steps = Counter(min(row.steps or 0, 8) for row in found)
             lines.append((appearance, level, *(round(100 * steps[length] / count) for length in range(2, 9))))
-    print(table(("appearance", "level", *range(2, 8), "8 to 12"), lines), "\n")
+    print(table(("appearance", "level", *map(str, range(2, 8)), "8 to 12"), lines), "\n")
 
 
 def variety(counts: Iterable[int]) -> None:

@@ -51,7 +51,7 @@ NEEDS = {  # optional modules that each document needs
             pytest.param(path, marks=pytest.mark.long if path.stem in LONG else ())
             for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
         ),
-        *(ROOT / "docs" / f"{name}.md" for name in ("index", "troubleshooting")),
+        *(ROOT / "docs" / f"{name}.md" for name in ("index", "troubleshooting", "language_model_training")),
     ],
     ids=lambda path: path.stem,
 )
