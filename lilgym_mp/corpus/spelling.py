@@ -96,10 +96,13 @@ class _SpellingCorrector:
         return [NUMBERS.get(part, part) for part in found]
 
     def _find(self, word: str) -> tuple[str, ...]:
-        """The intended known words; empty if none or ambiguous."""
-        known = self.known - NUMBERS.keys() if word in NEVER_NUMBERS else self.known
+        """The intended known words; empty if none or ambiguous, or a number for a word in NEVER_NUMBERS."""
+        found = self._closest(word)
+        return () if word in NEVER_NUMBERS and not NUMBERS.keys().isdisjoint(found) else found
+
+    def _closest(self, word: str) -> tuple[str, ...]:
         cuts = [(word[:at], word[at:]) for at in range(1, len(word))]
-        splits = [cut for cut in cuts if cut[0] in known and cut[1] in known]
+        splits = [cut for cut in cuts if cut[0] in self.known and cut[1] in self.known]
         if len(splits) == 1:
             return splits[0]
         if len(word) < MIN_LENGTH:
@@ -107,7 +110,7 @@ class _SpellingCorrector:
         limit = _max_distance(word)
         candidates: set[str] = set()
         for deletion in _deletions(word, limit):
-            candidates |= self._by_deletion.get(deletion, set()) & known
+            candidates |= self._by_deletion.get(deletion, set())
         for distance in range(1, limit + 1):
             nearest = [
                 other

@@ -94,3 +94,7 @@ def test_normalised_words__common_words_never_become_numbers(known: frozenset[st
     kept = "there on the right often someone"
     assert normalised_words(kept, frozenset()) == kept.split()
     assert normalised_words("thhree fuor twoblocks", known | {"blocks"}) == ["3", "4", "2", "blocks"]
+
+
+def test_normalised_words__a_word_between_a_number_and_another_stays() -> None:
+    assert normalised_words("tow then", KNOWN | {"top", "than"}) == ["tow", "then"]

@@ -9,10 +9,20 @@ from pathlib import Path
 import pytest
 
 from tests.stress.broken_rules import BREAKS, ROOT, Break, broken, first_failure
+from tests.stress.corrections import corrections
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_reports
 from tests.stress.interrupts import interrupts
 from tests.stress.kills import matrix
+
+
+def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt() -> None:
+    found = corrections("builtin")
+    assert found["blcak"] == "black"
+    assert {word: correction for word, correction in found.items() if correction.isdigit()} == {
+        "fuor": "4",
+        "thhree": "3",
+    }
 
 
 @pytest.mark.long
