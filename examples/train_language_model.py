@@ -173,7 +173,7 @@ class Training:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(description="Train a tiny language model from scratch.")
     parser.add_argument("--level", type=int, default=1)
     parser.add_argument("--min-actions", type=int, default=2)
     parser.add_argument("--max-actions", type=int, default=5)
