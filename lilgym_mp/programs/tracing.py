@@ -21,9 +21,10 @@ from lilgym_mp.programs.syntax import (
     parse,
 )
 from lilgym_mp.programs.values import BoxView, ItemView
-from lilgym_mp.scene import BOX_SIDE, Scene
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Scene
 
 BOX_TITLES = ("left", "middle", "right")
+CELL_SIDE = 20  # pixels of a cell of the released grid
 SIZE_NAMES = {"BIG": "large"}  # sizes whose name in programs differs from the rest of the package
 
 
@@ -140,4 +141,10 @@ def _listed(values: Iterable[Any]) -> str:
 def _item_text(item: ItemView) -> str:
     size = SIZE_NAMES.get(item.size.name, item.size.name.lower())
     words = f"{size} {item.color.name} {item.shape.name}".lower()
-    return f"{words} at ({item.left}, {BOX_SIDE - item.top}) in the {BOX_TITLES[item.box.index]} box"
+    x, y = (item.left + item.right) // 2, BOX_SIDE - (item.top + item.bottom) // 2
+    return f"{words} at {cell_text(item.box.index, x, y)} in the {BOX_TITLES[item.box.index]} box"
+
+
+def cell_text(box_index: int, x: int, y: int) -> str:
+    """The cell, as in Scatter's actions, that contains a point of the box, in pixels."""
+    return f"column {(box_index * BOX_PITCH + x) // CELL_SIDE}, row {y // CELL_SIDE}"

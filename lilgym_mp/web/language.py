@@ -81,7 +81,7 @@ def language() -> LanguageBody:
 
 
 def _single_line(meaning: str) -> str:
-    return " ".join(meaning.split())
+    return " ".join(meaning.replace("`", "").split())
 
 
 def _non_function(name: str, group: str, signature: str, meaning: str) -> WordBody:

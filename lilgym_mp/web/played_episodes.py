@@ -370,6 +370,7 @@ def leaderboard(session: Session, visitor_id: str) -> list[LeaderboardRow]:
         .join(Visitor, Visitor.id == PlayedEpisode.visitor_id)
         .where(*_IS_COUNTED)
         .group_by(Visitor.id, Visitor.nickname, PlayedEpisode.configuration)
+        .having(_SOLVED_TASK_COUNT > 0)
         .order_by(_SOLVED_TASK_COUNT.desc(), mean.desc())
         .limit(LEADERBOARD_SIZE)
     )

@@ -330,11 +330,16 @@ def _episode_fields(index: int, episode: RecordedEpisode) -> dict[str, Any]:
     }
 
 
-def episode_body(recording: Recording, index: int) -> EpisodeBody:
-    """Responds with 404 if there is no such episode, 422 if its actions cannot be replayed."""
+def find_episode(recording: Recording, index: int) -> RecordedEpisode:
+    """Responds with 404 if there is no such episode."""
     if not 0 <= index < len(recording.episodes):
         raise http_error(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
-    episode = recording.episodes[index]
+    return recording.episodes[index]
+
+
+def episode_body(recording: Recording, index: int) -> EpisodeBody:
+    """Responds with 404 if there is no such episode, 422 if its actions cannot be replayed."""
+    episode = find_episode(recording, index)
     try:
         dynamics = recording.header.settings.dynamics()
         steps = _steps(dynamics, episode)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import BaseModel
 
-from lilgym_mp.programs.tracing import BOX_TITLES
+from lilgym_mp.programs.tracing import BOX_TITLES, cell_text
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
 from lilgym_mp.web.scene_images import data_url
 
@@ -17,6 +17,7 @@ class ItemBody(BaseModel):
     x: int
     y: int
     side: int
+    shape: str
     description: str
 
 
@@ -28,8 +29,9 @@ class SceneBody(BaseModel):
     description: str
 
 
-def describe_item(item: Item) -> str:
-    return f"{item.size.name} {item.colour.name} {item.shape.name} at ({item.x}, {item.y})".lower()
+def describe_item(box_index: int, item: Item) -> str:
+    middle = cell_text(box_index, item.x + item.side // 2, item.y + item.side // 2)
+    return f"{item.size.name} {item.colour.name} {item.shape.name} at {middle}".lower()
 
 
 def scene_body(scene: Scene) -> SceneBody:
@@ -40,13 +42,14 @@ def scene_body(scene: Scene) -> SceneBody:
             x=box_index * BOX_PITCH + item.x,
             y=item.y,
             side=item.side,
-            description=describe_item(item),
+            shape=item.shape.name.lower(),
+            description=describe_item(box_index, item),
         )
         for box_index, box in enumerate(scene.boxes)
         for index, item in enumerate(box.items)
     ]
     boxes = [
-        f"{title} box: {', '.join(map(describe_item, box.items)) or 'empty'}"
-        for title, box in zip(BOX_TITLES, scene.boxes, strict=True)
+        f"{title} box: {', '.join(describe_item(index, item) for item in box.items) or 'empty'}"
+        for index, (title, box) in enumerate(zip(BOX_TITLES, scene.boxes, strict=True))
     ]
     return SceneBody(picture=data_url(scene), items=items, description="; ".join(boxes))

@@ -4,7 +4,10 @@
 const view = new SceneView("The shown scene");
 let tasks = [];
 let task = null;
-const editor = new Editor(() => {}, run);
+const editor = new Editor(() => {
+  byId("result").replaceChildren();
+  showMessage("");
+}, run);
 
 byId("scene").append(view.root);
 
@@ -12,10 +15,8 @@ async function run() {
   await attempt(async () => {
     const result = await request("POST", `/api/annotate/tutorial/${task.name}/run`, { program: editor.value });
     const outcome = result.truth === null ? `cannot be evaluated: ${result.fault}` : `is ${result.truth}`;
-    byId("result").replaceChildren(
-      element("p", { class: result.agrees ? "good" : "bad" }, `The program ${outcome}; the label is ${result.label}.`),
-      partsList(result.parts, view),
-    );
+    showMessage(`The program ${outcome}; the label is ${result.label}.`, result.agrees ? "success" : "error");
+    byId("result").replaceChildren(partsList(result.parts, view));
   }, byId("result"));
 }
 
@@ -26,6 +27,7 @@ function show(name) {
   byId("task").textContent = `In this scene the statement is ${task.label}. Your program will also be checked on ${task.hidden_scenes} hidden scenes.`;
   byId("advice").textContent = task.advice;
   byId("result").replaceChildren();
+  showMessage("");
   view.show(task.scene);
   editor.value = "";
   showTasks();
@@ -45,7 +47,9 @@ byId("submit").addEventListener("click", () =>
     const result = await request("POST", `/api/annotate/tutorial/${task.name}/submissions`, { program: editor.value });
     if (result.verdict === "accepted") task.solved = true;
     showTasks();
-    showMessage(result.message, result.verdict === "failed" ? "error" : "");
+    const next = tasks.find((each) => !each.solved);
+    const go = next ? element("button", { type: "button", click: () => show(next.name) }, `Next: ${next.title}`) : element("a", { href: "/annotate" }, "All solved; to your statements");
+    showMessage([`${result.message} `, result.verdict === "failed" ? "" : go], result.verdict === "failed" ? "error" : "success");
   }),
 );
 attempt(async () => {

@@ -16,6 +16,8 @@ const editor = new Editor(
   (text) => {
     try { localStorage.setItem(draftKey, JSON.stringify({ text, version })); } catch { /* full or disabled: the server stores the draft too */ }
     byId("saved").textContent = "";
+    byId("result").replaceChildren();
+    showMessage("");
     updateSubmitButton();
     clearTimeout(saveTimer);
     saveTimer = setTimeout(save, 800);
@@ -55,10 +57,8 @@ async function run() {
     updateSubmitButton();
     const outcome = result.truth === null ? `cannot be evaluated in this scene: ${result.fault}` : `is ${result.truth} in this scene`;
     const verdict = result.agrees ? "It agrees with the label: you can submit it." : `It does not agree with the label, which is ${result.label}.`;
-    byId("result").replaceChildren(
-      element("p", { class: result.agrees ? "good" : "bad" }, `The program ${outcome}. ${verdict}`),
-      partsList(result.parts, view),
-    );
+    showMessage(`The program ${outcome}. ${verdict}`, result.agrees ? "success" : "error");
+    byId("result").replaceChildren(partsList(result.parts, view));
   }, byId("result"));
 }
 
@@ -69,7 +69,9 @@ async function send(endpoint, body) {
     const result = await request("POST", `${path}/${endpoint}`, payload);
     pending = null;
     await show(false);
-    showMessage(result.message, result.verdict === "failed" ? "error" : "");
+    const open = (await request("GET", "/api/annotate/assignments")).filter((line) => line.state === "open" && String(line.id) !== assignment);
+    const next = open.length ? element("a", { href: `/annotate/${open[0].id}` }, "Next statement") : element("a", { href: "/annotate" }, "That was the last; back to your statements");
+    showMessage([`${result.message} `, result.verdict === "failed" ? "" : next], result.verdict === "failed" ? "error" : "success");
   }, byId("work"));
 }
 

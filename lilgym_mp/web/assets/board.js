@@ -26,7 +26,10 @@ class Board {
     this.showsLegal = false;
     this.view = new SceneView("The scene");
     this.cells = element("div", { class: "cells", role: "group", "aria-label": "Cells of the scene" });
-    this.view.root.append(this.cells);
+    this.ghost = element("div", { "aria-hidden": "true" });
+    this.view.root.append(this.ghost, this.cells);
+    for (const name of ["pointerover", "focusin"]) this.cells.addEventListener(name, (event) => this.showGhost(event.target));
+    for (const name of ["pointerleave", "focusout"]) this.cells.addEventListener(name, () => this.showGhost(null));
     byId("board").append(this.view.root);
     moveWithArrows(this.cells, () => this.size());
     byId("legal").addEventListener("click", () => this.toggleLegal());
@@ -48,7 +51,7 @@ class Board {
   makeCells(grid) {
     this.grid = grid;
     this.cells.replaceChildren();
-    byId("board").classList.toggle("fine", Boolean(grid));
+    for (const part of document.querySelectorAll(".board, .cue")) part.classList.toggle("fine", Boolean(grid));
     const [columns, rows] = this.size();
     for (let row = 0; row < rows; row += 1) {
       for (let column = 0; column < columns; column += 1) {
@@ -67,6 +70,25 @@ class Board {
     const { kind, shape, size, colour } = this.selection;
     if (!this.grid) return kind === "ADD" ? `ADD(${BOXES[column]}, ${colour})` : `REMOVE(${BOXES[column]})`;
     return kind === "ADD" ? `ADD(${column}, ${row}, ${shape}, ${colour}, ${size})` : `REMOVE(${column}, ${row})`;
+  }
+
+  /** Shows the item that a click on the cell would add. */
+  showGhost(cell) {
+    const { kind, shape, size, colour } = this.selection;
+    this.hovered = cell;
+    if (!cell || cell === this.cells || cell.disabled || kind !== "ADD") {
+      this.ghost.className = "";
+      return;
+    }
+    this.ghost.className = `ghost colour-${colour.toLowerCase()} shape-${this.grid ? shape.toLowerCase() : "square"}`;
+    const [column, row] = [Number(cell.dataset.column), Number(cell.dataset.row)];
+    if (this.grid) {
+      const side = { SMALL: 10, MEDIUM: 20, LARGE: 30 }[size];
+      place(this.ghost, (column * IMAGE_WIDTH) / this.grid[0], (row * IMAGE_HEIGHT) / this.grid[1], side, side);
+    } else {
+      const height = this.view.scene.items.filter((item) => item.box === column).length;
+      place(this.ghost, column * 140 + 40, 80 - 21 * height, 20, 20);
+    }
   }
 
   enable(enabled) {
@@ -90,6 +112,7 @@ class Board {
     for (const button of document.querySelectorAll(`[data-choice="${name}"] button`)) {
       button.setAttribute("aria-pressed", String(button.dataset.value === value));
     }
+    this.showGhost(this.hovered);
     attempt(() => this.mark());
   }
 

@@ -46,10 +46,13 @@ function element(tag, attributes = {}, ...children) {
   return created;
 }
 
-/** Shows a message in the page's live region. */
+/** Shows a message, made of strings and elements, in the page's live region, which pages put where the user looks. */
 function showMessage(message, kind = "") {
-  document.getElementById("messages").replaceChildren(...(message ? [element("p", { class: `notice ${kind}` }, message)] : []));
+  const region = byId("messages");
+  region.replaceChildren(...(message ? [element("p", { class: `notice ${kind}` }, ...[message].flat())] : []));
+  if (message) region.scrollIntoView({ block: "nearest" });
 }
+
 
 /** Runs a user's action, marking the element `busy` meanwhile; shows a RequestError as a message. */
 async function attempt(action, busy = null) {
@@ -67,6 +70,18 @@ async function attempt(action, busy = null) {
 }
 
 const byId = (id) => document.getElementById(id);
+
+/** Lets keys act while the focus is in the section or nowhere, except in fields. `keys`: functions by lower-case key. */
+function onKeys(section, keys) {
+  document.addEventListener("keydown", (event) => {
+    const elsewhere = event.target !== document.body && !section.contains(event.target);
+    const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+    if (elsewhere || section.hidden || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, textarea") || !(key in keys)) return;
+    if (key === " " && event.target.closest("button")) return; // presses the button
+    event.preventDefault();
+    keys[key](event);
+  });
+}
 
 if (byId("logout")) {
   byId("logout").addEventListener("click", () =>

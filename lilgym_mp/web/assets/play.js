@@ -3,7 +3,6 @@
 
 const setup = byId("setup");
 const board = new Board(act, legal);
-const endView = new SceneView("The last scene");
 const expertView = new SceneView("A scene of the expert's solution");
 const OUTCOMES = { success: "Solved", wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
 let episode = null;
@@ -11,10 +10,9 @@ let shown = null; // id of the episode whose cells the board has
 let expert = null;
 let expertStep = 0;
 
-byId("end-scene").append(endView.root);
 byId("expert-scene").append(expertView.root);
 
-async function begin(taskId) {
+async function begin(taskId, focuses = true) {
   await attempt(async () => {
     const created = await request("POST", "/api/play/episodes", {
       configuration: setup.configuration.value,
@@ -23,19 +21,16 @@ async function begin(taskId) {
       strict: setup.strict.checked,
       task_id: taskId,
     });
-    expert = null;
     byId("expert").hidden = true;
     history.replaceState(null, "", `#${created.id}`);
     await show(created);
-    board.focus();
+    if (focuses) board.focus();
   }, byId("episode"));
 }
 
 async function show(state) {
   episode = state;
   board.view.show(state.scene);
-  byId("nothing").hidden = true;
-  byId("episode").hidden = false;
   byId("statement").textContent = state.statement;
   byId("target").textContent = state.target ? "true" : "false";
   byId("left").textContent = state.over ? "" : `Actions left: ${state.actions_left}.`;
@@ -45,8 +40,9 @@ async function show(state) {
   if (shown !== state.id) board.makeCells(state.grid);
   shown = state.id;
   board.enable(!state.over);
-  for (const name of ["stop", "legal"]) byId(name).disabled = state.over;
-  byId("end").hidden = !state.over;
+  for (const name of ["tools", "stop", "legal"]) byId(name).hidden = state.over;
+  byId("messages").classList.toggle("reserved", !state.over);
+  for (const name of ["end", "next", "why"]) byId(name).hidden = !state.over;
   await board.mark();
   if (!state.over) return;
   await explain();
@@ -77,8 +73,7 @@ async function explain() {
   byId("end-title").className = episode.outcome === "success" ? "good" : "bad";
   byId("rule").textContent = explanation.invalid_reason ? `${explanation.rule} Reason: ${explanation.invalid_reason}.` : explanation.rule;
   byId("verdict").textContent = `In the last scene the statement is ${explanation.truth}; the target was ${explanation.target}. Reward: ${episode.reward.toFixed(1)}.`;
-  endView.show(episode.scene);
-  byId("parts").replaceChildren(partsList(explanation.parts, endView));
+  byId("parts").replaceChildren(partsList(explanation.parts, board.view));
   byId("end-title").focus();
 }
 
@@ -91,6 +86,7 @@ async function showExpert() {
     byId("expert-line").textContent = expert.found ? `${expert.steps.length} actions. ${optimality}` : `No solution was found: ${expert.reason}`;
     showExpertStep();
     byId("expert").scrollIntoView({ block: "nearest" });
+    byId("forth").focus({ preventScroll: true });
   }, byId("expert"));
 }
 
@@ -119,15 +115,11 @@ async function showTables() {
   const ownRows = own.configurations.map((line) => [line.configuration, line.successes, line.episodes, line.mean_reward]);
   byId("progress").replaceChildren(...(ownRows.length ? [table(["Configuration", "Solved", "Played", "Mean reward"], ownRows, "Your results")] : []));
   const bestRows = best.map((line) => [line.you ? `${line.player} (you)` : line.player, line.configuration, line.successes, line.mean_reward]);
-  byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks solved", "Mean reward"], bestRows, "Leaderboard") : element("p", { class: "empty" }, "Nobody has finished a task yet."));
+  byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks solved", "Mean reward"], bestRows, "Leaderboard") : element("p", { class: "soft" }, "Nobody has solved a task yet."));
 }
 
-const KEYS = { ...board.keys, p: () => board.focus() };
-byId("episode").addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || !(event.key.toLowerCase() in KEYS)) return;
-  event.preventDefault();
-  KEYS[event.key.toLowerCase()]();
-});
+const press = (id) => () => !byId(id).hidden && byId(id).click();
+onKeys(byId("episode"), { ...board.keys, t: press("stop"), n: press("next"), r: press("again"), e: press("solution"), p: () => board.focus() });
 
 let searchCount = 0; // identifies the latest search
 async function search() {
@@ -155,6 +147,7 @@ setup.addEventListener("change", () => byId("chooser").open && search());
 byId("chooser").addEventListener("toggle", () => byId("chooser").open && search());
 byId("search").addEventListener("input", search);
 byId("stop").addEventListener("click", () => act("STOP"));
+byId("next").addEventListener("click", () => begin(null));
 byId("again").addEventListener("click", () => begin(episode.task_id));
 byId("solution").addEventListener("click", showExpert);
 byId("back").addEventListener("click", () => { expertStep -= 1; showExpertStep(); });
@@ -176,5 +169,6 @@ attempt(async () => {
     fillSplits(setup);
     setup.split.value = kept.split;
     await show(kept);
-  }
+    byId("episode").removeAttribute("aria-busy");
+  } else await begin(null, false);
 });

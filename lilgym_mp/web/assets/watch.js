@@ -2,6 +2,7 @@
 // /watch: recorded episodes step by step; optionally two recordings side by side.
 
 const PAGE_SIZE = 100;
+const STEP_MILLISECONDS = 900; // while playing
 const filters = byId("filters");
 const sides = [];
 let listed = [];
@@ -17,9 +18,16 @@ const signed = (number) => `${number < 0 ? "−" : "+"}${Math.abs(number).toFixe
 const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");
 
-function titleOf(recording) {
-  const seed = recording.training_seed === null ? "" : `, training seed ${recording.training_seed}`;
-  return `${recording.agent}, ${recording.configuration}, ${recording.split}, ${recording.actions}${seed}: ${recording.name}`;
+/** A short name, such as "imitation, seed 0". */
+function shortName(recording) {
+  return `${recording.agent}${recording.training_seed === null ? "" : `, seed ${recording.training_seed}`}`;
+}
+
+/** Options for recordings: short names with what distinguishes them, and the file where that is not enough. */
+function recordingOptions(recordings) {
+  const titles = recordings.map((line) => `${shortName(line)} · ${line.configuration}, ${line.split}${line.actions === "greedy" ? "" : `, ${line.actions}`}`);
+  const isUnique = (title) => titles.indexOf(title) === titles.lastIndexOf(title);
+  return recordings.map((line, index) => element("option", { value: line.id }, isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`));
 }
 
 /** A bar with a probability; `taken` marks the action taken. */
@@ -35,12 +43,30 @@ function facts(pairs) {
   return list;
 }
 
+let maskCount = 0; // makes ids of masks unique
+
+function svg(tag, attributes = {}, ...children) {
+  const created = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  for (const [name, value] of Object.entries(attributes)) created.setAttribute(name, value);
+  created.append(...children);
+  return created;
+}
+
+/** The item's outline, a little larger than the item, in native pixels. */
+function itemShape({ shape, x, y, side }) {
+  const [left, top, right, bottom] = [x - 1, y - 1, x + side + 1, y + side + 1];
+  if (shape === "circle") return svg("circle", { cx: x + side / 2, cy: y + side / 2, r: side / 2 + 1 });
+  if (shape === "triangle") return svg("polygon", { points: `${x + side / 2},${top - 2} ${right + 1},${bottom} ${left - 1},${bottom}` });
+  return svg("rect", { x: left, y: top, width: right - left, height: bottom - top });
+}
+
 /** Panel with an episode of one recording. */
 class Side {
   constructor() {
     this.view = new SceneView("The scene");
-    this.heat = element("div", { class: "heat", "aria-hidden": "true" });
+    this.heat = svg("svg", { class: "heat", viewBox: `0 0 ${IMAGE_WIDTH} ${IMAGE_HEIGHT}`, "aria-hidden": "true" });
     this.view.root.append(this.heat);
+    this.maskId = `items-${(maskCount += 1)}`;
     this.strip = element("ol", { class: "strip", "aria-label": "Steps" });
     this.title = element("h2");
     this.head = element("div");
@@ -52,14 +78,14 @@ class Side {
   open(recording, episode) {
     this.episode = episode;
     this.command = recording.command;
-    this.title.textContent = recording.agent;
+    this.title.textContent = shortName(recording);
     const end = episode.invalid_reason ? `${words(episode.outcome)}: ${words(episode.invalid_reason)}` : words(episode.outcome);
     this.head.replaceChildren(
-      element("p", { class: "soft small name" }, recording.name),
       element("p", { class: "statement" }, episode.statement),
       element("p", {}, `Make it ${episode.target}. `, element("span", { class: episode.outcome === "success" ? "good" : "bad" }, end), `, reward ${episode.total.toFixed(1)}.`),
       element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), facts([
         ["Task", episode.task],
+        ["Recording", recording.name],
         ["Statement", episode.statement_seen ? "seen in training" : episode.form_seen ? "its form was seen in training" : "not seen in training"],
         ["Phenomena", episode.phenomena.join(", ") || "none"],
         ["Shortest solution", episode.optimal_actions === null ? null : plural(episode.optimal_actions, "action")],
@@ -93,27 +119,29 @@ class Side {
     if (shown.decision && kind !== "none") {
       const shareOf = (cell) => (kind === "both" ? cell.add + cell.remove : cell[kind]);
       for (const cell of shown.decision.cells) {
-        const overlay = this.overlay(cell);
-        overlay.style.opacity = String(0.55 * Math.sqrt(Math.min(1, shareOf(cell))));
-        overlays.push(overlay);
+        overlays.push(this.overlay(cell, { opacity: 0.6 * Math.sqrt(Math.min(1, shareOf(cell))), fill: "#d6006c" }));
       }
     }
     if (showsLegal) {
       for (const cell of shown.legal) {
         if (kind === "remove" ? !cell.remove : kind === "add" && !cell.add) continue;
-        const overlay = this.overlay(cell);
-        overlay.className = "may";
-        overlays.push(overlay);
+        overlays.push(this.overlay(cell, { class: "may" }));
       }
     }
-    this.heat.replaceChildren(...overlays);
+    this.heat.replaceChildren(this.mask(), svg("g", { mask: `url(#${this.maskId})` }, ...overlays));
   }
 
-  overlay(cell) {
+  overlay(cell, attributes) {
     const [columns, rows] = this.episode.grid;
-    const overlay = element("div");
-    if (columns === 3) return place(overlay, cell.column * 140, 0, 100, 100);
-    return place(overlay, (cell.column * IMAGE_WIDTH) / columns, (cell.row * IMAGE_HEIGHT) / rows, IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows);
+    if (columns === 3) return svg("rect", { x: cell.column * 140, y: 0, width: 100, height: 100, ...attributes });
+    const [width, height] = [IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows];
+    return svg("rect", { x: cell.column * width, y: cell.row * height, width, height, ...attributes });
+  }
+
+  /** Hides the heat map where items are, so that it changes no item's colour. */
+  mask() {
+    const all = svg("rect", { width: IMAGE_WIDTH, height: IMAGE_HEIGHT, fill: "white" });
+    return svg("mask", { id: this.maskId, maskUnits: "userSpaceOnUse", x: 0, y: 0, width: IMAGE_WIDTH, height: IMAGE_HEIGHT }, all, ...this.view.scene.items.map(itemShape));
   }
 
   decision(shown) {
@@ -143,6 +171,23 @@ class Side {
   }
 }
 
+let playing = 0; // timer
+
+function pause() {
+  clearInterval(playing);
+  playing = 0;
+  byId("play").textContent = "▶";
+  byId("play").setAttribute("aria-label", "Play");
+}
+
+function togglePlay() {
+  if (playing) return pause();
+  if (byId("forth").disabled) showStep(0);
+  playing = setInterval(() => (byId("forth").disabled ? pause() : showStep(step + 1)), STEP_MILLISECONDS);
+  byId("play").textContent = "❚❚";
+  byId("play").setAttribute("aria-label", "Pause");
+}
+
 function showStep(wanted) {
   const longest = Math.max(...sides.map((side) => side.episode.steps.length)) - 1;
   step = Math.max(0, Math.min(longest, wanted));
@@ -167,7 +212,7 @@ async function openRecording(id) {
   byId("about-line").textContent = `${recording.successes} of ${recording.episodes} episodes succeeded (${percent(recording.successes / Math.max(1, recording.episodes))}): ${ends}. Corpus ${recording.corpus}, split ${recording.split}, rules ${recording.rules}, actions ${recording.actions}, ${recording.mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
   byId("no-decisions").hidden = recording.has_decisions;
   byId("record-command").textContent = recording.command;
-  byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recording.comparable.map((line) => element("option", { value: line.id }, titleOf(line))));
+  byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recordingOptions(recording.comparable));
   markCounts(filters.phenomenon, recording.phenomena);
   markCounts(filters.outcome, recording.outcomes);
   markCounts(filters.invalid_reason, recording.invalid_reasons);
@@ -192,14 +237,29 @@ async function findEpisodes() {
   byId("episodes").replaceChildren(
     ...listed.map((line) =>
       element("li", {}, element("button", { type: "button", "data-index": line.index, click: () => attempt(() => openEpisode(line.index, 0, true), byId("viewer")) },
+        element("img", { src: `/api/watch/recordings/${recording.id}/episodes/${line.index}/picture`, alt: "", width: 114, height: 30, loading: "lazy" }),
         element("span", {}, `${line.statement} (${line.target})`),
         element("span", { class: line.outcome === "success" ? "good" : "bad" }, `${words(line.outcome)}, ${line.actions}`))),
     ),
   );
 }
 
+/** Shows the first of the episodes found, or none. */
+async function openFirst() {
+  await findEpisodes();
+  if (listed.length) await openEpisode(listed[0].index, 0, false);
+  else {
+    openCount += 1;
+    pause();
+    sides.length = 0;
+    byId("viewer").hidden = true;
+    remember({ episode: "" });
+  }
+}
+
 async function openEpisode(index, initialStep, focuses) {
   const current = (openCount += 1);
+  pause();
   const opened = recording;
   const beside = byId("beside").value;
   const episode = await request("GET", `/api/watch/recordings/${opened.id}/episodes/${index}`);
@@ -261,26 +321,25 @@ async function start() {
     showNothing(found);
     return;
   }
-  byId("recording").replaceChildren(...readable.map((line) => element("option", { value: line.id }, titleOf(line))));
+  byId("recording").replaceChildren(...recordingOptions(readable));
   byId("choose").hidden = false;
   const query = new URLSearchParams(location.search);
   const wanted = readable.some((line) => line.id === query.get("recording")) ? query.get("recording") : readable[0].id;
   byId("recording").value = wanted;
   await openRecording(wanted);
   if (recording.comparable.some((line) => line.id === query.get("beside"))) byId("beside").value = query.get("beside");
-  await findEpisodes();
   const index = Number(query.get("episode"));
-  if (query.has("episode") && Number.isInteger(index)) await openEpisode(index, Number(query.get("step")) || 0, false);
+  if (!query.has("episode") || !Number.isInteger(index)) return openFirst();
+  await findEpisodes();
+  await openEpisode(index, Number(query.get("step")) || 0, false);
 }
 
 byId("recording").addEventListener("change", () =>
   attempt(async () => {
-    byId("viewer").hidden = true;
-    openCount += 1;
     remember({ episode: "", beside: "", step: "" });
     offset = 0;
     await openRecording(byId("recording").value);
-    await findEpisodes();
+    await openFirst();
   }, byId("finder")),
 );
 byId("beside").addEventListener("change", () =>
@@ -291,7 +350,7 @@ byId("beside").addEventListener("change", () =>
 );
 function filter() {
   offset = 0;
-  attempt(findEpisodes, byId("episodes"));
+  attempt(openFirst, byId("episodes"));
 }
 filters.addEventListener("input", filter);
 filters.addEventListener("submit", (event) => {
@@ -300,6 +359,7 @@ filters.addEventListener("submit", (event) => {
 });
 byId("earlier").addEventListener("click", () => { offset = Math.max(0, offset - PAGE_SIZE); attempt(findEpisodes, byId("episodes")); });
 byId("later").addEventListener("click", () => { offset += PAGE_SIZE; attempt(findEpisodes, byId("episodes")); });
+byId("play").addEventListener("click", togglePlay);
 byId("first").addEventListener("click", () => showStep(0));
 byId("back").addEventListener("click", () => showStep(step - 1));
 byId("forth").addEventListener("click", () => showStep(step + 1));
@@ -311,7 +371,8 @@ function toggleLegal() {
   showStep(step);
 }
 byId("legal").addEventListener("click", toggleLegal);
-const KEYS = {
+onKeys(byId("viewer"), {
+  " ": togglePlay,
   ArrowLeft: () => showStep(step - 1),
   ArrowRight: () => showStep(step + 1),
   Home: () => showStep(0),
@@ -319,11 +380,6 @@ const KEYS = {
   j: () => attempt(() => nextEpisode(1), byId("viewer")),
   k: () => attempt(() => nextEpisode(-1), byId("viewer")),
   l: toggleLegal,
-};
-byId("viewer").addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("select, input") || !(event.key in KEYS)) return;
-  event.preventDefault();
-  KEYS[event.key]();
 });
 
 attempt(start);

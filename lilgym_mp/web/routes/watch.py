@@ -12,6 +12,7 @@ from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.web import recording_views
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.field_types import OutcomeName
+from lilgym_mp.web.scene_images import png
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
@@ -69,6 +70,15 @@ def episode(
 ) -> recording_views.EpisodeBody:
     """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
     return recording_views.episode_body(recording_views.read_recording(services.run_directory, recording_id), index)
+
+
+@api.get("/recordings/{recording_id}/episodes/{index}/picture", response_class=Response)
+def picture(
+    recording_id: RecordingId, index: Annotated[int, Path(ge=0, le=10_000_000)], services: Services
+) -> Response:
+    """The start scene of an episode, as a PNG image."""
+    recording = recording_views.read_recording(services.run_directory, recording_id)
+    return Response(png(recording_views.find_episode(recording, index).start), media_type="image/png")
 
 
 router.include_router(api)
