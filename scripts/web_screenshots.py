@@ -84,7 +84,7 @@ def _play_to_the_end(page: Page) -> None:
     page.click("#solution")
     page.wait_for_selector("#expert-step:not(:empty)")
     page.click("#forth")
-    page.locator("#end").scroll_into_view_if_needed()
+    page.locator("#episode").scroll_into_view_if_needed()
     page.locator("#parts button").last.hover()
 
 
@@ -131,8 +131,10 @@ def _watch(page: Page) -> None:
 
 def _sit(chosen: dict[str, str]) -> Callable[[Page], None]:
     def prepare(page: Page) -> None:
+        page.evaluate("document.getElementById('more').open = true")
         for name, value in chosen.items():
             page.select_option(f"#setup [name={name}]", value)
+        page.evaluate("document.getElementById('more').open = false")
         page.click("#setup [type=submit]")
         page.wait_for_selector("#seat h2:not(:empty)")
         page.evaluate("document.getElementById('seat').scrollIntoView()")

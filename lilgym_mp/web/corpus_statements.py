@@ -79,6 +79,8 @@ class RunOutcome(BaseModel):
     """The outcome of a recorded episode on a task of the statement."""
 
     recording: str
+    recording_id: str
+    episode: int  # its index in the recording
     agent: str
     configuration: str
     task_id: str
@@ -221,16 +223,18 @@ class RecordedOutcomes:
                     continue
                 if recording is None:
                     continue
-                indexed = self._index[file.id] = file.header, _by_statement(file.name, recording)
+                indexed = self._index[file.id] = file.header, _by_statement(file.id, file.name, recording)
             outcomes.extend(indexed[1].get(statement, ()))
         return outcomes, unreadable
 
 
-def _by_statement(name: str, recording: Recording) -> dict[str, list[RunOutcome]]:
+def _by_statement(recording_id: str, name: str, recording: Recording) -> dict[str, list[RunOutcome]]:
     index: dict[str, list[RunOutcome]] = {}
-    for episode in recording.episodes:
+    for number, episode in enumerate(recording.episodes):
         outcome = RunOutcome(
             recording=name,
+            recording_id=recording_id,
+            episode=number,
             agent=recording.header.agent,
             configuration=recording.header.settings.configuration,
             task_id=episode.task,

@@ -2,7 +2,7 @@
 
 A seat's response contains only its agent's observation and action mask, its own past actions, and the settings chosen
 for the game. Infos, the other seat's observation, and anything about the task outside of the view never leave this
-module. Each seat learns its own reward once the game is over.
+module while the game is played. Once it is over, each seat learns its own reward, and both learn how it ended.
 """
 
 from __future__ import annotations
@@ -68,6 +68,17 @@ class PastTurnBody(BaseModel):
     verifier_word: int
 
 
+class EndBody(BaseModel):
+    """How a game ended, revealed to both seats: whether the statement got the target value, and what each seat knew."""
+
+    reached: bool
+    statement: str
+    value: bool  # of the statement in the last scene
+    target: bool
+    intent: str
+    views: dict[str, str]  # by role
+
+
 class SeatBody(BaseModel):
     """What the agent in this seat observes. Parts excluded from its view are null."""
 
@@ -77,7 +88,9 @@ class SeatBody(BaseModel):
     horizon: int
     opposite: str  # "person" or the partner's name
     view: str
+    end: EndBody | None  # null until the game is over
     over: bool
+    round: int  # from 1
     your_turn: bool
     waiting_for_other: bool  # simultaneous moves: this seat has chosen, the other has not
     own_actions: list[str]
@@ -289,7 +302,9 @@ def seat_body(live: LiveGame, role: Role) -> SeatBody:
         horizon=game.config.dynamics.horizon,
         opposite=live.opposite[role],
         view=live.views[role],
+        end=_end_body(live) if live.over else None,
         over=live.over,
+        round=live.engine.state.mdp.steps + 1,
         your_turn=bool(legal),
         waiting_for_other=has_chosen,
         own_actions=live.own_actions[role],
@@ -304,6 +319,19 @@ def seat_body(live: LiveGame, role: Role) -> SeatBody:
         history=[_past_turn(live, row) for row in observation.get("history", ())],
         answers=[game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
         may_stop=role is Role.PROPOSER and stop in legal,
+    )
+
+
+def _end_body(live: LiveGame) -> EndBody:
+    state = live.engine.state
+    task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
+    return EndBody(
+        reached=value is task.target,
+        statement=task.statement,
+        value=value,
+        target=task.target,
+        intent=state.intent.name.lower(),
+        views={role.name.lower(): live.views[role] for role in Role},
     )
 
 

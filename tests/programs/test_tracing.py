@@ -23,7 +23,9 @@ def test_trace__starts_with_the_whole_program():
 
 def test_trace__lists_items_that_satisfy_a_condition():
     traced = values("exist(filter_obj(all_items, lambda x: is_black(x)))")
-    assert traced["lambda x: is_black(x)"] == "satisfied by [small black circle at column 0, row 0 in the left box] of 3"
+    assert (
+        traced["lambda x: is_black(x)"] == "satisfied by [small black circle at column 0, row 0 in the left box] of 3"
+    )
 
 
 def test_trace__lists_boxes_that_satisfy_a_nested_condition():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import threading
 import time
 from collections.abc import Iterator
@@ -11,10 +12,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from tests.browser import Watched, axe_script, chromium, watched_page
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser, login_token, server
 
 uvicorn = pytest.importorskip("uvicorn", reason="the browser suite needs the extra `web`")
 
@@ -77,11 +80,178 @@ def test_play__by_keyboard_alone(browser: Any, tmp_path: Path):
         page.evaluate("document.querySelector('.cells button.legal').focus()")
         page.keyboard.press("Enter")
         page.wait_for_selector("#history:has-text('So far: ADD(')")
-        page.focus("#stop")
-        page.keyboard.press("Enter")
+        page.keyboard.press("t")
         page.wait_for_selector("#parts li")
-        assert page.inner_text("#end-title")
+        page.wait_for_selector("#end-title:focus")
+        page.keyboard.press("n")
+        page.wait_for_selector("#tools:not([hidden])")
+        page.wait_for_selector(".cells button:focus")
+        assert not page.is_visible("#end")
         _assert_clean(watched, url)
+
+
+SIZES = [(1280, 900), (360, 740)]
+
+
+def _in_viewport(page: Any, selector: str) -> bool:
+    box = page.locator(selector).bounding_box()
+    return box["y"] >= 0 and box["y"] + box["height"] <= page.viewport_size["height"]
+
+
+def _begin(page: Any, url: str, task: str = "scatter-dev-025-a") -> None:
+    page.goto(f"{url}/play?configuration=ScatterFlipIt&task={task}")
+    page.wait_for_selector(".board.fine .cells button")
+    page.wait_for_selector("#episode:not([aria-busy])")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_play__an_illegal_action_is_explained_below_the_scene_without_moving_it(
+    browser: Any, tmp_path: Path, size: tuple[int, int]
+):
+    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
+        page = watched.page
+        _begin(page, url)
+        cell = page.locator(".cells button[data-column='0'][data-row='1']")
+        cell.scroll_into_view_if_needed()
+        page.evaluate("board.choose('size', 'LARGE')")
+        tops = "['#board', '#tools', '#stop'].map(name => document.querySelector(name).getBoundingClientRect().top)"
+        before = page.evaluate(tops)
+        cell.click()
+        page.wait_for_selector("#messages .error:has-text('is not legal here')")
+        assert page.evaluate(tops) == before
+        assert _in_viewport(page, "#messages .error")
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_play__the_end_of_an_episode_is_in_view_with_next(browser: Any, tmp_path: Path, size: tuple[int, int]):
+    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
+        page = watched.page
+        _begin(page, url)
+        page.click("#stop")
+        page.wait_for_selector("#end-title:focus")
+        assert page.inner_text("#end-title") == "Wrong STOP"
+        assert _in_viewport(page, "#end-title")
+        assert _in_viewport(page, "#next")
+
+
+def test_play__opens_with_a_task_and_shows_the_item_under_the_pointer(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/play")
+        page.wait_for_selector(".cells button")
+        assert page.inner_text("#target") in ("true", "false")
+        _begin(page, url)
+        page.hover(".cells button[data-column='8'][data-row='2']")
+        ghost = page.locator(".ghost.shape-circle.colour-yellow").bounding_box()
+        cell = page.locator(".cells button[data-column='8'][data-row='2']").bounding_box()
+        assert ghost["x"] == pytest.approx(cell["x"], abs=1)
+        assert ghost["y"] == pytest.approx(cell["y"], abs=1)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_annotate__the_verdict_is_in_view_after_submit_and_old_results_vanish(
+    browser: Any, tmp_path: Path, size: tuple[int, int]
+):
+    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
+
+    with served(tmp_path) as (url, app), watched_page(browser, *size) as watched:
+        organiser = Browser(app).log_in("Olga", "organiser")
+        imported(organiser, nlvr_file(2))
+        assigned(organiser, "Ada", statements=2)
+        page = watched.page
+        page.goto(f"{url}/login?token={login_token(app, 'Ada')}")
+        page.click("#work a")
+        page.wait_for_selector("#work:not([aria-busy])")
+        page.fill("#program", BLUE)
+        page.click("#run")
+        page.wait_for_selector("#result li")
+        assert _in_viewport(page, "#messages .notice")
+        page.fill("#program", f"NOT(NOT({BLUE}))")
+        assert page.locator("#result li").count() == page.locator("#messages .notice").count() == 0
+        page.click("#run")
+        page.wait_for_selector("#submit:not([disabled])")
+        page.click("#submit")
+        page.wait_for_selector("#messages .success:has-text('Accepted')")
+        assert _in_viewport(page, "#messages .notice")
+        page.click("text=Next statement")
+        page.wait_for_selector("#work:not([aria-busy])")
+        page.goto(f"{url}/annotate/tutorial")
+        page.wait_for_selector("#tasks li")
+        page.fill("#program", BLUE)
+        page.click("#submit")
+        page.wait_for_selector("#messages .success")
+        assert _in_viewport(page, "#messages .notice")
+
+
+def test_watch__the_heat_map_leaves_items_alone(browser: Any, tmp_path: Path, runs: Path):
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/watch")
+        page.select_option("#recording", label=next(iter(page.locator("#recording option").all_inner_texts())))
+        page.wait_for_selector("#viewer .strip img")
+        page.wait_for_selector(".heat rect[opacity]", state="attached")
+        items = page.evaluate("sides[0].view.scene.items")
+
+        def pixels(heat: str) -> Any:
+            page.select_option("#heat", heat)
+            image = Image.open(io.BytesIO(page.locator(".side .scene").first.screenshot()))
+            return np.asarray(image.convert("RGB").resize((760, 200)), np.int64)
+
+        difference = np.abs(pixels("both") - pixels("none")).max(axis=2)
+        assert items
+        assert difference.max() > 10
+        for item in items:
+            x, y, side = (2 * item[name] for name in ("x", "y", "side"))
+            middle = slice(y + side // 2 - 4, y + side // 2 + 5), slice(x + side // 2 - 4, x + side // 2 + 5)
+            assert difference[middle].max() <= 2, item
+
+
+def test_watch__plays_pauses_and_steps_by_key_and_empties_for_no_match(browser: Any, tmp_path: Path, runs: Path):
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/watch")
+        page.wait_for_selector("#viewer .strip img")
+        page.press("#viewer", "Space")
+        page.wait_for_selector("#play[aria-label=Pause]")
+        page.press("#viewer", "Space")
+        page.wait_for_selector("#play[aria-label=Play]")
+        page.press("#viewer", "End")
+        page.wait_for_selector("#step-line:has-text('End')")
+        page.press("#viewer", "Home")
+        page.wait_for_selector("#step-line:has-text('Step 1 of')")
+        page.fill("#filters [name=text]", "no statement says this")
+        page.wait_for_selector("#total:has-text('No episode matches')")
+        page.wait_for_selector("#viewer", state="hidden")
+
+
+def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/game")
+        page.select_option("#preset", "judge")
+        page.click("#setup [type=submit]")
+        page.wait_for_selector("#turn:text-matches('your turn')")
+        assert "Round 1 of" in page.inner_text("#task-line")
+        assert page.locator("#answers button").first.inner_text().startswith("accept")
+        for _ in range(20):
+            page.wait_for_selector("#turn:text-matches('your turn|is over')")
+            if page.is_visible("#end"):
+                break
+            page.press("#seat-title", "1")
+            page.wait_for_selector("#board:not([aria-busy])")
+        assert "the goal is reached" in page.inner_text("#turn")
+        assert "The verifier saw everything" in page.inner_text("#end-lines")
+        page.click("#again")
+        page.wait_for_selector("#turn:text-matches('your turn')")
+
+
+def test_explore__links_to_play_the_task(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/explore/scatter/dev/scatter-dev-025-a")
+        page.locator("text=Play this task").last.click()
+        page.wait_for_selector(".board.fine .cells button")
+        assert page.inner_text("#statement")
 
 
 @pytest.mark.parametrize("dark", [False, True])
@@ -111,8 +281,7 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
         watched_page(browser, width, dark=dark, bypass_csp=True) as watched,
     ):
         page = watched.page
-        path = Browser(app).log_in("Olga", "organiser").post("/api/annotate/people", {"name": "Olga"}).json()["path"]
-        page.goto(url + path)
+        page.goto(f"{url}/login?token={login_token(app, 'Olga', 'organiser')}")
         found: list[str] = []
         for path in (*PAGES, "/annotate/tutorial", "/annotate/organise"):
             page.goto(url + path, wait_until="networkidle")
@@ -146,7 +315,7 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
         organiser = Browser(app).log_in("Olga", "organiser")
         imported(organiser, nlvr_file(1))
         assigned(organiser, "Ada")
-        page.goto(url + organiser.post("/api/annotate/people", {"name": "Ada"}).json()["path"])
+        page.goto(f"{url}/login?token={login_token(app, 'Ada')}")
         page.click("#work a")
         page.wait_for_selector("#work:not([aria-busy])")
         found += _barriers(page, script, "editor")
@@ -165,8 +334,6 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
         found += _barriers(page, script, "end of an episode")
         page.goto(f"{url}/game")
         page.select_option("[name=configuration]", "TowerScratch")
-        page.select_option("[name=proposer]", "person")
-        page.select_option("[name=verifier]", "oracle")
         page.click("#setup [type=submit]")
         page.wait_for_selector("#turn:text-matches('your turn')")
         page.click("#legal")
@@ -182,7 +349,7 @@ def test_annotate__a_draft_survives_an_unreachable_server(browser: Any, tmp_path
         organiser = Browser(app).log_in("Olga", "organiser")
         imported(organiser, nlvr_file(1))
         assigned(organiser, "Ada")
-        path = organiser.post("/api/annotate/people", {"name": "Ada"}).json()["path"]
+        path = f"/login?token={login_token(app, 'Ada')}"
         page = watched.page
         page.set_default_timeout(60_000)
         page.goto(url + path)
@@ -239,7 +406,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         assert sides.nth(0).locator("h3").all_inner_texts()[:2] == ["Type of action", "Likeliest actions"]
         assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
         assert sides.nth(0).locator(".facts:has-text('Optimal according to the expert') >> text=yes").count() == 1
-        assert page.locator(".side:nth-child(2) .heat div").count() > 0
+        assert page.locator(".side:nth-child(2) .heat g rect").count() > 0
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#step-line:has-text('Step 2')")
         assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "End"))
@@ -297,6 +464,7 @@ def test_game__every_protocol_can_be_played_to_the_end(browser: Any, tmp_path: P
         page.set_default_timeout(60_000)
         page.goto(f"{url}/game")
         page.select_option("[name=configuration]", "TowerScratch")
+        page.click("#more summary")
         for seat, who in zip(("proposer", "verifier"), seats, strict=True):
             page.select_option(f"[name={seat}]", who)
         for protocol in ("veto", "joint", "audit", "critique"):
@@ -334,6 +502,7 @@ def test_game__a_verdict_is_chosen_from_the_bins(browser: Any, tmp_path: Path):
         page = watched.page
         page.set_default_timeout(60_000)
         page.goto(f"{url}/game")
+        page.click("#more summary")
         assert page.is_hidden("[name=verdict_bins]")
         chosen = {"configuration": "TowerFlipIt", "protocol": "audit", "rewards": "brier", "verdict_bins": "5"}
         for name, value in {**chosen, "proposer": "helpful", "verifier": "person"}.items():

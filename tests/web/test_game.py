@@ -129,6 +129,8 @@ def test_responses__contain_no_truth_value_program_or_infos(browser: Browser, pr
     for text in bodies:
         assert task.program not in text
         assert task.id not in text
+        if json.loads(text).get("end"):
+            continue  # revealed once the game is over
         found = keys_of(json.loads(text))
         assert not {key for key in found if any(word in key for word in FORBIDDEN)}
 
@@ -139,12 +141,31 @@ def test_responses__the_intent_reaches_only_the_proposer(browser: Browser, proto
     for _ in range(2):
         made = begin(browser, protocol=protocol, proposer="person", verifier="person", rewards="hidden")
         intents.add(seat(browser, made["proposer"])["intent"])
-        play_out(browser, people(made))
-        verifiers = browser.get(f"{SEATS}/{made['verifier']}")
-        assert verifiers.json()["intent"] is None
-        assert "helpful" not in verifiers.text
-        assert "sneaky" not in verifiers.text
+        for text in play_out(browser, people(made)):
+            body = json.loads(text)
+            if body.get("role") == "verifier" and not body["over"]:
+                assert body["intent"] is None
+                assert "helpful" not in text
+                assert "sneaky" not in text
     assert intents <= {"helpful", "sneaky"}
+
+
+def test_end__tells_both_seats_the_truth_and_what_each_knew(browser: Browser):
+    made = begin(browser, proposer="person", verifier="person", verifier_view="no statement", rewards="hidden")
+    bodies = [json.loads(text) for text in play_out(browser, people(made))]
+    assert all(body["end"] is None for body in bodies if "over" in body and not body["over"])
+    state = live_game(browser.app, made["proposer"]).engine.state
+    ends = [seat(browser, key)["end"] for key in people(made).values()]
+    value = state.mdp.task.truth(state.mdp.scene)
+    expected = {
+        "reached": value is state.mdp.task.target,
+        "statement": state.mdp.task.statement,
+        "value": value,
+        "target": state.mdp.task.target,
+        "intent": state.intent.name.lower(),
+        "views": {"proposer": "everything", "verifier": "no statement"},
+    }
+    assert ends == [expected, expected]
 
 
 def test_responses__each_seat_learns_its_own_reward_at_the_end(browser: Browser):
@@ -164,7 +185,7 @@ def test_view__hidden_parts_never_reach_the_seat(browser: Browser, view: str, pa
     game = live_game(browser.app, made["verifier"])
     for text in play_out(browser, people(made)):
         body = json.loads(text)
-        if part not in body:
+        if part not in body or body["end"]:
             continue
         assert body[part] is None
         if part == "statement":
@@ -199,7 +220,9 @@ def test_seat__two_browsers_share_a_game(app: Any):
     assert (asked["proposal"], asked["answers"]) == ("ADD(MIDDLE, BLACK)", ["reject", "accept"])
     act(other, made["verifier"], "accept")
     scene = seat(one, made["proposer"])["scene"]
-    assert [(item["box"], item["description"]) for item in scene["items"]] == [(1, "medium black square at column 9, row 4")]
+    assert [(item["box"], item["description"]) for item in scene["items"]] == [
+        (1, "medium black square at column 9, row 4")
+    ]
 
 
 def test_seat__a_rejection_keeps_the_scene_and_is_visible_to_the_proposer(browser: Browser):

@@ -36,6 +36,7 @@ async function search() {
       element(
         "li",
         {},
+        element("img", { class: "thumbnail", src: `/api/explore/picture?${new URLSearchParams({ appearance: filters.appearance.value, split: filters.split.value, statement_id: line.id })}`, alt: "", width: 190, height: 50, loading: "lazy" }),
         element("a", { href: `/explore/${filters.appearance.value}/${filters.split.value}/${encodeURIComponent(line.id)}` }, line.statement),
         element("p", { class: "soft small" }, `${line.length} words, ${line.scenes} scenes${line.phenomena.length ? `: ${line.phenomena.join(", ")}` : ""}`),
       ),

@@ -19,16 +19,17 @@ function sceneCard(scene) {
   return element(
     "article",
     { class: "panel" },
-    element("h3", {}, `${scene.configuration}, ${scene.task_id}`),
+    element("h2", {}, `${scene.configuration}, ${scene.task_id}`),
     view.root,
+    element("p", {}, element("a", { class: "button", href: `/play?${new URLSearchParams({ configuration: scene.configuration, split: root.dataset.split, task: scene.task_id })}` }, "Play this task")),
     element("p", {}, `The statement is ${scene.truth} here; the target is ${scene.target}. ${solutions(scene)}`),
     parts,
   );
 }
 
 function runsTable(runs) {
-  const headings = ["Agent", "Recording", "Configuration", "Task", "Outcome", "Actions", "Reward"];
-  const rows = runs.map((run) => [run.agent, run.recording, run.configuration, run.task_id, run.outcome.replaceAll("_", " "), run.actions, run.reward.toFixed(1)]);
+  const headings = ["Agent", "Episode", "Configuration", "Task", "Outcome", "Actions", "Reward"];
+  const rows = runs.map((run) => [run.agent, element("a", { href: `/watch?${new URLSearchParams({ recording: run.recording_id, episode: run.episode })}` }, "watch"), run.configuration, run.task_id, run.outcome.replaceAll("_", " "), run.actions, run.reward.toFixed(1)]);
   return element(
     "div",
     { class: "scroll", tabindex: 0, role: "region", "aria-label": "Recorded runs" },
@@ -36,7 +37,7 @@ function runsTable(runs) {
       "table",
       {},
       element("thead", {}, element("tr", {}, ...headings.map((name) => element("th", { scope: "col" }, name)))),
-      element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map((value) => element("td", {}, String(value)))))),
+      element("tbody", {}, ...rows.map((row) => element("tr", {}, ...row.map((value) => element("td", {}, value instanceof Node ? value : String(value)))))),
     ),
   );
 }
@@ -46,6 +47,8 @@ attempt(async () => {
   const details = await request("GET", `/api/explore/statement?${query}`);
   const runs = details.runs.length ? runsTable(details.runs) : element("p", { class: "empty" }, "No recorded run contains this statement. Record runs with: lilgym-mp evaluate --record.");
   root.replaceChildren(
+    element("div", { class: "scenes" }, ...details.scenes.map(sceneCard)),
+    element("h2", {}, "Program"),
     facts([
       ["Program", element("code", {}, details.program)],
       ["Canonical", element("code", {}, details.canonical)],
@@ -57,7 +60,5 @@ attempt(async () => {
     element("h2", {}, "Recorded runs"),
     runs,
     ...details.unreadable.map((fault) => element("p", { class: "notice error" }, fault)),
-    element("h2", {}, "Scenes"),
-    ...details.scenes.map(sceneCard),
   );
 }, root);

@@ -16,6 +16,19 @@ function showProtocol() {
   byId("bins").hidden = !("takesBins" in chosenProtocol().dataset);
 }
 
+// Field values by the name of a preset.
+const PRESETS = {
+  propose: { protocol: "veto", rewards: "common", proposer: "person", verifier: "oracle" },
+  judge: { protocol: "veto", rewards: "common", proposer: "helpful", verifier: "person" },
+  catch: { protocol: "audit", rewards: "hidden", proposer: "by_intent", verifier: "person" },
+  together: { protocol: "veto", rewards: "common", proposer: "person", verifier: "person" },
+};
+
+function applyPreset() {
+  for (const [name, value] of Object.entries(PRESETS[byId("preset").value] || {})) setup.elements[name].value = value;
+  showProtocol();
+}
+
 const linkOf = (other) => `${location.origin}/game#${other}`;
 
 async function begin() {
@@ -57,8 +70,11 @@ async function show(view) {
   if (otherKey) byId("link").value = linkOf(otherKey);
   byId("statement").textContent = seat.statement === null ? "You do not see the statement." : seat.statement;
   byId("task-line").textContent = taskLine();
+  byId("turn").className = "notice";
   byId("turn").textContent = turnLine();
   byId("proposal").textContent = seat.proposal ? `Proposed: ${seat.proposal}` : "";
+  seat.answers.sort((one, other) => (other === "accept") - (one === "accept")); // key 1 accepts
+  showEnd();
   byId("proposing").hidden = seat.role !== "proposer" || !seat.your_turn;
   byId("scatter-item-type").hidden = !seat.grid;
   byId("stop").disabled = !seat.may_stop;
@@ -73,14 +89,26 @@ function taskLine() {
   const parts = [seat.target === null ? "You do not see the target." : `Make it ${seat.target}.`];
   if (seat.intent) parts.push(seat.intent === "sneaky" ? "You are sneaky: get a false claim accepted." : "You are helpful: get a true claim accepted.");
   if (seat.message) parts.push(`The other player's last message: ${seat.message}.`);
-  parts.push(`${seat.protocol}, ${seat.configuration}, at most ${seat.horizon} rounds.`);
+  parts.push(seat.over ? `${seat.protocol}, ${seat.configuration}.` : `Round ${seat.round} of ${seat.horizon}. ${seat.protocol}, ${seat.configuration}.`);
   return parts.join(" ");
 }
 
 function turnLine() {
-  if (seat.over) return `The game is over. Your reward: ${seat.reward.toFixed(2)}.`;
+  if (seat.over) return `The game is over: ${seat.end.reached ? "the goal is reached" : "the goal is missed"}. Your reward: ${seat.reward.toFixed(2)}.`;
   if (seat.waiting_for_other) return "You have chosen; waiting for the other player.";
   return seat.your_turn ? "It is your turn." : "The other player is choosing.";
+}
+
+function showEnd() {
+  byId("end").hidden = !seat.over;
+  if (!seat.over) return;
+  byId("turn").className = `notice ${seat.end.reached ? "success" : "error"}`;
+  const { statement, value, target, intent, views } = seat.end;
+  const knew = (role) => `The ${role} saw ${views[role]}${role === "proposer" ? ` and was ${intent}` : ""}.`;
+  byId("end-lines").replaceChildren(
+    element("p", {}, `“${statement}” is ${value} in the last scene; the target was ${target}.`),
+    element("p", {}, `${knew("proposer")} ${knew("verifier")}`),
+  );
 }
 
 function showScene() {
@@ -135,6 +163,8 @@ async function act(action) {
 byId("seat").addEventListener("keydown", (event) => {
   if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select") || !seat) return;
   const pressed = event.key.toLowerCase();
+  if (seat.over && pressed === "n") begin();
+  if (seat.may_stop && pressed === "t") act("STOP");
   const answer = /^[1-9]$/.test(pressed) ? seat.answers[Number(pressed) - 1] : null;
   if (!answer && !(pressed in board.keys && seat.role === "proposer")) return;
   event.preventDefault();
@@ -146,6 +176,9 @@ setup.addEventListener("submit", (event) => {
   event.preventDefault();
   begin();
 });
+byId("preset").addEventListener("change", applyPreset);
+byId("more").addEventListener("change", () => { byId("preset").value = "own"; });
+byId("again").addEventListener("click", begin);
 setup.configuration.addEventListener("change", () => fillSplits(setup));
 setup.protocol.addEventListener("change", showProtocol);
 byId("stop").addEventListener("click", () => act("STOP"));

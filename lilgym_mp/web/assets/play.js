@@ -170,5 +170,12 @@ attempt(async () => {
     setup.split.value = kept.split;
     await show(kept);
     byId("episode").removeAttribute("aria-busy");
-  } else await begin(null, false);
+  } else {
+    const query = new URLSearchParams(location.search);
+    for (const name of ["configuration", "split"]) {
+      if (query.has(name)) setup[name].value = query.get(name);
+      fillSplits(setup);
+    }
+    await begin(query.get("task"), false);
+  }
 });

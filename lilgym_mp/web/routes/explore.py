@@ -11,6 +11,7 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.web import corpus_statements
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.field_types import AppearanceName, Name, SplitName
+from lilgym_mp.web.scene_images import png
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
@@ -78,6 +79,18 @@ def statement(
     """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
     found = corpus_statements.find_statement(services.catalogue, appearance, split, statement_id)
     return corpus_statements.statement_body(services.catalogue, found, appearance, services.recorded_outcomes)
+
+
+@api.get("/picture", response_class=Response)
+def picture(
+    services: Services,
+    statement_id: Annotated[Name, Query()],
+    appearance: AppearanceName = "tower",
+    split: SplitName = "dev",
+) -> Response:
+    """A start scene of a statement, as a PNG image; the last one, as scenes to flip follow the empty one."""
+    found = corpus_statements.find_statement(services.catalogue, appearance, split, statement_id)
+    return Response(png(found.tasks[-1][1].start), media_type="image/png")
 
 
 router.include_router(api)

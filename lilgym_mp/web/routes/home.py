@@ -10,13 +10,28 @@ from pydantic import BaseModel
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor, hash_token, new_visitor_id
 from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.scene_images import data_url
 from lilgym_mp.web.store.models import Person, Visitor
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
+EXAMPLE = Scene.of(
+    [
+        Item(5, 8, Shape.CIRCLE, Colour.YELLOW, Size.LARGE),
+        Item(60, 15, Shape.TRIANGLE, Colour.BLUE, Size.MEDIUM),
+        Item(30, 62, Shape.SQUARE, Colour.BLACK, Size.LARGE),
+    ],
+    [Item(12, 55, Shape.TRIANGLE, Colour.YELLOW, Size.LARGE), Item(66, 24, Shape.SQUARE, Colour.BLUE, Size.SMALL)],
+    [
+        Item(58, 60, Shape.CIRCLE, Colour.BLUE, Size.LARGE),
+        Item(14, 12, Shape.SQUARE, Colour.YELLOW, Size.MEDIUM),
+        Item(20, 66, Shape.CIRCLE, Colour.BLACK, Size.MEDIUM),
+    ],
+)
 
 
 class SessionBody(BaseModel):
@@ -29,7 +44,7 @@ class SessionBody(BaseModel):
 
 @router.get("/", include_in_schema=False)
 def home(request: Request, services: Services) -> Response:
-    return render_page(request, "home.html", corpus=services.options.corpus)
+    return render_page(request, "home.html", corpus=services.options.corpus, picture=data_url(EXAMPLE))
 
 
 @router.get("/healthz", include_in_schema=False)
