@@ -239,7 +239,7 @@ def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_p
                 break
             page.press("#seat-title", "1")
             page.wait_for_selector("#board:not([aria-busy])")
-        assert "the goal is reached" in page.inner_text("#turn")
+        assert "The game is over: the goal is " in page.inner_text("#turn")
         assert "The verifier saw everything" in page.inner_text("#end-lines")
         page.click("#again")
         page.wait_for_selector("#turn:text-matches('your turn')")
