@@ -13,6 +13,7 @@ ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "README.md",
     *(f"docs/{name}.md" for name in ("fidelity", "perception", "augmentation", "vectorised", "language_models")),
+    *(f"docs/{name}.md" for name in ("corpus", "training", "api/index", "environments/tower_flipit")),
 )
 
 
@@ -33,6 +34,7 @@ SHORTER = {  # long-running parts of tutorial commands, and their replacements i
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
 }
+TOLD_AS_TUTORIALS = ("index", "troubleshooting", "own_statements", "language_model_training")
 LONG = ("imitation", "train_and_evaluate")  # tutorials that train and evaluate agents
 NEEDS = {  # optional modules that each document needs
     "train_and_evaluate.md": ("stable_baselines3",),
@@ -51,7 +53,7 @@ NEEDS = {  # optional modules that each document needs
             pytest.param(path, marks=pytest.mark.long if path.stem in LONG else ())
             for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
         ),
-        *(ROOT / "docs" / f"{name}.md" for name in ("index", "troubleshooting", "language_model_training")),
+        *(ROOT / "docs" / f"{name}.md" for name in TOLD_AS_TUTORIALS),
     ],
     ids=lambda path: path.stem,
 )
@@ -62,6 +64,30 @@ def test_tutorials__print_the_output_they_show(path: Path, tmp_path: Path, monke
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert run_document(path, SHORTER) == []
+
+
+RUN_ELSEWHERE = ("extending", "programs", "proposer_verifier", "wrappers")  # by the tests of what they describe
+NOT_RUN = "<!-- not run -->"
+
+
+def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
+    run = {
+        "README",
+        "index",
+        "troubleshooting",
+        "own_statements",
+        *RUN_ELSEWHERE,
+        *(Path(name).stem for name in DOCUMENTS),
+    }
+    unmarked = [
+        f"{path.relative_to(ROOT)}:{text[: block.start()].count(chr(10)) + 1}"
+        for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+        if path.stem not in run and path.parent.name not in ("tutorials", "environments")
+        for text in [path.read_text()]
+        for block in re.finditer(r"^ *```python\n", text, re.MULTILINE)
+        if not text[: block.start()].rstrip().endswith(NOT_RUN)
+    ]
+    assert unmarked == [], f"run the code of these documents in DOCUMENTS, or precede it by {NOT_RUN}"
 
 
 def test_run_document__reports_wrong_output_and_errors(tmp_path: Path) -> None:

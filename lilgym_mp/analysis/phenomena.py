@@ -13,29 +13,8 @@ from functools import lru_cache
 from itertools import combinations
 from typing import NamedTuple
 
+from lilgym_mp.analysis import structure
 from lilgym_mp.analysis.attachment import has_ambiguous_coordination, has_ambiguous_preposition
-from lilgym_mp.analysis.structure import (
-    FILTERING,
-    MIRRORED,
-    are_neighbours,
-    arguments,
-    calls,
-    comparisons,
-    conjunctions,
-    counted_set,
-    counts_values,
-    free_variables,
-    is_count,
-    is_literal,
-    item_conditions,
-    literal_bool,
-    literal_int,
-    nodes,
-    selection_sources,
-    selections,
-    structure_key,
-    uses,
-)
 from lilgym_mp.programs.syntax import Call, Display, Lambda, Logic, Node, Not, SceneName, WordName, parse
 from lilgym_mp.scene import BOX_COUNT
 
@@ -65,97 +44,108 @@ class SyntacticPhenomenon(StrEnum):
 PHENOMENA: tuple[Phenomenon | SyntacticPhenomenon, ...] = (*Phenomenon, *SyntacticPhenomenon)
 
 
-_SELECTION_WORDS = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
+_SELECTION_WORDS = (*structure.FILTERING, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS_WORDS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVEL_WORDS = ("is_top", "is_bottom", "is_second", "is_third")
 _MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # relations that are not spatial
 
 
 def _has_existence(tree: Node) -> bool:
-    return uses(tree, "exist", "Any")
+    return structure.uses(tree, "exist", "Any")
 
 
 def _has_exact_cardinality(tree: Node) -> bool:
     return any(
-        operator in ("==", "!=") and is_count(left) and (literal_int(right) or 0) > (1 if counts_values(left) else 0)
-        for left, operator, right in comparisons(tree)
+        operator in ("==", "!=")
+        and structure.is_count(left)
+        and (structure.literal_int(right) or 0) > (1 if structure.counts_values(left) else 0)
+        for left, operator, right in structure.comparisons(tree)
     )
 
 
 def _has_soft_cardinality(tree: Node) -> bool:
     return any(
-        operator in MIRRORED
-        and is_count(left)
-        and literal_int(right) is not None
+        operator in structure.MIRRORED
+        and structure.is_count(left)
+        and structure.literal_int(right) is not None
         and not _says_none(left, operator, right)
-        for left, operator, right in comparisons(tree)
+        for left, operator, right in structure.comparisons(tree)
     )
 
 
 def _has_universal(tree: Node) -> bool:
-    if uses(tree, "All", "all", "equal_set"):
+    if structure.uses(tree, "All", "all", "equal_set"):
         return True
-    if any(not is_literal(arguments(call)[0]) for call in calls(tree, "contained")):
+    if any(not structure.is_literal(structure.arguments(call)[0]) for call in structure.calls(tree, "contained")):
         return True
     return any(
         _selects_whole(left, right) or _selects_whole(right, left) or _counts_every_box(left, operator, right)
-        for left, operator, right in comparisons(tree)
+        for left, operator, right in structure.comparisons(tree)
     )
 
 
 def _selects_whole(part: Node, whole: Node) -> bool:
     """Whether `part` is a selection from `whole`; also for their counts."""
-    part, whole = counted_set(part) or part, counted_set(whole) or whole
-    return any(structure_key(source) == structure_key(whole) for source in selection_sources(part))
+    part, whole = structure.counted_set(part) or part, structure.counted_set(whole) or whole
+    return any(
+        structure.structure_key(source) == structure.structure_key(whole)
+        for source in structure.selection_sources(part)
+    )
 
 
 def _counts_every_box(left: Node, operator: str, right: Node) -> bool:
-    counted = counted_set(left)
-    if counted is None or literal_int(right) != BOX_COUNT or operator not in ("==", ">="):
+    counted = structure.counted_set(left)
+    if counted is None or structure.literal_int(right) != BOX_COUNT or operator not in ("==", ">="):
         return False
-    return any(isinstance(source, SceneName) and source.name == "all_boxes" for source in selection_sources(counted))
+    return any(
+        isinstance(source, SceneName) and source.name == "all_boxes" for source in structure.selection_sources(counted)
+    )
 
 
 def _has_coordination(tree: Node) -> bool:
-    if any(isinstance(node, Logic) and node.operator == "or" for node in nodes(tree)):
+    if any(isinstance(node, Logic) and node.operator == "or" for node in structure.nodes(tree)):
         return True
-    if uses(tree, "OR", "union", "union_all") or any(
-        isinstance(node, Display) and len(node.elements) > 1 and is_literal(node) for node in nodes(tree)
+    if structure.uses(tree, "OR", "union", "union_all") or any(
+        isinstance(node, Display) and len(node.elements) > 1 and structure.is_literal(node)
+        for node in structure.nodes(tree)
     ):
         return True
-    return any(sum(uses(operand, *_SELECTION_WORDS) for operand in operands) > 1 for operands in conjunctions(tree))
+    return any(
+        sum(structure.uses(operand, *_SELECTION_WORDS) for operand in operands) > 1
+        for operands in structure.conjunctions(tree)
+    )
 
 
 def _says_none(left: Node, operator: str, right: Node) -> bool:
     """Whether the comparison states that a count is zero."""
-    return is_count(left) and (operator, literal_int(right)) in (("==", 0), ("<=", 0), ("<", 1))
+    return structure.is_count(left) and (operator, structure.literal_int(right)) in (("==", 0), ("<=", 0), ("<", 1))
 
 
 def _has_negation(tree: Node) -> bool:
     return (
-        uses(tree, "NOT")
-        or any(isinstance(node, Not) for node in nodes(tree))
+        structure.uses(tree, "NOT")
+        or any(isinstance(node, Not) for node in structure.nodes(tree))
         or any(
-            operator in ("!=", "not in") or _says_none(left, operator, right) or literal_bool(right) is False
-            for left, operator, right in comparisons(tree)
+            operator in ("!=", "not in") or _says_none(left, operator, right) or structure.literal_bool(right) is False
+            for left, operator, right in structure.comparisons(tree)
         )
     )
 
 
 def _has_comparison(tree: Node) -> bool:
-    if uses(tree, "min", *_SAMENESS_WORDS):
+    if structure.uses(tree, "min", *_SAMENESS_WORDS):
         return True
     return any(
-        counts_values(left)
-        if is_literal(right)
-        else not (is_literal(left) or _selects_whole(left, right) or _selects_whole(right, left))
-        for left, operator, right in comparisons(tree)
+        structure.counts_values(left)
+        if structure.is_literal(right)
+        else not (structure.is_literal(left) or _selects_whole(left, right) or _selects_whole(right, left))
+        for left, operator, right in structure.comparisons(tree)
         if operator not in ("in", "not in")
     )
 
 
 def _has_spatial_relation(tree: Node) -> bool:
-    words = [node.word for node in nodes(tree) if isinstance(node, Call | WordName)]
+    words = [node.word for node in structure.nodes(tree) if isinstance(node, Call | WordName)]
     return any(
         word.name in _LEVEL_WORDS
         or (word.group in ("walls", "two items", "related items") and word.name not in _MEMBERSHIP_WORDS)
@@ -164,13 +154,13 @@ def _has_spatial_relation(tree: Node) -> bool:
 
 
 def _has_presupposition(tree: Node) -> bool:
-    if uses(tree, "min"):
+    if structure.uses(tree, "min"):
         return True
-    if any(not are_neighbours(*arguments(call)) for call in calls(tree, "unique")):
+    if any(not structure.are_neighbours(*structure.arguments(call)) for call in structure.calls(tree, "unique")):
         return True
     return any(
-        selections(one) & selections(other)
-        for operands in conjunctions(tree)
+        structure.selections(one) & structure.selections(other)
+        for operands in structure.conjunctions(tree)
         for one, other in combinations(operands, 2)
     )
 
@@ -178,9 +168,9 @@ def _has_presupposition(tree: Node) -> bool:
 def _has_coreference(tree: Node) -> bool:
     """Whether a condition on one item refers to the item of an enclosing condition."""
     return any(
-        parameter in free_variables(inner)
-        for parameter, body in item_conditions(tree)
-        for inner in nodes(body)
+        parameter in structure.free_variables(inner)
+        for parameter, body in structure.item_conditions(tree)
+        for inner in structure.nodes(body)
         if isinstance(inner, Lambda) and inner.parameter != parameter
     )
 

@@ -5,22 +5,25 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import random
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 from lilgym_mp.options import CORPUS_HELP, CommandError, add_corpus, add_seed, check_at_least, task_sets_with_id
-from lilgym_mp.terminal import DownloadBar, table
+from lilgym_mp.terminal import DownloadBar, Progress, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
     from lilgym_mp.corpus.official.installing import Installation
 
 INVALID_CORPUS = 1  # exit code of `check`
+PROBES, PROBE_WALKS = 96, 16  # scenes on which statements are compared with their programs, and walks to find them
 SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
 
 
@@ -34,6 +37,7 @@ def add_parser(subparsers: Any) -> None:
         _add_stats,
         _add_check,
         _add_show,
+        _add_generate,
         _add_synthesize,
         _add_permute,
     ):
@@ -102,6 +106,17 @@ def _add_synthesize(actions: Any) -> None:
     )
     add_seed(parser, "of the scenes")
     parser.set_defaults(run=_synthesize)
+
+
+def _add_generate(actions: Any) -> None:
+    parser = _add_action(actions, "generate", "write statements with programs and start scenes made by the generator")
+    parser.add_argument("number", type=int, metavar="N", help="statements of each appearance and split")
+    parser.add_argument("--level", type=int, default=3, metavar="K", help="difficulty, 1 to 5 (default: %(default)s)")
+    parser.add_argument("--out", dest="output", type=Path, required=True, metavar="FILE", help="corpus file to write")
+    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
+    _add_appearances_and_splits(parser)
+    add_seed(parser, "of the statements")
+    parser.set_defaults(run=_generate)
 
 
 def _add_permute(actions: Any) -> None:
@@ -226,7 +241,26 @@ def _check(args: argparse.Namespace) -> int:
 
     report = check_corpus(args.corpus)
     print(report)
-    return 0 if report.ok else INVALID_CORPUS
+    if not report.ok:
+        return INVALID_CORPUS
+    for warning in () if args.corpus == "builtin" else _wording_warnings(args.corpus):
+        print(f"warning: {warning}")
+    return 0
+
+
+def _wording_warnings(corpus: str) -> Iterator[str]:
+    """Statements that say more or less than their programs, as far as the generator's grammar can read them."""
+    from lilgym_mp.corpus import load_all_tasks
+    from lilgym_mp.corpus.scene_sampling import SAMPLERS
+    from lilgym_mp.generator import ScenePool
+    from lilgym_mp.generator.meanings.wording import disagreement
+
+    for tasks in load_all_tasks(corpus, SAMPLERS):
+        rng = random.Random(0)
+        scenes = rng.sample(ScenePool.sample(tasks.provenance.appearance, rng, PROBE_WALKS).scenes, PROBES)
+        for task in {(task.statement, task.program): task for task in tasks}.values():
+            if found := disagreement(task.statement, task.program, scenes):
+                yield f"{task.id}: {task.statement!r} {found}"
 
 
 def _show(args: argparse.Namespace) -> int:
@@ -260,6 +294,28 @@ def _task_set_with(args: argparse.Namespace) -> TaskSet:
         origins = "; ".join(str(tasks.provenance) for tasks in matches)
         raise CommandError(f"several tasks have the id {args.id!r}: {origins}. Add --appearance, --start or --split")
     return matches[0]
+
+
+def _generate(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.exporting import LabelledScene, entry_json
+    from lilgym_mp.generator import CorpusSpec, generated_entries
+
+    check_at_least(args, 1, "number")
+    check_at_least(args, 0, "seed")
+    args.corpus = f"generated:{args.level}:{args.seed}"
+    spec, rows = CorpusSpec.parse(args.corpus), list[Mapping[str, object]]()
+    with Progress(len(args.appearances) * len(args.splits), "splits") as progress:
+        for appearance, split in product(args.appearances, args.splits):
+            for index, entry in enumerate(generated_entries(spec, appearance, split, args.number), 1):
+                name = f"{appearance}-{split}-{args.level}-{index}"
+                starts = [
+                    (f"{name}-{n}", LabelledScene(start.scene, start.label)) for n, start in enumerate(entry.starts, 1)
+                ]
+                rows.append(entry_json(name, appearance, split, entry.statement, entry.program, starts))
+            progress.advance(note=f"{appearance} {split}")
+    _write(args, args.corpus, rows)
+    print(f"{len(rows)} statements")
+    return 0
 
 
 def _synthesize(args: argparse.Namespace) -> int:

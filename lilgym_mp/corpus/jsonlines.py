@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache, cached_property
 from importlib.resources import files
@@ -209,7 +210,7 @@ def _is_text(value: object) -> bool:
 
 
 def write_corpus(
-    path: Path,
+    path: str | os.PathLike[str],
     name: str,
     licence: str,
     entries: Iterable[Mapping[str, object]],
@@ -221,4 +222,5 @@ def write_corpus(
         header[SECTIONS] = dict(sections)
     lines = (json.dumps(line, ensure_ascii=False, separators=(",", ":")) for line in (header, *entries))
     data = "".join(line + "\n" for line in lines).encode("utf-8")
-    path.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if path.suffix == ".gz" else data)
+    file = Path(path)
+    file.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if file.suffix == ".gz" else data)

@@ -19,53 +19,7 @@ from enum import Enum
 from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
 
-from lilgym_mp.programs import box_functions, costs
-from lilgym_mp.programs.ir import (
-    ATTRIBUTE_TYPES,
-    BOXES,
-    FALSE,
-    ITEM_FIELDS,
-    LOCAL_BOX,
-    MAX_ITEMS,
-    TRUE,
-    AttributeList,
-    AttributeSet,
-    AttributeValue,
-    Bool,
-    BoxCall,
-    BoxItems,
-    BoxRef,
-    Code,
-    Combinations,
-    Int,
-    ItemMask,
-    ItemRef,
-    Items,
-    Scope,
-    StaticList,
-    UniqueItem,
-    Unsupported,
-    Value,
-    all_total,
-    as_collection,
-    as_static_list,
-    as_truth,
-    bits_at,
-    compare,
-    equality,
-    existence,
-    has_bit,
-    invert,
-    max_elements,
-    max_measure_steps,
-    narrow,
-    negate,
-    negative,
-    number,
-    operate,
-    text_length,
-    unsupported,
-)
+from lilgym_mp.programs import box_functions, costs, ir
 from lilgym_mp.programs.runtime import NAMES
 from lilgym_mp.programs.syntax import (
     METHODS,
@@ -99,7 +53,7 @@ MAX_NODES = 5_000  # nodes lowered for one program
 class Expression(NamedTuple):
     """A generated expression over the boxes b0, b1, b2 or, in a kernel, over the box b."""
 
-    code: Code
+    code: ir.Code
     hoisted: Mapping[str, str]  # loop-invariant subexpressions by local variable name
     names: dict[str, Any]  # global namespace: box functions and kernels by name
 
@@ -112,8 +66,8 @@ def generate_expression(tree: Node) -> Expression | None:
     try:
         generator = _Generator(_Context(), kernel=False)
         value = generator.lower(tree, {})
-        return generator.expression(value.code) if isinstance(value, Bool) else None
-    except (Unsupported, RecursionError, MemoryError, SyntaxError):
+        return generator.expression(value.code) if isinstance(value, ir.Bool) else None
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
@@ -122,7 +76,7 @@ def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
     expression = generate_expression(tree)
     try:
         return expression and _compiled(_scene_source(expression), expression.names, "evaluate")
-    except (Unsupported, RecursionError, MemoryError, SyntaxError):
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
@@ -130,7 +84,7 @@ def _scene_source(expression: Expression) -> str:
     text = expression.code.text
     if " for " not in text:
         text = re.sub(r"(kernel\d+)\((b\d)\)", r"(v if (v := \2.memo.get(\1_key)) is not None else \1(\2))", text)
-    boxes = ", ".join(BOXES)
+    boxes = ", ".join(ir.BOXES)
     return f"def evaluate(scene):\n    {boxes} = scene.boxes\n{expression.lines('    ')}    return bool({text})\n"
 
 
@@ -141,9 +95,9 @@ def _shared_kernel(expression: Expression) -> Kernel:
     kernel = _KERNELS.get(key)
     if kernel is None:
         source = (
-            f"def kernel({LOCAL_BOX}):\n    value = {LOCAL_BOX}.memo.get(key)\n    if value is None:\n"
-            f"        check_size({LOCAL_BOX})\n{lines}"
-            f"        value = {LOCAL_BOX}.memo[key] = {expression.code.text}\n    return value\n"
+            f"def kernel({ir.LOCAL_BOX}):\n    value = {ir.LOCAL_BOX}.memo.get(key)\n    if value is None:\n"
+            f"        check_size({ir.LOCAL_BOX})\n{lines}"
+            f"        value = {ir.LOCAL_BOX}.memo[key] = {expression.code.text}\n    return value\n"
         )
         expression.names["key"] = key
         kernel = _KERNELS[key] = Kernel(key, _compiled(source, expression.names, "kernel"), expression)
@@ -153,7 +107,7 @@ def _shared_kernel(expression: Expression) -> Kernel:
 def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], Any]:
     """Executes generated source and returns the function it defines. No user-written text is in the source."""
     if len(source) > MAX_TEXT:
-        unsupported("too long")
+        ir.unsupported("too long")
     exec(compile(source, f"<{name} of a program>", "exec"), names)
     return names[name]
 
@@ -222,23 +176,23 @@ class _Generator:
         self.context.nodes_left -= 1
         self.context.steps_left -= self.max_runs * steps
         if self.context.nodes_left < 0 or self.context.steps_left < 0:
-            unsupported("too much work")
+            ir.unsupported("too much work")
 
-    def charge_call(self, word: Word, *values: Value) -> None:
-        measuring = sum(map(max_measure_steps, values))
-        self.charge(measuring + word.steps(sum(map(max_elements, values)), MAX_ITEMS))
+    def charge_call(self, word: Word, *values: ir.Value) -> None:
+        measuring = sum(map(ir.max_measure_steps, values))
+        self.charge(measuring + word.steps(sum(map(ir.max_elements, values)), ir.MAX_ITEMS))
 
     def charge_lambda(self, body: Node, calls: int = 1) -> None:
         self.charge(calls * (costs.LAMBDA + costs.NODE * self.context.info(body).size))
 
-    def charge_operator(self, *values: Value) -> None:
-        self.charge(costs.OPERATION + sum(map(max_measure_steps, values)) + sum(map(max_elements, values)))
+    def charge_operator(self, *values: ir.Value) -> None:
+        self.charge(costs.OPERATION + sum(map(ir.max_measure_steps, values)) + sum(map(ir.max_elements, values)))
 
     # Kernels and vectorised words
 
     def kernel_call(
-        self, box: str, key: tuple[str, int, object], lower_body: Callable[[_Generator], Bool | BoxItems]
-    ) -> tuple[Code, bool]:
+        self, box: str, key: tuple[str, int, object], lower_body: Callable[[_Generator], ir.Bool | ir.BoxItems]
+    ) -> tuple[ir.Code, bool]:
         """A call of the kernel generated by `lower_body`, and whether it is total.
 
         `key` identifies the kernel within the program: the lambda's parameter and body, and what is computed from them.
@@ -249,23 +203,23 @@ class _Generator:
             before = self.context.steps_left
             value = lower_body(inner)
             steps, self.context.steps_left = before - self.context.steps_left, before
-            kernel = _shared_kernel(inner.expression(value.code if isinstance(value, Bool) else value.mask))
+            kernel = _shared_kernel(inner.expression(value.code if isinstance(value, ir.Bool) else value.mask))
             name = f"kernel{len(self.context.kernels)}"
             self.names |= {name: kernel.function, f"{name}_key": kernel.key, f"{name}_object": kernel}
             use = self.context.kernels[key] = _KernelUse(name, kernel, value.total, steps)
         self.charge(use.steps)
         function, code = use.kernel.function, use.kernel.expression.code
-        return BoxCall(f"{use.name}({box})", box=box, function=function, kernel=code), use.total
+        return ir.BoxCall(f"{use.name}({box})", box=box, function=function, kernel=code), use.total
 
-    def box_call(self, name: str, function: Any, box: str) -> Code:
+    def box_call(self, name: str, function: Any, box: str) -> ir.Code:
         """A call of a box function; inside a loop it is hoisted out of the loop."""
         self.names[name] = function
         text = f"{name}({box})"
         if self.loop_depth:
             text = self.hoisted.setdefault(text, f"{name}_{box}")
-        return BoxCall(text, box=box, function=function, kernel=None)
+        return ir.BoxCall(text, box=box, function=function, kernel=None)
 
-    def expression(self, code: Code) -> Expression:
+    def expression(self, code: ir.Code) -> Expression:
         return Expression(code, {name: hoisted for hoisted, name in self.hoisted.items()}, self.names)
 
     def can_be_kernel(self, parameter: str, body: Node) -> bool:
@@ -274,55 +228,55 @@ class _Generator:
 
     # Expressions
 
-    def condition(self, node: Node, scope: Scope) -> Bool:
+    def condition(self, node: Node, scope: ir.Scope) -> ir.Bool:
         """The truthiness of the node's value."""
         match node:
             case Logic(operator=operator, operands=operands):
                 truths = [self.condition(operand, scope) for operand in operands]
-                return Bool(operate(operator, *(truth.code for truth in truths)), all_total(truths))
+                return ir.Bool(ir.operate(operator, *(truth.code for truth in truths)), ir.all_total(truths))
             case Member(of=of, name=name, called=False) if name in METHODS:
                 owner = self.lower(of, scope)
-                return TRUE if isinstance(owner, BoxRef) else unsupported()
+                return ir.TRUE if isinstance(owner, ir.BoxRef) else ir.unsupported()
             case _:
                 value = self.lower(node, scope)
-                self.charge(max_measure_steps(value))
-                return as_truth(value)
+                self.charge(ir.max_measure_steps(value))
+                return ir.as_truth(value)
 
-    def strict_condition(self, node: Node, scope: Scope) -> Bool:
+    def strict_condition(self, node: Node, scope: ir.Scope) -> ir.Bool:
         """The value of a node that must be a bool."""
         value = self.lower(node, scope)
-        return value if isinstance(value, Bool) else unsupported("not a bool")
+        return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
 
-    def lower(self, node: Node, scope: Scope) -> Value:
+    def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
         """Lowers a node. Raises Unsupported when its text, which may repeat the text of its parts, gets too long."""
         self.charge(0)
         value = self._lower_node(node, scope)
-        length = text_length(value, MAX_TEXT)
+        length = ir.text_length(value, MAX_TEXT)
         self.context.text_left -= length
         if length > MAX_TEXT or self.context.text_left < 0:
-            unsupported("too long")
+            ir.unsupported("too long")
         return value
 
-    def _lower_node(self, node: Node, scope: Scope) -> Value:
+    def _lower_node(self, node: Node, scope: ir.Scope) -> ir.Value:
         match node:
             case Constant(value=bool() as value):
-                return TRUE if value else FALSE
+                return ir.TRUE if value else ir.FALSE
             case Constant(value=int() as value):
-                return Int(number(value))
+                return ir.Int(ir.number(value))
             case Constant(value=Color() | Shape() | Size() as value):
-                return AttributeValue(number(value.value), enum=type(value))
+                return ir.AttributeValue(ir.number(value.value), enum=type(value))
             case SceneName(name="all_boxes"):
-                return StaticList(tuple(map(BoxRef, BOXES)), (TRUE,) * BOX_COUNT)
+                return ir.StaticList(tuple(map(ir.BoxRef, ir.BOXES)), (ir.TRUE,) * BOX_COUNT)
             case SceneName():
-                self.charge(MAX_ITEMS)
-                return Items(tuple(BoxItems(box, None) for box in BOXES), ordered=True)
+                self.charge(ir.MAX_ITEMS)
+                return ir.Items(tuple(ir.BoxItems(box, None) for box in ir.BOXES), ordered=True)
             case Variable(name=name):
                 return scope[name]
             case Logic(operands=operands):
                 truths = [self.strict_condition(operand, scope) for operand in operands]
-                return Bool(operate(node.operator, *(truth.code for truth in truths)), all_total(truths))
+                return ir.Bool(ir.operate(node.operator, *(truth.code for truth in truths)), ir.all_total(truths))
             case Not(operand=operand):
-                return negate(self.condition(operand, scope))
+                return ir.negate(self.condition(operand, scope))
             case Comparison():
                 return self.comparison(node, scope)
             case Arithmetic():
@@ -330,9 +284,13 @@ class _Generator:
             case Subscript(of=of, index=Constant(value=int() as index)):
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
-                if isinstance(collection, StaticList) and collection.is_indexable and index < len(collection.elements):
+                if (
+                    isinstance(collection, ir.StaticList)
+                    and collection.is_indexable
+                    and index < len(collection.elements)
+                ):
                     return collection.elements[index]
-                unsupported("subscript")
+                ir.unsupported("subscript")
             case Member():
                 return self.member(node, scope)
             case Display(kind=kind, elements=elements) if kind is set or kind is list:
@@ -340,87 +298,95 @@ class _Generator:
             case Call():
                 return self.call(node, scope)
             case _:
-                unsupported(type(node).__name__)
+                ir.unsupported(type(node).__name__)
 
-    def display(self, is_set: bool, values: list[Value]) -> Value:
-        if values and all(isinstance(value, BoxRef) for value in values) and not is_set:
-            return StaticList(tuple(values), (TRUE,) * len(values))
+    def display(self, is_set: bool, values: list[ir.Value]) -> ir.Value:
+        if values and all(isinstance(value, ir.BoxRef) for value in values) and not is_set:
+            return ir.StaticList(tuple(values), (ir.TRUE,) * len(values))
         self.charge_operator(*values)
-        enums = {value.enum for value in values if isinstance(value, AttributeValue)}
-        if len(enums) != 1 or len(values) > MAX_ITEMS or not all(isinstance(value, AttributeValue) for value in values):
-            unsupported("display")
-        codes = [cast("AttributeValue", value).code for value in values]
-        total = all_total(values)
+        enums = {value.enum for value in values if isinstance(value, ir.AttributeValue)}
+        if (
+            len(enums) != 1
+            or len(values) > ir.MAX_ITEMS
+            or not all(isinstance(value, ir.AttributeValue) for value in values)
+        ):
+            ir.unsupported("display")
+        codes = [cast("ir.AttributeValue", value).code for value in values]
+        total = ir.all_total(values)
         if not is_set:
-            return AttributeList(Code(f"[{', '.join(code.text for code in codes)}]"), total, enum=enums.pop())
-        return AttributeSet(bits_at(codes), total, enum=enums.pop())
+            return ir.AttributeList(ir.Code(f"[{', '.join(code.text for code in codes)}]"), total, enum=enums.pop())
+        return ir.AttributeSet(ir.bits_at(codes), total, enum=enums.pop())
 
-    def member(self, node: Member, scope: Scope) -> Value:
+    def member(self, node: Member, scope: ir.Scope) -> ir.Value:
         of = self.lower(node.of, scope)
-        self.charge(1 + MAX_ITEMS)
-        if isinstance(of, BoxRef) and node.called:
+        self.charge(1 + ir.MAX_ITEMS)
+        if isinstance(of, ir.BoxRef) and node.called:
             if node.name == "is_tower":
-                return Bool(self.box_call("is_tower", box_functions.is_tower, of.box))
-            return Items((BoxItems(of.box, None),), ordered=True)
-        if isinstance(of, ItemRef):
+                return ir.Bool(self.box_call("is_tower", box_functions.is_tower, of.box))
+            return ir.Items((ir.BoxItems(of.box, None),), ordered=True)
+        if isinstance(of, ir.ItemRef):
             if node.name == "box":
-                return BoxRef(of.box) if of.total else unsupported("box of an item that may not exist")
-            if node.name in ATTRIBUTE_TYPES:
+                return ir.BoxRef(of.box) if of.total else ir.unsupported("box of an item that may not exist")
+            if node.name in ir.ATTRIBUTE_TYPES:
                 return self.attribute_of(of, node.name)
-        unsupported("member")
+        ir.unsupported("member")
 
-    def attribute_of(self, item: ItemRef, name: str) -> AttributeValue:
-        code = Code(f"{item.box}.items[{item.text}][{ITEM_FIELDS[name]}]")
-        return AttributeValue(code, item.total, enum=ATTRIBUTE_TYPES[name])
+    def attribute_of(self, item: ir.ItemRef, name: str) -> ir.AttributeValue:
+        code = ir.Code(f"{item.box}.items[{item.text}][{ir.ITEM_FIELDS[name]}]")
+        return ir.AttributeValue(code, item.total, enum=ir.ATTRIBUTE_TYPES[name])
 
-    def comparison(self, node: Comparison, scope: Scope) -> Bool:
+    def comparison(self, node: Comparison, scope: ir.Scope) -> ir.Bool:
         values = [self.lower(part, scope) for part in (node.left, *node.rights)]
         self.charge_operator(*values, *values)
-        total = all_total(values)
-        if all(isinstance(value, Int | Bool) for value in values) and "in" not in " ".join(node.operators):
-            return Bool(compare(node.operators, *(cast("Int", value).code for value in values)), total)
+        total = ir.all_total(values)
+        if all(isinstance(value, ir.Int | ir.Bool) for value in values) and "in" not in " ".join(node.operators):
+            return ir.Bool(ir.compare(node.operators, *(cast("ir.Int", value).code for value in values)), total)
         if len(values) != 2:
-            unsupported("chain")
+            ir.unsupported("chain")
         left, right = values
         match node.operators[0]:
             case "==":
-                return equality(left, right)
+                return ir.equality(left, right)
             case "!=":
-                return negate(equality(left, right))
+                return ir.negate(ir.equality(left, right))
             case "in":
                 return self.membership(left, right)
             case "not in":
-                return negate(self.membership(left, right))
+                return ir.negate(self.membership(left, right))
             case _:
-                unsupported("order")
+                ir.unsupported("order")
 
-    def membership(self, value: Value, collection: Value) -> Bool:
-        collection = as_collection(collection)
-        total = all_total((value, collection))
-        if isinstance(value, AttributeValue) and isinstance(collection, AttributeSet) and value.enum is collection.enum:
-            return Bool(has_bit(collection.code, value.code), total)
-        if isinstance(value, ItemRef) and isinstance(collection, Items) and len(collection.parts) == 1:
+    def membership(self, value: ir.Value, collection: ir.Value) -> ir.Bool:
+        collection = ir.as_collection(collection)
+        total = ir.all_total((value, collection))
+        if (
+            isinstance(value, ir.AttributeValue)
+            and isinstance(collection, ir.AttributeSet)
+            and value.enum is collection.enum
+        ):
+            return ir.Bool(ir.has_bit(collection.code, value.code), total)
+        if isinstance(value, ir.ItemRef) and isinstance(collection, ir.Items) and len(collection.parts) == 1:
             part = collection.parts[0]
             if part.box == value.box:
-                return Bool(has_bit(part.mask, value.code), total)
-        unsupported("membership")
+                return ir.Bool(ir.has_bit(part.mask, value.code), total)
+        ir.unsupported("membership")
 
-    def arithmetic(self, node: Arithmetic, scope: Scope) -> Value:
+    def arithmetic(self, node: Arithmetic, scope: ir.Scope) -> ir.Value:
         left, right = self.lower(node.left, scope), self.lower(node.right, scope)
         self.charge_operator(left, right)
-        if isinstance(left, Int) and isinstance(right, Int):
+        if isinstance(left, ir.Int) and isinstance(right, ir.Int):
             if node.operator == "%" and (node.right == Constant(0) or not isinstance(node.right, Constant)):
-                unsupported("remainder")
-            return Int(operate(node.operator, left.code, right.code), all_total((left, right)))
-        if node.operator == "+" and isinstance(left, Items) and isinstance(right, Items):
+                ir.unsupported("remainder")
+            return ir.Int(ir.operate(node.operator, left.code, right.code), ir.all_total((left, right)))
+        if node.operator == "+" and isinstance(left, ir.Items) and isinstance(right, ir.Items):
             boxes = [part.box for part in (*left.parts, *right.parts)]
             if left.ordered and right.ordered and len(set(boxes)) == len(boxes):
-                return Items(left.parts + right.parts, ordered=True)
-        unsupported("arithmetic")
+                return ir.Items(left.parts + right.parts, ordered=True)
+        ir.unsupported("arithmetic")
 
     # Calls
 
-    def call(self, node: Call, scope: Scope) -> Value:
+    def call(self, node: Call, scope: ir.Scope) -> ir.Value:
         word = node.word
         if _is_test(word):
             return self.test(node, scope)
@@ -434,125 +400,125 @@ class _Generator:
             return self.quantifier(node, scope)
         lower_word = ATTRIBUTE_WORDS.get(word.name) or VALUE_WORDS.get(word.name)
         if lower_word is None or None in node.arguments:
-            unsupported(word.name)
-        values = [as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
+            ir.unsupported(word.name)
+        values = [ir.as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
         self.charge_call(word, *values)
         return lower_word(self, *values)
 
-    def test(self, node: Call, scope: Scope) -> Bool:
+    def test(self, node: Call, scope: ir.Scope) -> ir.Bool:
         item = self.lower(cast("Node", node.arguments[0]), scope)
-        if isinstance(item, UniqueItem):
+        if isinstance(item, ir.UniqueItem):
             parts = item.of.parts
             tests = [self.test_mask(node, part.box) for part in parts]
             masks = [part.mask for part in parts]
             arguments = (f"({', '.join(code.text for code in codes)})" for codes in (masks, tests))
-            return Bool(Code(f"only_in({', '.join(arguments)})"), total=False)
-        if not isinstance(item, ItemRef):
-            unsupported("test of something other than an item")
-        return Bool(has_bit(self.test_mask(node, item.box), item.code), item.total)
+            return ir.Bool(ir.Code(f"only_in({', '.join(arguments)})"), total=False)
+        if not isinstance(item, ir.ItemRef):
+            ir.unsupported("test of something other than an item")
+        return ir.Bool(ir.has_bit(self.test_mask(node, item.box), item.code), item.total)
 
-    def test_mask(self, node: Call, box: str) -> Code:
-        self.charge_call(node.word, *[FALSE] * len(node.arguments))
+    def test_mask(self, node: Call, box: str) -> ir.Code:
+        self.charge_call(node.word, *[ir.FALSE] * len(node.arguments))
         constants: list[Enum] = []
         for parameter, argument in zip(node.word.parameters[1:], node.arguments[1:], strict=True):
             side = Constant(parameter.default) if argument is None else argument
             if not isinstance(side, Constant) or not isinstance(side.value, Side):
-                unsupported("side")
+                ir.unsupported("side")
             constants.append(side.value)
         name = "_".join((node.word.name, *(value.name for value in constants)))
         return self.box_call(name, box_functions.vectorised_test(node.word, tuple(constants)), box)
 
-    def relation(self, node: Call, scope: Scope) -> Items:
-        of = as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+    def relation(self, node: Call, scope: ir.Scope) -> ir.Items:
+        of = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
         self.charge_call(node.word, of)
-        if isinstance(of, ItemRef):
+        if isinstance(of, ir.ItemRef):
             rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), of.box)
-            return Items((BoxItems(of.box, Code(f"{rows.text}[{of.text}]"), of.total),), ordered=False)
-        if not isinstance(of, Items):
-            unsupported("relation")
-        parts: list[BoxItems] = []
+            return ir.Items((ir.BoxItems(of.box, ir.Code(f"{rows.text}[{of.text}]"), of.total),), ordered=False)
+        if not isinstance(of, ir.Items):
+            ir.unsupported("relation")
+        parts: list[ir.BoxItems] = []
         for part in sorted(of.parts, key=lambda part: part.box):
             rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), part.box)
-            parts.append(BoxItems(part.box, Code(f"union({rows.text}, {part.mask.text})"), part.total))
-        return Items(tuple(parts), ordered=False)
+            parts.append(ir.BoxItems(part.box, ir.Code(f"union({rows.text}, {part.mask.text})"), part.total))
+        return ir.Items(tuple(parts), ordered=False)
 
-    def binary(self, node: Call, scope: Scope) -> Bool:
+    def binary(self, node: Call, scope: ir.Scope) -> ir.Bool:
         """AND, OR, NOT and the comparisons of numbers."""
         values = [self.lower(argument, scope) for argument in node.arguments if argument is not None]
         self.charge_call(node.word, *values)
         operand_type, operator = BINARY_WORDS[node.word.name]
         if not all(isinstance(value, operand_type) for value in values):
-            unsupported("operand of the wrong type")
+            ir.unsupported("operand of the wrong type")
         if operator == "not":
-            return negate(cast("Bool", values[0]))
+            return ir.negate(cast("ir.Bool", values[0]))
         if operator in ("and", "or") and not values[1].total:
             operator = {"and": "&", "or": "|"}[operator]
-        return Bool(operate(operator, *(cast("Int", value).code for value in values)), all_total(values))
+        return ir.Bool(ir.operate(operator, *(cast("ir.Int", value).code for value in values)), ir.all_total(values))
 
-    def quantifier(self, node: Call, scope: Scope) -> Value:
+    def quantifier(self, node: Call, scope: ir.Scope) -> ir.Value:
         """filter_obj, All and Any."""
-        collection = as_collection(self.lower(cast("Node", node.arguments[0]), scope))
-        self.charge_call(node.word, collection, FALSE)
+        collection = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, collection, ir.FALSE)
         parameter, body = _as_lambda(cast("Node", node.arguments[1]))
         name = node.word.name
         strict = name != "filter_obj"
-        if isinstance(collection, AttributeSet):
-            collection = as_static_list(collection)
-        if isinstance(collection, Combinations):
+        if isinstance(collection, ir.AttributeSet):
+            collection = ir.as_static_list(collection)
+        if isinstance(collection, ir.Combinations):
             found = self.filter_combinations(parameter, body, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_combinations(name, collection, found)
-        if isinstance(collection, StaticList):
+        if isinstance(collection, ir.StaticList):
             found = self.filter_static(parameter, body, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_static(name, collection, found)
-        if not isinstance(collection, Items):
-            unsupported("collection")
+        if not isinstance(collection, ir.Items):
+            ir.unsupported("collection")
         parts = [self.filter_part(parameter, body, part, scope, strict=strict) for part in collection.parts]
-        found = Items(tuple(parts), ordered=True)
+        found = ir.Items(tuple(parts), ordered=True)
         if name == "filter_obj":
             return found
         if name == "Any":
-            return existence(found)
-        some = existence(collection)
-        same = [operate("==", part.mask, kept.mask) for part, kept in zip(collection.parts, parts, strict=True)]
-        return Bool(operate("and", some.code, *same), collection.total and found.total)
+            return ir.existence(found)
+        some = ir.existence(collection)
+        same = [ir.operate("==", part.mask, kept.mask) for part, kept in zip(collection.parts, parts, strict=True)]
+        return ir.Bool(ir.operate("and", some.code, *same), collection.total and found.total)
 
-    def quantify_static(self, name: str, collection: StaticList, found: StaticList) -> Bool:
+    def quantify_static(self, name: str, collection: ir.StaticList, found: ir.StaticList) -> ir.Bool:
         if not collection.elements or not (collection.unconditional or (collection.total and found.total)):
-            unsupported("quantifier that may fail")
+            ir.unsupported("quantifier that may fail")
         conditions = [condition.code for condition in found.conditions]
         if name == "Any":
-            return Bool(operate("or", *conditions), found.total)
+            return ir.Bool(ir.operate("or", *conditions), found.total)
         if collection.unconditional:
-            return Bool(operate("and", *conditions), found.total)
+            return ir.Bool(ir.operate("and", *conditions), found.total)
         same = [
-            operate("or", negate(before).code, after)
+            ir.operate("or", ir.negate(before).code, after)
             for before, after in zip(collection.conditions, conditions, strict=True)
         ]
-        return Bool(operate("and", existence(collection).code, *same), found.total)
+        return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
 
-    def quantify_combinations(self, name: str, collection: Combinations, found: Combinations) -> Bool:
+    def quantify_combinations(self, name: str, collection: ir.Combinations, found: ir.Combinations) -> ir.Bool:
         if name == "Any":
-            return existence(found)
-        code = compare(("==", "!="), collection.count, found.count, number(0))
-        return Bool(code, collection.total and found.total)
+            return ir.existence(found)
+        code = ir.compare(("==", "!="), collection.count, found.count, ir.number(0))
+        return ir.Bool(code, collection.total and found.total)
 
     def filter_combinations(
-        self, parameter: str, body: Node, collection: Combinations, scope: Scope, *, strict: bool
-    ) -> Combinations:
+        self, parameter: str, body: Node, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
+    ) -> ir.Combinations:
         if collection.filtered:
-            unsupported("combinations filtered twice")
+            ir.unsupported("combinations filtered twice")
         texts: list[str] = []
         total = collection.total
         for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
-            items: list[ItemRef] = []
+            items: list[ir.ItemRef] = []
             loops: list[str] = []
             for box, same in itertools.groupby(parts, key=lambda part: part.box):
                 group = list(same)
                 names = [f"i{self.variables + index + 1}" for index in range(len(group))]
                 self.variables += len(group)
-                items.extend(ItemRef(Code(name), box=box) for name in names)
+                items.extend(ir.ItemRef(ir.Code(name), box=box) for name in names)
                 loops.append(f"for {', '.join(names)}, in choose(bits({group[0].mask.text}), {len(group)})")
-            chosen: Scope = {**scope, parameter: StaticList(tuple(items), (TRUE,) * len(items))}
+            chosen: ir.Scope = {**scope, parameter: ir.StaticList(tuple(items), (ir.TRUE,) * len(items))}
             self.loop_depth += 1
             sizes = Counter(part.box for part in parts).values()
             choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes)
@@ -562,91 +528,99 @@ class _Generator:
             self.loop_depth, self.max_runs = self.loop_depth - 1, max_runs
             total = total and condition.total
             texts.append(f"sum([1 {' '.join(loops)} if {condition.text}])")
-        return Combinations(collection.parts, collection.size, Code(f"({' + '.join(texts)})"), total, filtered=True)
-
-    def all_same_attribute(self, node: Call, scope: Scope) -> Bool:
-        collection = self.lower(cast("Node", node.arguments[0]), scope)
-        parameter, body = _as_lambda(cast("Node", node.arguments[1]))
-        self.charge_call(node.word, collection, FALSE)
-        if isinstance(collection, AttributeSet):
-            collection = as_static_list(collection)
-        if not isinstance(collection, StaticList):
-            unsupported("all_same_attribute")
-        self.charge_lambda(body, len(collection.elements))
-        values = [self.lower(body, {**scope, parameter: element}) for element in collection.elements]
-        if not all(isinstance(value, Int) for value in values) and not all(isinstance(v, Bool) for v in values):
-            unsupported("all_same_attribute of other values")
-        sets = [
-            f"({{{cast('Int', value).text} + 0}} if {condition.text} else empty)"
-            for value, condition in zip(values, collection.conditions, strict=True)
-        ]
-        return Bool(Code(f"(len({' | '.join(sets)}) == 1)"), collection.total and all_total(values))
-
-    def filter_static(
-        self, parameter: str, body: Node, collection: StaticList, scope: Scope, *, strict: bool
-    ) -> StaticList:
-        conditions: list[Bool] = []
-        for element, before in zip(collection.elements, collection.conditions, strict=True):
-            condition = self.element_condition(parameter, body, element, scope, strict=strict)
-            if before != TRUE:
-                condition = Bool(operate("and", before.code, condition.code), before.total and condition.total)
-            conditions.append(condition)
-        return StaticList(collection.elements, tuple(conditions))
-
-    def element_condition(self, parameter: str, body: Node, element: Value, scope: Scope, *, strict: bool) -> Bool:
-        self.charge_lambda(body)
-
-        def lower_body(generator: _Generator, bound: Scope) -> Bool:
-            return generator.strict_condition(body, bound) if strict else generator.condition(body, bound)
-
-        if not isinstance(element, BoxRef) or not self.can_be_kernel(parameter, body):
-            return lower_body(self, {**scope, parameter: element})
-        key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
-        return Bool(
-            *self.kernel_call(element.box, key, lambda inner: lower_body(inner, {parameter: BoxRef(LOCAL_BOX)}))
+        return ir.Combinations(
+            collection.parts, collection.size, ir.Code(f"({' + '.join(texts)})"), total, filtered=True
         )
 
-    def filter_part(self, parameter: str, body: Node, part: BoxItems, scope: Scope, *, strict: bool) -> BoxItems:
+    def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        collection = self.lower(cast("Node", node.arguments[0]), scope)
+        parameter, body = _as_lambda(cast("Node", node.arguments[1]))
+        self.charge_call(node.word, collection, ir.FALSE)
+        if isinstance(collection, ir.AttributeSet):
+            collection = ir.as_static_list(collection)
+        if not isinstance(collection, ir.StaticList):
+            ir.unsupported("all_same_attribute")
+        self.charge_lambda(body, len(collection.elements))
+        values = [self.lower(body, {**scope, parameter: element}) for element in collection.elements]
+        if not all(isinstance(value, ir.Int) for value in values) and not all(isinstance(v, ir.Bool) for v in values):
+            ir.unsupported("all_same_attribute of other values")
+        sets = [
+            f"({{{cast('ir.Int', value).text} + 0}} if {condition.text} else empty)"
+            for value, condition in zip(values, collection.conditions, strict=True)
+        ]
+        return ir.Bool(ir.Code(f"(len({' | '.join(sets)}) == 1)"), collection.total and ir.all_total(values))
+
+    def filter_static(
+        self, parameter: str, body: Node, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
+    ) -> ir.StaticList:
+        conditions: list[ir.Bool] = []
+        for element, before in zip(collection.elements, collection.conditions, strict=True):
+            condition = self.element_condition(parameter, body, element, scope, strict=strict)
+            if before != ir.TRUE:
+                condition = ir.Bool(ir.operate("and", before.code, condition.code), before.total and condition.total)
+            conditions.append(condition)
+        return ir.StaticList(collection.elements, tuple(conditions))
+
+    def element_condition(
+        self, parameter: str, body: Node, element: ir.Value, scope: ir.Scope, *, strict: bool
+    ) -> ir.Bool:
+        self.charge_lambda(body)
+
+        def lower_body(generator: _Generator, bound: ir.Scope) -> ir.Bool:
+            return generator.strict_condition(body, bound) if strict else generator.condition(body, bound)
+
+        if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(parameter, body):
+            return lower_body(self, {**scope, parameter: element})
+        key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
+        return ir.Bool(
+            *self.kernel_call(element.box, key, lambda inner: lower_body(inner, {parameter: ir.BoxRef(ir.LOCAL_BOX)}))
+        )
+
+    def filter_part(
+        self, parameter: str, body: Node, part: ir.BoxItems, scope: ir.Scope, *, strict: bool
+    ) -> ir.BoxItems:
         """The items of a part for which the body is true, computed by a kernel where possible."""
         if not self.can_be_kernel(parameter, body):
             return self.filter_inline(parameter, body, part, scope, strict=strict)
-        whole = BoxItems(LOCAL_BOX, None)
+        whole = ir.BoxItems(ir.LOCAL_BOX, None)
         chosen, total = self.kernel_call(
             part.box,
             (parameter, id(body), ("items", strict)),
             lambda inner: inner.filter_inline(parameter, body, whole, {}, strict=strict),
         )
         if part.chosen is not None:
-            chosen = operate("&", part.chosen, chosen)
-        return BoxItems(part.box, chosen, part.total and total)
+            chosen = ir.operate("&", part.chosen, chosen)
+        return ir.BoxItems(part.box, chosen, part.total and total)
 
-    def filter_inline(self, parameter: str, body: Node, part: BoxItems, scope: Scope, *, strict: bool) -> BoxItems:
+    def filter_inline(
+        self, parameter: str, body: Node, part: ir.BoxItems, scope: ir.Scope, *, strict: bool
+    ) -> ir.BoxItems:
         self.variables += 1
         index = f"i{self.variables}"
-        bound: Scope = {**scope, parameter: ItemRef(Code(index), box=part.box)}
+        bound: ir.Scope = {**scope, parameter: ir.ItemRef(ir.Code(index), box=part.box)}
         max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
         self.charge_lambda(body)
         masks, rest = self.split(parameter, body, index, bound, strict=strict)
         for mask in masks:
-            part = narrow(part, mask)
+            part = ir.narrow(part, mask)
         if rest is None:
             self.max_runs = max_runs
             return part
         self.loop_depth += 1
         condition = self.strict_condition(rest, bound) if strict else self.condition(rest, bound)
         self.loop_depth, self.max_runs = self.loop_depth - 1, max_runs
-        code = Code(f"sum([1 << {index} for {index} in bits({part.mask.text}) if {condition.text}])")
-        return BoxItems(part.box, code, part.total and condition.total)
+        code = ir.Code(f"sum([1 << {index} for {index} in bits({part.mask.text}) if {condition.text}])")
+        return ir.BoxItems(part.box, code, part.total and condition.total)
 
     def split(
-        self, parameter: str, body: Node, index: str, bound: Scope, *, strict: bool
-    ) -> tuple[list[ItemMask], Node | None]:
+        self, parameter: str, body: Node, index: str, bound: ir.Scope, *, strict: bool
+    ) -> tuple[list[ir.ItemMask], Node | None]:
         """Splits the body of a filter into masks and the remaining condition to be evaluated item by item."""
         whole = self.item_mask(parameter, body, index, bound)
         if whole is not None:
             return [whole], None
         if isinstance(body, Logic) and body.operator == "and" and not strict:
-            masks: list[ItemMask] = []
+            masks: list[ir.ItemMask] = []
             for position, operand in enumerate(body.operands):
                 mask = self.item_mask(parameter, operand, index, bound)
                 if mask is None:
@@ -663,22 +637,22 @@ class _Generator:
                 return [mask], first if strict else Not(Not(first))
         return [], body
 
-    def lower_in_loop(self, node: Node, bound: Scope) -> Bool:
+    def lower_in_loop(self, node: Node, bound: ir.Scope) -> ir.Bool:
         self.loop_depth += 1
         condition = self.strict_condition(node, bound)
         self.loop_depth -= 1
         return condition
 
-    def item_mask(self, parameter: str, node: Node, index: str, bound: Scope) -> ItemMask | None:
+    def item_mask(self, parameter: str, node: Node, index: str, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition on an item vectorised over its box; None when that is not possible."""
-        box = cast("ItemRef", bound[parameter]).box
+        box = cast("ir.ItemRef", bound[parameter]).box
         self.charge(costs.CALL + 8)  # the cost of AND, OR and NOT of bools
         match node:
             case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and _is_test(word):
-                return ItemMask(self.test_mask(node, box))
+                return ir.ItemMask(self.test_mask(node, box))
             case Not(operand=operand) | Call(word=Word(name="NOT"), arguments=(operand,)) if operand is not None:
                 inner = self.item_mask(parameter, operand, index, bound)
-                return inner and ItemMask(invert(inner.code), in_range=False, total=inner.total)
+                return inner and ir.ItemMask(ir.invert(inner.code), in_range=False, total=inner.total)
             case Logic(operator=operator, operands=operands):
                 return self.combined_mask(parameter, operator, operands, index, bound)
             case Call(word=Word(name="AND" | "OR" as name), arguments=operands):
@@ -687,27 +661,27 @@ class _Generator:
                 return self.constant_mask(node, index, bound)
 
     def combined_mask(
-        self, parameter: str, operator: str, operands: tuple[Node, ...], index: str, bound: Scope
-    ) -> ItemMask | None:
-        masks: list[ItemMask] = []
+        self, parameter: str, operator: str, operands: tuple[Node, ...], index: str, bound: ir.Scope
+    ) -> ir.ItemMask | None:
+        masks: list[ir.ItemMask] = []
         for operand in operands:
             mask = self.item_mask(parameter, operand, index, bound)
             if mask is None:
                 return None
             masks.append(mask)
         in_range = any(m.in_range for m in masks) if operator == "and" else all(m.in_range for m in masks)
-        code = operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
-        return ItemMask(code, in_range=in_range, total=all_total(masks))
+        code = ir.operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
+        return ir.ItemMask(code, in_range=in_range, total=ir.all_total(masks))
 
-    def constant_mask(self, node: Node, index: str, bound: Scope) -> ItemMask | None:
+    def constant_mask(self, node: Node, index: str, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition independent of the item, such as one on its box, broadcast to all items of the box."""
         try:
             value = self.lower_in_loop(node, bound)
-        except Unsupported:
+        except ir.Unsupported:
             return None
         if re.search(rf"\b{index}\b", value.text):
             return None
-        return ItemMask(negative(value.code), in_range=False, total=value.total)
+        return ir.ItemMask(ir.negative(value.code), in_range=False, total=value.total)
 
 
 def _is_test(word: Word) -> bool:
@@ -724,7 +698,7 @@ def _as_lambda(node: Node) -> tuple[str, Node]:
     if isinstance(node, Lambda):
         return node.parameter, node.body
     if not isinstance(node, WordName) or any(not parameter.optional for parameter in node.word.parameters[1:]):
-        unsupported("function")
+        ir.unsupported("function")
     return "x", Call(node.word, (Variable("x"), *(None for _ in node.word.parameters[1:])))
 
 

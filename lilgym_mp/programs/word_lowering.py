@@ -10,44 +10,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Protocol
 
-from lilgym_mp.programs import box_functions, costs
+from lilgym_mp.programs import box_functions, costs, ir
 from lilgym_mp.programs.functions.collections import binomial
-from lilgym_mp.programs.ir import (
-    ATTRIBUTE_TYPES,
-    ITEM_FIELDS,
-    MAX_ITEMS,
-    TRUE,
-    AttributeList,
-    AttributeSet,
-    AttributeValue,
-    Bool,
-    BoxItems,
-    BoxRef,
-    Code,
-    Combinations,
-    Int,
-    ItemMask,
-    ItemRef,
-    Items,
-    Number,
-    StaticList,
-    UniqueItem,
-    Value,
-    all_total,
-    as_truth,
-    bit_count,
-    conjunction,
-    equality,
-    invert,
-    max_elements,
-    narrow,
-    number,
-    occurring,
-    only,
-    operate,
-    paired_by_box,
-    unsupported,
-)
 
 MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 
@@ -55,220 +19,222 @@ MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 class Generator(Protocol):
     """The part of the code generator that lowerings use."""
 
-    def box_call(self, name: str, function: Any, box: str) -> Code: ...
-    def attribute_of(self, item: ItemRef, name: str) -> AttributeValue: ...
-    def membership(self, value: Value, collection: Value) -> Bool: ...
+    def box_call(self, name: str, function: Any, box: str) -> ir.Code: ...
+    def attribute_of(self, item: ir.ItemRef, name: str) -> ir.AttributeValue: ...
+    def membership(self, value: ir.Value, collection: ir.Value) -> ir.Bool: ...
     def charge(self, steps: int) -> None: ...
 
 
-def _lower_exist(_: Generator, s: Value) -> Bool:
-    if not isinstance(s, Items | StaticList | Combinations | AttributeSet | AttributeList):
-        unsupported("exist")
-    return as_truth(s)
+def _lower_exist(_: Generator, s: ir.Value) -> ir.Bool:
+    if not isinstance(s, ir.Items | ir.StaticList | ir.Combinations | ir.AttributeSet | ir.AttributeList):
+        ir.unsupported("exist")
+    return ir.as_truth(s)
 
 
-def _lower_count(_: Generator, s: Value) -> Int:
+def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
     match s:
-        case Items():
-            return Int(operate("+", *(part.count for part in s.parts)), s.total)
-        case StaticList():
-            present: dict[object, list[Code]] = {}  # conditions of each object; a box may be listed twice
+        case ir.Items():
+            return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
+        case ir.StaticList():
+            present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
             for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
-                present.setdefault(element if isinstance(element, BoxRef) else index, []).append(condition.code)
-            return Int(operate("+", number(0), *(operate("|", *codes) for codes in present.values())), s.total)
-        case AttributeSet():
-            return Int(bit_count(s.code), s.total)
-        case AttributeList():
-            return Int(Code(f"len(set({s.text}))"), s.total)
-        case Combinations():
-            return Int(s.count, s.total)
+                present.setdefault(element if isinstance(element, ir.BoxRef) else index, []).append(condition.code)
+            return ir.Int(
+                ir.operate("+", ir.number(0), *(ir.operate("|", *codes) for codes in present.values())), s.total
+            )
+        case ir.AttributeSet():
+            return ir.Int(ir.bit_count(s.code), s.total)
+        case ir.AttributeList():
+            return ir.Int(ir.Code(f"len(set({s.text}))"), s.total)
+        case ir.Combinations():
+            return ir.Int(s.count, s.total)
         case _:
-            unsupported("count")
+            ir.unsupported("count")
 
 
-def _lower_len(generator: Generator, s: Value) -> Int:
+def _lower_len(generator: Generator, s: ir.Value) -> ir.Int:
     match s:
-        case AttributeList():
-            return Int(Code(f"len({s.text})"), s.total)
-        case StaticList():
-            return Int(operate("+", number(0), *(condition.code for condition in s.conditions)), s.total)
+        case ir.AttributeList():
+            return ir.Int(ir.Code(f"len({s.text})"), s.total)
+        case ir.StaticList():
+            return ir.Int(ir.operate("+", ir.number(0), *(condition.code for condition in s.conditions)), s.total)
         case _:
             return _lower_count(generator, s)
 
 
-def _lower_unique(_: Generator, s: Value) -> ItemRef | UniqueItem:
-    if not isinstance(s, Items):
-        unsupported("unique")
+def _lower_unique(_: Generator, s: ir.Value) -> ir.ItemRef | ir.UniqueItem:
+    if not isinstance(s, ir.Items):
+        ir.unsupported("unique")
     if len(s.parts) != 1:
-        return UniqueItem(s)
-    return ItemRef(only(s.parts[0].mask), total=False, box=s.parts[0].box)
+        return ir.UniqueItem(s)
+    return ir.ItemRef(ir.only(s.parts[0].mask), total=False, box=s.parts[0].box)
 
 
-def _lower_set(_: Generator, s: Value) -> Value:
+def _lower_set(_: Generator, s: ir.Value) -> ir.Value:
     match s:
-        case Items():
-            return Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
-        case AttributeSet():
+        case ir.Items():
+            return ir.Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
+        case ir.AttributeSet():
             return s
-        case StaticList() if s.unconditional:
-            boxes = {element.box for element in s.elements if isinstance(element, BoxRef)}
-            if not all(isinstance(element, BoxRef) for element in s.elements):
-                unsupported("set")
-            return StaticList(tuple(map(BoxRef, sorted(boxes))), (TRUE,) * len(boxes), ordered=False)
-        case AttributeList():
-            return AttributeSet(Code(f"mask_of({s.text})"), s.total, enum=s.enum)
+        case ir.StaticList() if s.unconditional:
+            boxes = {element.box for element in s.elements if isinstance(element, ir.BoxRef)}
+            if not all(isinstance(element, ir.BoxRef) for element in s.elements):
+                ir.unsupported("set")
+            return ir.StaticList(tuple(map(ir.BoxRef, sorted(boxes))), (ir.TRUE,) * len(boxes), ordered=False)
+        case ir.AttributeList():
+            return ir.AttributeSet(ir.Code(f"mask_of({s.text})"), s.total, enum=s.enum)
         case _:
-            unsupported("set")
+            ir.unsupported("set")
 
 
-def _lower_set_operation(sign: str) -> Callable[..., Value]:
-    def lower(generator: Generator, a: Value, b: Value) -> Value:
+def _lower_set_operation(sign: str) -> Callable[..., ir.Value]:
+    def lower(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Value:
         a, b = _lower_set(generator, a), _lower_set(generator, b)
-        if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
-            return AttributeSet(operate(sign, a.code, b.code), all_total((a, b)), enum=a.enum)
-        if isinstance(a, Items) and isinstance(b, Items):
-            pairs = paired_by_box(a, b)
-            parts = (BoxItems(x.box, operate(sign, x.mask, y.mask), all_total((x, y))) for x, y in pairs)
-            return Items(tuple(parts), ordered=False)
-        unsupported("set operation")
+        if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
+            return ir.AttributeSet(ir.operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
+        if isinstance(a, ir.Items) and isinstance(b, ir.Items):
+            pairs = ir.paired_by_box(a, b)
+            parts = (ir.BoxItems(x.box, ir.operate(sign, x.mask, y.mask), ir.all_total((x, y))) for x, y in pairs)
+            return ir.Items(tuple(parts), ordered=False)
+        ir.unsupported("set operation")
 
     return lower
 
 
-def _lower_contained(generator: Generator, a: Value, b: Value) -> Bool:
+def _lower_contained(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
     a, b = _lower_set(generator, a), _lower_set(generator, b)
-    total = all_total((a, b))
-    if isinstance(a, AttributeSet) and isinstance(b, AttributeSet) and a.enum is b.enum:
-        return Bool(_is_contained(a.code, b.code), total)
-    if isinstance(a, Items) and isinstance(b, Items):
-        return conjunction((_is_contained(x.mask, y.mask) for x, y in paired_by_box(a, b)), total=total)
-    unsupported("contained")
+    total = ir.all_total((a, b))
+    if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
+        return ir.Bool(_is_contained(a.code, b.code), total)
+    if isinstance(a, ir.Items) and isinstance(b, ir.Items):
+        return ir.conjunction((_is_contained(x.mask, y.mask) for x, y in ir.paired_by_box(a, b)), total=total)
+    ir.unsupported("contained")
 
 
-def _is_contained(mask: Code, other: Code) -> Code:
-    return operate("==", operate("&", mask, invert(other)), number(0))
+def _is_contained(mask: ir.Code, other: ir.Code) -> ir.Code:
+    return ir.operate("==", ir.operate("&", mask, ir.invert(other)), ir.number(0))
 
 
-def _lower_equal_set(generator: Generator, a: Value, b: Value) -> Bool:
-    return equality(_lower_set(generator, a), _lower_set(generator, b))
+def _lower_equal_set(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
+    return ir.equality(_lower_set(generator, a), _lower_set(generator, b))
 
 
-def _lower_equal(generator: Generator, a: Value, b: Value) -> Bool:
-    if isinstance(a, Items) and isinstance(b, Items) and a.ordered != b.ordered:
+def _lower_equal(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
+    if isinstance(a, ir.Items) and isinstance(b, ir.Items) and a.ordered != b.ordered:
         return _lower_equal_set(generator, a, b)
-    return equality(a, b)
+    return ir.equality(a, b)
 
 
-def _lower_member_of(generator: Generator, x: Value, s: Value) -> Bool:
+def _lower_member_of(generator: Generator, x: ir.Value, s: ir.Value) -> ir.Bool:
     return generator.membership(x, s)
 
 
-def _lower_combinations(generator: Generator, s: Value, k: Value) -> StaticList | Combinations:
-    if isinstance(s, Items) and isinstance(k, Int) and k.text in ("2", "3"):
+def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
+    if isinstance(s, ir.Items) and isinstance(k, ir.Int) and k.text in ("2", "3"):
         size = int(k.text)
         items = " + ".join(part.count.text for part in s.parts)
-        combined = Combinations(s.parts, size, Code(f"comb({items}, {size})"), s.total)
-        count = binomial(MAX_ITEMS, size)
+        combined = ir.Combinations(s.parts, size, ir.Code(f"comb({items}, {size})"), s.total)
+        count = binomial(ir.MAX_ITEMS, size)
         if len({part.box for part in s.parts}) == len(s.parts) and count <= costs.SIZE_LIMIT:
             generator.charge(costs.SUBSET_ELEMENT * (1 + size) * count)
             return combined
-        unsupported("combinations")
-    if not isinstance(s, StaticList) or not s.unconditional or not isinstance(k, Int) or not k.text.isdecimal():
-        unsupported("combinations")
+        ir.unsupported("combinations")
+    if not isinstance(s, ir.StaticList) or not s.unconditional or not isinstance(k, ir.Int) or not k.text.isdecimal():
+        ir.unsupported("combinations")
     count = binomial(len(s.elements), int(k.text))
     if count > MAX_TUPLES:
-        unsupported("combinations of many")
-    generator.charge(costs.SUBSET_ELEMENT * (1 + int(k.text)) * (1 + count) * max_elements(s))
+        ir.unsupported("combinations of many")
+    generator.charge(costs.SUBSET_ELEMENT * (1 + int(k.text)) * (1 + count) * ir.max_elements(s))
     chosen = itertools.combinations(s.elements, int(k.text))
-    tuples = tuple(StaticList(elements, (TRUE,) * len(elements)) for elements in chosen)
-    return StaticList(tuples, (TRUE,) * len(tuples))
+    tuples = tuple(ir.StaticList(elements, (ir.TRUE,) * len(elements)) for elements in chosen)
+    return ir.StaticList(tuples, (ir.TRUE,) * len(tuples))
 
 
 # Words with one variant per attribute
 
 
-def _lower_query(attribute: str) -> Callable[..., AttributeList]:
-    def lower(generator: Generator, x: Value) -> AttributeList:
-        if isinstance(x, ItemRef):
+def _lower_query(attribute: str) -> Callable[..., ir.AttributeList]:
+    def lower(generator: Generator, x: ir.Value) -> ir.AttributeList:
+        if isinstance(x, ir.ItemRef):
             value = generator.attribute_of(x, attribute)
-            return AttributeList(Code(f"[{value.text}]"), value.total, enum=value.enum)
-        if not isinstance(x, Items):
-            unsupported("query")
-        field = ITEM_FIELDS[attribute]
+            return ir.AttributeList(ir.Code(f"[{value.text}]"), value.total, enum=value.enum)
+        if not isinstance(x, ir.Items):
+            ir.unsupported("query")
+        field = ir.ITEM_FIELDS[attribute]
         texts = [f"[{part.box}.items[i][{field}] for i in bits({part.mask.text})]" for part in x.parts]
-        return AttributeList(Code(f"({' + '.join(texts)})"), x.total, enum=ATTRIBUTE_TYPES[attribute])
+        return ir.AttributeList(ir.Code(f"({' + '.join(texts)})"), x.total, enum=ir.ATTRIBUTE_TYPES[attribute])
 
     return lower
 
 
-def _lower_values(attribute: str) -> Callable[..., AttributeSet]:
-    enum = ATTRIBUTE_TYPES[attribute]
+def _lower_values(attribute: str) -> Callable[..., ir.AttributeSet]:
+    enum = ir.ATTRIBUTE_TYPES[attribute]
 
-    def lower(generator: Generator, s: Value) -> AttributeSet:
-        if not isinstance(s, Items):
-            unsupported("values")
+    def lower(generator: Generator, s: ir.Value) -> ir.AttributeSet:
+        if not isinstance(s, ir.Items):
+            ir.unsupported("values")
         found = [
-            occurring(part.mask, [_value_mask(generator, attribute, value, part.box) for value in enum])
+            ir.occurring(part.mask, [_value_mask(generator, attribute, value, part.box) for value in enum])
             for part in s.parts
         ]
-        return AttributeSet(operate("|", *found), s.total, enum=enum)
+        return ir.AttributeSet(ir.operate("|", *found), s.total, enum=enum)
 
     return lower
 
 
-def _lower_filter(attribute: str) -> Callable[..., Items]:
-    enum = ATTRIBUTE_TYPES[attribute]
+def _lower_filter(attribute: str) -> Callable[..., ir.Items]:
+    enum = ir.ATTRIBUTE_TYPES[attribute]
 
-    def lower(generator: Generator, s: Value, value: Value) -> Items:
-        if not isinstance(s, Items) or not isinstance(value, AttributeValue) or value.enum is not enum:
-            unsupported("filter")
-        if not isinstance(value.code, Number):
-            unsupported("filter by a variable")
+    def lower(generator: Generator, s: ir.Value, value: ir.Value) -> ir.Items:
+        if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
+            ir.unsupported("filter")
+        if not isinstance(value.code, ir.Number):
+            ir.unsupported("filter by a variable")
         wanted = enum(value.code.value)
-        parts = (narrow(part, ItemMask(_value_mask(generator, attribute, wanted, part.box))) for part in s.parts)
-        return Items(tuple(parts), ordered=True)
+        parts = (ir.narrow(part, ir.ItemMask(_value_mask(generator, attribute, wanted, part.box))) for part in s.parts)
+        return ir.Items(tuple(parts), ordered=True)
 
     return lower
 
 
-def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> Code:
+def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> ir.Code:
     function = box_functions.vectorised_attribute(attribute, value)
     return generator.box_call(f"{type(value).__name__}_{value.name}", function, box)
 
 
-def _lower_all_same(attribute: str) -> Callable[..., Bool]:
+def _lower_all_same(attribute: str) -> Callable[..., ir.Bool]:
     values = _lower_values(attribute)
 
-    def lower(generator: Generator, s: Value) -> Bool:
+    def lower(generator: Generator, s: ir.Value) -> ir.Bool:
         found = values(generator, s)
-        return Bool(operate("==", bit_count(found.code), number(1)), found.total)
+        return ir.Bool(ir.operate("==", ir.bit_count(found.code), ir.number(1)), found.total)
 
     return lower
 
 
-def _lower_equal_attribute(attribute: str) -> Callable[..., Bool]:
-    enum = ATTRIBUTE_TYPES[attribute]
+def _lower_equal_attribute(attribute: str) -> Callable[..., ir.Bool]:
+    enum = ir.ATTRIBUTE_TYPES[attribute]
 
-    def lower(_: Generator, a: Value, b: Value) -> Bool:
+    def lower(_: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
         for value in (a, b):
-            if not isinstance(value, AttributeValue | AttributeSet | AttributeList) or value.enum is not enum:
-                unsupported("equality of attributes")
-        return equality(a, b)
+            if not isinstance(value, ir.AttributeValue | ir.AttributeSet | ir.AttributeList) or value.enum is not enum:
+                ir.unsupported("equality of attributes")
+        return ir.equality(a, b)
 
     return lower
 
 
 BINARY_WORDS: dict[str, tuple[type, str]] = {
-    "AND": (Bool, "and"),
-    "OR": (Bool, "or"),
-    "NOT": (Bool, "not"),
-    "le": (Int, "<="),
-    "ge": (Int, ">="),
-    "lt": (Int, "<"),
-    "gt": (Int, ">"),
-    "equal_int": (Int, "=="),
+    "AND": (ir.Bool, "and"),
+    "OR": (ir.Bool, "or"),
+    "NOT": (ir.Bool, "not"),
+    "le": (ir.Int, "<="),
+    "ge": (ir.Int, ">="),
+    "lt": (ir.Int, "<"),
+    "gt": (ir.Int, ">"),
+    "equal_int": (ir.Int, "=="),
 }
-VALUE_WORDS: dict[str, Callable[..., Value]] = {
+VALUE_WORDS: dict[str, Callable[..., ir.Value]] = {
     "exist": _lower_exist,
     "count": _lower_count,
     "len": _lower_len,
@@ -282,9 +248,9 @@ VALUE_WORDS: dict[str, Callable[..., Value]] = {
     "member_of": _lower_member_of,
     "combinations": _lower_combinations,
 }
-ATTRIBUTE_WORDS: dict[str, Callable[..., Value]] = {
+ATTRIBUTE_WORDS: dict[str, Callable[..., ir.Value]] = {
     pattern.format(attribute): lower(attribute)
-    for attribute in ATTRIBUTE_TYPES
+    for attribute in ir.ATTRIBUTE_TYPES
     for pattern, lower in {
         "query_{}": _lower_query,
         "get_set_{}s": _lower_values,

@@ -17,6 +17,7 @@ from lilgym_mp.programs import (
     code_generation,
     compile_program,
     costs,
+    ir,
 )
 from lilgym_mp.programs.box_functions import MAX_MEMO
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
@@ -105,7 +106,7 @@ def steps_allowed(source: str) -> int | None:
     context = code_generation._Context()
     try:
         code_generation._Generator(context, kernel=False).lower(parse(source), {})
-    except code_generation.Unsupported:
+    except ir.Unsupported:
         return None
     return costs.STEP_LIMIT - context.steps_left
 
@@ -161,7 +162,7 @@ def test_code_generation__gives_up_early_on_exploding_text() -> None:
     for _ in range(14):
         source = f"All(filter_obj([all_boxes[0]], lambda b: {source}), lambda c: True)"
     context = code_generation._Context()
-    with pytest.raises(code_generation.Unsupported, match="too long"):
+    with pytest.raises(ir.Unsupported, match="too long"):
         code_generation._Generator(context, kernel=False).lower(parse(source), {})
     assert context.text_left > -code_generation.MAX_TEXT * 10
 

@@ -76,8 +76,11 @@ def load_generated(corpus: str, appearance: str, start: str, split: str) -> Task
 
 
 @lru_cache(maxsize=CACHED_CORPORA)
-def generated_entries(spec: CorpusSpec, appearance: str, split: str) -> tuple[Entry, ...]:
-    """The entries of one split of a generated corpus. Raises ValueError for an unknown appearance."""
+def generated_entries(spec: CorpusSpec, appearance: str, split: str, size: int | None = None) -> tuple[Entry, ...]:
+    """The entries of one split of a generated corpus; `size`: how many, instead of SPLIT_SIZES.
+
+    Raises ValueError for an unknown appearance.
+    """
     choose("appearance", appearance, SAMPLERS)
     rng = random.Random(f"{spec.seed} {spec.level} {appearance}")  # the same in all splits, so that they share forms
     pool = ScenePool.sample(appearance, rng, POOL_WALKS)
@@ -89,7 +92,7 @@ def generated_entries(spec: CorpusSpec, appearance: str, split: str) -> tuple[En
             entry = validate_draft(draft, pool, validation_rng)
             if entry is not None:
                 selection.add(entry)
-        if len(selection.entries) == SPLIT_SIZES[split]:
+        if len(selection.entries) == (size or SPLIT_SIZES[split]):
             break
     return tuple(selection.entries)
 

@@ -10,47 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from lilgym_mp.generator.meanings.semantics import (
-    AtPosition,
-    Attribute,
-    AtWall,
-    BoxComparison,
-    BoxCondition,
-    BoxConditions,
-    BoxCount,
-    BoxVariety,
-    Clause,
-    Compound,
-    Contains,
-    ContainsOnly,
-    ContainsPartitive,
-    CountComparison,
-    Description,
-    EndColour,
-    EqualCounts,
-    EveryItem,
-    EveryTower,
-    InBox,
-    InCorner,
-    ItemCount,
-    LargestBox,
-    Matches,
-    MatchingEnds,
-    NamedBox,
-    NotEveryItem,
-    NounPhrase,
-    Order,
-    Parity,
-    Partitive,
-    PartitiveCount,
-    Predicate,
-    RelatedByAttribute,
-    RelatedTo,
-    Relation,
-    SceneVariety,
-    TowerPosition,
-    Wall,
-)
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.quantities import Quantity
 from lilgym_mp.scene import BOX_SIDE, Item, Scene
 
@@ -88,7 +48,7 @@ class PlacedItem(NamedTuple):
     bottom: int
 
 
-def holds(clause: Clause, scene: Scene, interpretation: Interpretation = STANDARD) -> bool:
+def holds(clause: sem.Clause, scene: Scene, interpretation: Interpretation = STANDARD) -> bool:
     """Whether the clause is true in the scene."""
     return _Evaluator(scene, interpretation).clause(clause)
 
@@ -101,43 +61,43 @@ class _Evaluator:
         self.items = [placed for box in self.boxes for placed in box]
         self.interpretation = interpretation
 
-    def clause(self, clause: Clause) -> bool:
+    def clause(self, clause: sem.Clause) -> bool:
         match clause:
-            case ItemCount(quantity, noun):
+            case sem.ItemCount(quantity, noun):
                 return self.admits(quantity, len(self.denoted(self.items, noun)))
-            case PartitiveCount():
+            case sem.PartitiveCount():
                 return self.partitive(self.items, clause)
-            case BoxCount(quantity, conditions, towers):
+            case sem.BoxCount(quantity, conditions, towers):
                 return self.admits(quantity, sum(self.box(box, conditions, towers) for box in self.boxes))
-            case EveryTower(conditions):
+            case sem.EveryTower(conditions):
                 towers = [box for box in self.boxes if box]
                 satisfied = all(self.box(box, conditions, towers=True) for box in towers)
                 return satisfied and (bool(towers) or self.interpretation.vacuous)
-            case NamedBox(index, conditions, towers):
+            case sem.NamedBox(index, conditions, towers):
                 return self.box(self.boxes[index], conditions, towers)
-            case EveryItem(noun, predicate):
+            case sem.EveryItem(noun, predicate):
                 return self.every(self.denoted(self.items, noun), predicate)
-            case NotEveryItem(noun, predicate):
+            case sem.NotEveryItem(noun, predicate):
                 return not all(self.satisfies(placed, predicate) for placed in self.denoted(self.items, noun))
-            case CountComparison(one, order, other, margin):
+            case sem.CountComparison(one, order, other, margin):
                 counts = (len(self.denoted(self.items, one)), len(self.denoted(self.items, other)))
                 return _ordered(counts, order) if margin is None else counts[0] - counts[1] == _signed(order, margin)
-            case BoxComparison(noun, one, order, other, towers):
+            case sem.BoxComparison(noun, one, order, other, towers):
                 pair = (self.boxes[one], self.boxes[other])
                 counts = (len(self.denoted(pair[0], noun)), len(self.denoted(pair[1], noun)))
                 return _ordered(counts, order) and (all(pair) or not towers)
-            case SceneVariety(attribute, quantity):
+            case sem.SceneVariety(attribute, quantity):
                 return self.admits(quantity, len(_values(self.items, attribute)))
-            case EqualCounts(noun, same):
+            case sem.EqualCounts(noun, same):
                 return len({len(self.denoted(box, noun)) for box in self.boxes}) == (1 if same else len(self.boxes))
-            case Parity(noun, even):
+            case sem.Parity(noun, even):
                 return (len(self.denoted(self.items, noun)) % 2 == 0) == even
-            case LargestBox(noun, conditions):
+            case sem.LargestBox(noun, conditions):
                 counts = [len(self.denoted(box, noun)) for box in self.boxes]
                 largest = [box for box, count in zip(self.boxes, counts, strict=True) if count == max(counts)]
                 satisfied = any(self.box(box, conditions, towers=False) for box in largest)
                 return satisfied and (len(largest) == 1 or self.interpretation.ties)
-            case Compound(conjunctive, clauses):
+            case sem.Compound(conjunctive, clauses):
                 values = [self.clause(part) for part in clauses]
                 return (
                     all(values)
@@ -149,7 +109,7 @@ class _Evaluator:
         shift = self.interpretation.vague_shift if quantity.vague else 0
         return quantity.admits(count - shift)
 
-    def denoted(self, items: Sequence[PlacedItem], noun: NounPhrase) -> list[PlacedItem]:
+    def denoted(self, items: Sequence[PlacedItem], noun: sem.NounPhrase) -> list[PlacedItem]:
         return [
             placed
             for placed in items
@@ -157,112 +117,113 @@ class _Evaluator:
             and all(self.satisfies(placed, predicate) for predicate in noun.predicates)
         ]
 
-    def every(self, items: Sequence[PlacedItem], predicate: Predicate) -> bool:
+    def every(self, items: Sequence[PlacedItem], predicate: sem.Predicate) -> bool:
         return all(self.satisfies(placed, predicate) for placed in items) and (
             bool(items) or self.interpretation.vacuous
         )
 
-    def partitive(self, items: Sequence[PlacedItem], clause: PartitiveCount | ContainsPartitive) -> bool:
+    def partitive(self, items: Sequence[PlacedItem], clause: sem.PartitiveCount | sem.ContainsPartitive) -> bool:
         denoted = self.denoted(items, clause.noun)
         satisfying = sum(self.satisfies(placed, clause.predicate) for placed in denoted)
         holds_for = {
-            Partitive.ALL: satisfying == len(denoted),
-            Partitive.NONE: satisfying == 0,
-            Partitive.SOME: satisfying > 0,
-            Partitive.ONE: satisfying == 1,
+            sem.Partitive.ALL: satisfying == len(denoted),
+            sem.Partitive.NONE: satisfying == 0,
+            sem.Partitive.SOME: satisfying > 0,
+            sem.Partitive.ONE: satisfying == 1,
         }
         return self.admits(clause.quantity, len(denoted)) and holds_for[clause.partitive]
 
-    def satisfies(self, placed: PlacedItem, predicate: Predicate) -> bool:
+    def satisfies(self, placed: PlacedItem, predicate: sem.Predicate) -> bool:
         return self.satisfies_positively(placed, predicate) == predicate.positive
 
-    def satisfies_positively(self, placed: PlacedItem, predicate: Predicate) -> bool:
+    def satisfies_positively(self, placed: PlacedItem, predicate: sem.Predicate) -> bool:
         match predicate:
-            case Matches(description):
+            case sem.Matches(description):
                 return _matches(placed, description)
-            case AtWall(wall, near):
+            case sem.AtWall(wall, near):
                 walls = self.walls_within_reach(placed, near)
                 return bool(walls) if wall is None else wall in walls
-            case InCorner(near):
+            case sem.InCorner(near):
                 return len(self.walls_within_reach(placed, near)) == 2
-            case InBox(index):
+            case sem.InBox(index):
                 return placed.box == index
-            case AtPosition(position):
+            case sem.AtPosition(position):
                 return self.at_position(placed, position)
-            case RelatedTo(relation, noun):
+            case sem.RelatedTo(relation, noun):
                 return bool(self.denoted(self.related_items(placed, relation), noun))
-            case RelatedByAttribute(relation, attribute, same):
+            case sem.RelatedByAttribute(relation, attribute, same):
                 value = _value(placed.item, attribute)
                 others = (_value(other.item, attribute) for other in self.related_items(placed, relation))
                 return any((other == value) == same for other in others)
 
-    def related_items(self, placed: PlacedItem, relation: Relation) -> list[PlacedItem]:
+    def related_items(self, placed: PlacedItem, relation: sem.Relation) -> list[PlacedItem]:
         box = self.boxes[placed.box]
         return [other for other in box if other is not placed and self.related(placed, relation, other)]
 
-    def walls_within_reach(self, placed: PlacedItem, near: bool) -> set[Wall]:
+    def walls_within_reach(self, placed: PlacedItem, near: bool) -> set[sem.Wall]:
         max_gap = self.interpretation.near_gap if near else self.interpretation.wall_gap
         gaps = {
-            Wall.LEFT: placed.left,
-            Wall.RIGHT: BOX_SIDE - placed.right,
-            Wall.TOP: BOX_SIDE - placed.top,
-            Wall.BOTTOM: placed.bottom,
+            sem.Wall.LEFT: placed.left,
+            sem.Wall.RIGHT: BOX_SIDE - placed.right,
+            sem.Wall.TOP: BOX_SIDE - placed.top,
+            sem.Wall.BOTTOM: placed.bottom,
         }
         return {wall for wall, gap in gaps.items() if gap <= max_gap}
 
-    def at_position(self, placed: PlacedItem, position: TowerPosition) -> bool:
+    def at_position(self, placed: PlacedItem, position: sem.TowerPosition) -> bool:
         tops = [other.top for other in self.boxes[placed.box]]
         match position:
-            case TowerPosition.TOP:
+            case sem.TowerPosition.TOP:
                 return placed.top == max(tops)
-            case TowerPosition.BOTTOM:
+            case sem.TowerPosition.BOTTOM:
                 return placed.top == min(tops)
-            case TowerPosition.SECOND:
+            case sem.TowerPosition.SECOND:
                 return placed.bottom == SECOND_BOTTOM
-            case TowerPosition.THIRD:
+            case sem.TowerPosition.THIRD:
                 return placed.bottom == THIRD_BOTTOM
 
-    def related(self, placed: PlacedItem, relation: Relation, other: PlacedItem) -> bool:
+    def related(self, placed: PlacedItem, relation: sem.Relation, other: PlacedItem) -> bool:
         gap = max(
             placed.left - other.right, other.left - placed.right, placed.bottom - other.top, other.bottom - placed.top
         )
         above = placed.bottom + self.interpretation.overlap >= other.top and placed.top > other.top
         below = other.bottom + self.interpretation.overlap >= placed.top and other.top > placed.top
         match relation:
-            case Relation.TOUCHING:
+            case sem.Relation.TOUCHING:
                 return gap <= self.interpretation.touch_gap
-            case Relation.NEAR:
+            case sem.Relation.NEAR:
                 return gap <= self.interpretation.near_gap
-            case Relation.ON:
+            case sem.Relation.ON:
                 return above and gap <= 1
-            case Relation.UNDER:
+            case sem.Relation.UNDER:
                 return below and gap <= 1
-            case Relation.ABOVE:
+            case sem.Relation.ABOVE:
                 return above
-            case Relation.BELOW:
+            case sem.Relation.BELOW:
                 return below
 
-    def box(self, box: Sequence[PlacedItem], conditions: BoxConditions, towers: bool) -> bool:
+    def box(self, box: Sequence[PlacedItem], conditions: sem.BoxConditions, towers: bool) -> bool:
         return all(self.condition(box, condition) for condition in conditions) and (bool(box) or not towers)
 
-    def condition(self, box: Sequence[PlacedItem], condition: BoxCondition) -> bool:
+    def condition(self, box: Sequence[PlacedItem], condition: sem.BoxCondition) -> bool:
         match condition:
-            case Contains(quantity, noun):
+            case sem.Contains(quantity, noun):
                 return self.admits(quantity, len(self.denoted(box, noun)))
-            case ContainsOnly(description):
+            case sem.ContainsOnly(description):
                 return bool(box) and all(_matches(placed, description) for placed in box)
-            case BoxVariety(attribute, quantity):
+            case sem.BoxVariety(attribute, quantity):
                 return self.admits(quantity, len(_values(box, attribute)))
-            case EndColour(position, colours):
+            case sem.EndColour(position, colours):
                 return any(self.at_position(placed, position) and placed.item.colour in colours for placed in box)
-            case MatchingEnds(same):
+            case sem.MatchingEnds(same):
                 ends = [
                     placed
                     for placed in box
-                    if self.at_position(placed, TowerPosition.TOP) or self.at_position(placed, TowerPosition.BOTTOM)
+                    if self.at_position(placed, sem.TowerPosition.TOP)
+                    or self.at_position(placed, sem.TowerPosition.BOTTOM)
                 ]
-                return len(box) > 1 and (len(_values(ends, Attribute.COLOUR)) == 1) == same
-            case ContainsPartitive():
+                return len(box) > 1 and (len(_values(ends, sem.Attribute.COLOUR)) == 1) == same
+            case sem.ContainsPartitive():
                 return self.partitive(box, condition)
 
 
@@ -271,7 +232,7 @@ def _placed(item: Item, box: int) -> PlacedItem:
     return PlacedItem(item, box, item.x, item.x + item.side, top, top - item.side)
 
 
-def _matches(placed: PlacedItem, description: Description) -> bool:
+def _matches(placed: PlacedItem, description: sem.Description) -> bool:
     item = placed.item
     return (
         description.shape in (None, item.shape)
@@ -280,24 +241,24 @@ def _matches(placed: PlacedItem, description: Description) -> bool:
     )
 
 
-def _values(items: Sequence[PlacedItem], attribute: Attribute) -> set[int]:
+def _values(items: Sequence[PlacedItem], attribute: sem.Attribute) -> set[int]:
     return {_value(placed.item, attribute) for placed in items}
 
 
-def _value(item: Item, attribute: Attribute) -> int:
+def _value(item: Item, attribute: sem.Attribute) -> int:
     match attribute:
-        case Attribute.COLOUR:
+        case sem.Attribute.COLOUR:
             return item.colour
-        case Attribute.SHAPE:
+        case sem.Attribute.SHAPE:
             return item.shape
-        case Attribute.SIZE:
+        case sem.Attribute.SIZE:
             return item.size
 
 
-def _ordered(counts: tuple[int, int], order: Order) -> bool:
+def _ordered(counts: tuple[int, int], order: sem.Order) -> bool:
     one, other = counts
-    return {Order.MORE: one > other, Order.FEWER: one < other, Order.EQUAL: one == other}[order]
+    return {sem.Order.MORE: one > other, sem.Order.FEWER: one < other, sem.Order.EQUAL: one == other}[order]
 
 
-def _signed(order: Order, margin: int) -> int:
-    return margin if order is Order.MORE else -margin
+def _signed(order: sem.Order, margin: int) -> int:
+    return margin if order is sem.Order.MORE else -margin

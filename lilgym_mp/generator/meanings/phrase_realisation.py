@@ -5,30 +5,7 @@ from __future__ import annotations
 import random
 
 from lilgym_mp.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, conjugated, pluralised
-from lilgym_mp.generator.meanings.semantics import (
-    AtPosition,
-    Attribute,
-    AtWall,
-    BoxCondition,
-    BoxVariety,
-    Contains,
-    ContainsOnly,
-    ContainsPartitive,
-    Description,
-    EndColour,
-    InBox,
-    InCorner,
-    Matches,
-    MatchingEnds,
-    NounPhrase,
-    Partitive,
-    Predicate,
-    RelatedByAttribute,
-    RelatedTo,
-    Relation,
-    TowerPosition,
-    Wall,
-)
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, exactly
 from lilgym_mp.scene import Colour, Size
 
@@ -38,12 +15,12 @@ SIZE_NAMES = {
     Size.MEDIUM: ("medium-sized", "medium"),
     Size.LARGE: ("big", "large"),
 }
-ATTRIBUTE_NAMES = {Attribute.COLOUR: "color", Attribute.SHAPE: "shape", Attribute.SIZE: "size"}
+ATTRIBUTE_NAMES = {sem.Attribute.COLOUR: "color", sem.Attribute.SHAPE: "shape", sem.Attribute.SIZE: "size"}
 WALL_NAMES = {
-    Wall.LEFT: ("the left {wall}", "the {wall} on the left"),
-    Wall.RIGHT: ("the right {wall}", "the {wall} on the right"),
-    Wall.TOP: ("the top {wall}", "the upper {wall}"),
-    Wall.BOTTOM: ("the bottom {wall}", "the floor", "the lower {wall}"),
+    sem.Wall.LEFT: ("the left {wall}", "the {wall} on the left"),
+    sem.Wall.RIGHT: ("the right {wall}", "the {wall} on the right"),
+    sem.Wall.TOP: ("the top {wall}", "the upper {wall}"),
+    sem.Wall.BOTTOM: ("the bottom {wall}", "the floor", "the lower {wall}"),
 }
 
 
@@ -68,7 +45,7 @@ class PhraseRealiser:
 
     # Noun phrases
 
-    def description(self, description: Description, plural: bool, *, alone: bool = True) -> str:
+    def description(self, description: sem.Description, plural: bool, *, alone: bool = True) -> str:
         """Adjectives and noun without an article; `alone` if no modifier of the noun follows."""
         noun = self.style.item if description.shape is None else description.shape.name.lower()
         noun = pluralised(noun) if plural else noun
@@ -84,18 +61,18 @@ class PhraseRealiser:
         self.rng.shuffle(names)
         return " or ".join(names)
 
-    def noun(self, noun: NounPhrase, plural: bool, *, alone: bool = True) -> str:
+    def noun(self, noun: sem.NounPhrase, plural: bool, *, alone: bool = True) -> str:
         words = [
             self.description(noun.description, plural, alone=alone and not noun.predicates),
             *(self.modifier(predicate, plural) for predicate in noun.predicates),
         ]
         return " ".join(words)
 
-    def indefinite(self, noun: NounPhrase) -> str:
+    def indefinite(self, noun: sem.NounPhrase) -> str:
         """ "a blue circle" """
         return article(self.noun(noun, plural=False, alone=False))
 
-    def quantified(self, quantity: Quantity, noun: NounPhrase) -> Phrase:
+    def quantified(self, quantity: Quantity, noun: sem.NounPhrase) -> Phrase:
         """ "at least two blue circles" """
         determiner = self.determiner(quantity)
         text = self.noun(noun, determiner.plural)
@@ -140,88 +117,88 @@ class PhraseRealiser:
 
     # Predicates
 
-    def modifier(self, predicate: Predicate, plural: bool) -> str:
+    def modifier(self, predicate: sem.Predicate, plural: bool) -> str:
         """The predicate as a modifier after its noun: "touching the left wall"."""
         be = self.be(plural)
         match predicate:
-            case Matches():
+            case sem.Matches():
                 return f"that {self.verb_phrase(predicate, plural)}"
-            case AtWall(_, True, _):
+            case sem.AtWall(_, True, _):
                 wall = self.wall(predicate)
                 return self.pick(f"touching or almost touching {wall}", f"very close to {wall} or touching it")
-            case AtWall(_, _, True):
+            case sem.AtWall(_, _, True):
                 wall = self.wall(predicate)
                 touch = conjugated("touches", plural)
                 return self.pick(f"touching {wall}", f"that {touch} {wall}", f"against {wall}")
-            case AtWall():
+            case sem.AtWall():
                 wall = self.wall(predicate)
                 does = conjugated("does", plural)
                 return self.pick(
                     f"not touching {wall}", f"that {does} not touch {wall}", f"that {be} not touching {wall}"
                 )
-            case InCorner(_, True):
+            case sem.InCorner(_, True):
                 if plural:
                     return self.pick("in corners", "sitting in corners")
                 return self.pick("in a corner", "sitting in a corner", "in a corner of a box", "tucked into a corner")
-            case InCorner():
+            case sem.InCorner():
                 return self.pick(f"that {be} not in a corner", "not in a corner")
-            case InBox(index, positive):
+            case sem.InBox(index, positive):
                 name = BOX_NAMES[index]
                 prepositions = ("in", "inside") if positive else ("outside", "not in")
                 return f"{self.pick(*prepositions)} the {name} box"
-            case AtPosition(position):
+            case sem.AtPosition(position):
                 return self.position(position, plural)
-            case RelatedTo(relation, noun, True):
+            case sem.RelatedTo(relation, noun, True):
                 return self.related_to(relation, noun)
-            case RelatedTo(relation, noun):
+            case sem.RelatedTo(relation, noun):
                 return f"not {self.related_to(relation, noun, negated=True)}"
-            case RelatedByAttribute():
+            case sem.RelatedByAttribute():
                 return self.in_relation(predicate.relation, self.item_by_attribute(predicate))
 
-    def verb_phrase(self, predicate: Predicate, plural: bool) -> str:
+    def verb_phrase(self, predicate: sem.Predicate, plural: bool) -> str:
         """The predicate as a verb phrase: "touches the left wall"."""
         be = self.be(plural) + ("" if predicate.positive else " not")
         match predicate:
-            case Matches(description):
+            case sem.Matches(description):
                 return f"{be} {self.description_complement(description, plural)}"
-            case AtWall(_, True, _):
+            case sem.AtWall(_, True, _):
                 wall = self.wall(predicate)
                 touch = conjugated("touches", plural)
                 return self.pick(f"{touch} or almost {touch} {wall}", f"{be} very close to {wall} or touching it")
-            case AtWall(_, _, True):
+            case sem.AtWall(_, _, True):
                 wall = self.wall(predicate)
                 return self.pick(
                     f"{conjugated('touches', plural)} {wall}", f"{be} touching {wall}", f"{be} against {wall}"
                 )
-            case AtWall():
+            case sem.AtWall():
                 wall = self.wall(predicate)
                 does = conjugated("does", plural)
                 return self.pick(f"{does} not touch {wall}", f"{be} touching {wall}")
-            case InCorner(_, True):
+            case sem.InCorner(_, True):
                 sit = conjugated(self.pick("is", "sits", "lies"), plural)
                 return f"{sit} {'in corners' if plural else self.pick('in a corner', 'in a corner of a box')}"
-            case InCorner():
+            case sem.InCorner():
                 return f"{be} in a corner"
-            case InBox(index):
+            case sem.InBox(index):
                 name = BOX_NAMES[index]
                 return f"{be} {self.pick(f'in the {name} box', f'inside the {name} box')}"
-            case AtPosition(position, True):
+            case sem.AtPosition(position, True):
                 stand = conjugated(
-                    self.pick("is", "is", "stands" if position is TowerPosition.BOTTOM else "sits"), plural
+                    self.pick("is", "is", "stands" if position is sem.TowerPosition.BOTTOM else "sits"), plural
                 )
                 return f"{stand} {self.position(position, plural)}"
-            case AtPosition(position):
+            case sem.AtPosition(position):
                 return f"{be} {self.position(position, plural)}"
-            case RelatedTo(Relation.TOUCHING, noun, True) if self.chance(0.5):
+            case sem.RelatedTo(sem.Relation.TOUCHING, noun, True) if self.chance(0.5):
                 return f"{conjugated('touches', plural)} {self.indefinite(noun)}"
-            case RelatedTo(relation, noun, positive):
-                if relation in (Relation.ON, Relation.ABOVE) and positive and self.chance(0.4):
-                    be = conjugated(self.pick("sits", "rests") if relation is Relation.ON else "lies", plural)
+            case sem.RelatedTo(relation, noun, positive):
+                if relation in (sem.Relation.ON, sem.Relation.ABOVE) and positive and self.chance(0.4):
+                    be = conjugated(self.pick("sits", "rests") if relation is sem.Relation.ON else "lies", plural)
                 return f"{be} {self.related_to(relation, noun, negated=not positive)}"
-            case RelatedByAttribute():
+            case sem.RelatedByAttribute():
                 return f"{be} {self.in_relation(predicate.relation, self.item_by_attribute(predicate))}"
 
-    def description_complement(self, description: Description, plural: bool) -> str:
+    def description_complement(self, description: sem.Description, plural: bool) -> str:
         """The complement of "is": adjectives, or a noun phrase if the description has a shape."""
         if description.shape is not None:
             text = self.description(description, plural)
@@ -231,84 +208,84 @@ class PhraseRealiser:
             return f"either {self.colours(description.colours)}"
         return " and ".join([*parts, *([self.colours(description.colours)] if description.colours else [])])
 
-    def wall(self, predicate: AtWall) -> str:
+    def wall(self, predicate: sem.AtWall) -> str:
         name = self.style.wall
         if predicate.wall is not None:
             return self.pick(*WALL_NAMES[predicate.wall]).format(wall=name)
         return article(name) if predicate.positive else f"any {name}"
 
-    def position(self, position: TowerPosition, plural: bool) -> str:
+    def position(self, position: sem.TowerPosition, plural: bool) -> str:
         tower = f"their {pluralised(self.style.tower)}" if plural else f"a {self.style.tower}"
         match position:
-            case TowerPosition.TOP:
+            case sem.TowerPosition.TOP:
                 return self.pick(f"at the top of {tower}", f"at the very top of {tower}")
-            case TowerPosition.BOTTOM:
+            case sem.TowerPosition.BOTTOM:
                 return self.pick(f"at the bottom of {tower}", f"at the base of {tower}")
-            case TowerPosition.SECOND | TowerPosition.THIRD:
+            case sem.TowerPosition.SECOND | sem.TowerPosition.THIRD:
                 return self.pick(f"in {position} position from the bottom", f"{position} from the bottom")
 
-    def related_to(self, relation: Relation, noun: NounPhrase, *, negated: bool = False) -> str:
+    def related_to(self, relation: sem.Relation, noun: sem.NounPhrase, *, negated: bool = False) -> str:
         """ "directly under a blue block" """
         other = f"any {self.noun(noun, plural=False, alone=False)}" if negated else self.indefinite(noun)
         return self.in_relation(relation, other)
 
-    def item_by_attribute(self, predicate: RelatedByAttribute) -> str:
+    def item_by_attribute(self, predicate: sem.RelatedByAttribute) -> str:
         """ "another item of the same color" """
         name = ATTRIBUTE_NAMES[predicate.attribute]
         if predicate.same:
             return f"{self.pick('another', article(self.style.item).split()[0])} {self.style.item} of the same {name}"
         return f"{article(self.style.item)} of {self.pick('a different', 'another')} {name}"
 
-    def in_relation(self, relation: Relation, other: str) -> str:
+    def in_relation(self, relation: sem.Relation, other: str) -> str:
         same = f"in the same {self.style.tower}" if self.style.item == "block" else "in the same box"
         match relation:
-            case Relation.TOUCHING:
+            case sem.Relation.TOUCHING:
                 return self.pick(f"touching {other}", f"in contact with {other}")
-            case Relation.NEAR:
+            case sem.Relation.NEAR:
                 return f"touching or almost touching {other}"
-            case Relation.ON:
+            case sem.Relation.ON:
                 return f"{self.pick('directly on top of', 'directly on', 'right on top of', 'directly above')} {other}"
-            case Relation.UNDER:
+            case sem.Relation.UNDER:
                 return f"{self.pick('directly under', 'right below', 'directly below', 'right under')} {other}"
-            case Relation.ABOVE:
+            case sem.Relation.ABOVE:
                 return f"{self.pick('above', 'somewhere above', 'higher up than')} {other} {same}"
-            case Relation.BELOW:
+            case sem.Relation.BELOW:
                 return f"{self.pick('below', 'somewhere below', 'lower down than')} {other} {same}"
 
-    def partitive(self, partitive: Partitive, total: Quantity, predicate: Predicate, them: str) -> str:
+    def partitive(self, partitive: sem.Partitive, total: Quantity, predicate: sem.Predicate, them: str) -> str:
         """ "both of them touch a wall"; `them` is "them" or "which"."""
         pair = total == exactly(2)
-        if partitive is Partitive.ALL and total == exactly(1):
+        if partitive is sem.Partitive.ALL and total == exactly(1):
             return f"{'it' if them == 'them' else 'which'} {self.verb_phrase(predicate, plural=False)}"
-        if partitive is Partitive.ALL:
+        if partitive is sem.Partitive.ALL:
             return f"{'both' if pair else 'all'} of {them} {self.verb_phrase(predicate, plural=True)}"
-        if partitive is Partitive.NONE:
+        if partitive is sem.Partitive.NONE:
             return f"{'neither' if pair else 'none'} of {them} {self.verb_phrase(predicate, plural=False)}"
-        some = "at least one" if partitive is Partitive.SOME else f"{self.pick('exactly', 'only', 'just')} one"
+        some = "at least one" if partitive is sem.Partitive.SOME else f"{self.pick('exactly', 'only', 'just')} one"
         return f"{some} of {them} {self.verb_phrase(predicate, plural=False)}"
 
     # Box conditions
 
-    def contents(self, condition: BoxCondition) -> str:
+    def contents(self, condition: sem.BoxCondition) -> str:
         """The condition as the object of "has" or "with"."""
         items = pluralised(self.style.item)
         match condition:
-            case Contains(quantity, noun):
+            case sem.Contains(quantity, noun):
                 return self.quantified(quantity, noun).text
-            case ContainsOnly(description):
+            case sem.ContainsOnly(description):
                 return f"{self.pick('only', 'only', 'nothing but')} {self.description(description, plural=True)}"
-            case BoxVariety(attribute, quantity):
+            case sem.BoxVariety(attribute, quantity):
                 return self.variety(attribute, quantity, items)
-            case EndColour(position, colours):
+            case sem.EndColour(position, colours):
                 return self.end(position, colours)
-            case MatchingEnds(same):
+            case sem.MatchingEnds(same):
                 ends = self.pick("a top and a base", "a base and a top")
                 return f"{ends} of {'the same color' if same else 'different colors'}"
-            case ContainsPartitive(quantity, noun, partitive, predicate):
+            case sem.ContainsPartitive(quantity, noun, partitive, predicate):
                 total = self.quantified(quantity, noun).text
                 return f"{total}, {self.partitive(partitive, quantity, predicate, 'which')}"
 
-    def variety(self, attribute: Attribute, quantity: Quantity, items: str) -> str:
+    def variety(self, attribute: sem.Attribute, quantity: Quantity, items: str) -> str:
         name = ATTRIBUTE_NAMES[attribute]
         if quantity == exactly(1):
             return f"{items} of {self.pick('a single', 'only one', 'just one')} {name}"
@@ -324,8 +301,8 @@ class PhraseRealiser:
             number = self.pick("", "", "exactly ", "only ") + self.number(quantity.low)
         return f"{number} {name}" if number.endswith("one") else f"{number} {self.pick('', 'different ')}{name}s"
 
-    def end(self, position: TowerPosition, colours: frozenset[Colour]) -> str:
+    def end(self, position: sem.TowerPosition, colours: frozenset[Colour]) -> str:
         colour = self.colours(colours)
-        if position is TowerPosition.TOP:
+        if position is sem.TowerPosition.TOP:
             return f"a {colour} {self.pick('top', 'block at the top', 'block on top')}"
         return f"a {colour} {self.pick('base', 'block at the bottom', 'block at the base')}"

@@ -2,47 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.generator.meanings.semantics import (
-    ANYTHING,
-    AtPosition,
-    Attribute,
-    AtWall,
-    BoxComparison,
-    BoxCondition,
-    BoxConditions,
-    BoxCount,
-    BoxVariety,
-    Clause,
-    Compound,
-    Contains,
-    ContainsOnly,
-    ContainsPartitive,
-    CountComparison,
-    Description,
-    EndColour,
-    EqualCounts,
-    EveryItem,
-    EveryTower,
-    InBox,
-    InCorner,
-    ItemCount,
-    LargestBox,
-    Matches,
-    MatchingEnds,
-    NamedBox,
-    NotEveryItem,
-    NounPhrase,
-    Order,
-    Parity,
-    Partitive,
-    PartitiveCount,
-    Predicate,
-    RelatedByAttribute,
-    RelatedTo,
-    Relation,
-    SceneVariety,
-    TowerPosition,
-)
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.quantities import SOME, Quantity
 from lilgym_mp.scene import Size
@@ -50,67 +10,71 @@ from lilgym_mp.scene import Size
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
 _SIZE_TESTS = {Size.SMALL: "is_small", Size.MEDIUM: "is_medium", Size.LARGE: "is_big"}
 _POSITION_TESTS = {
-    TowerPosition.TOP: "is_top",
-    TowerPosition.BOTTOM: "is_bottom",
-    TowerPosition.SECOND: "is_second",
-    TowerPosition.THIRD: "is_third",
+    sem.TowerPosition.TOP: "is_top",
+    sem.TowerPosition.BOTTOM: "is_bottom",
+    sem.TowerPosition.SECOND: "is_second",
+    sem.TowerPosition.THIRD: "is_third",
 }
 _RELATED_ITEMS = {
-    Relation.TOUCHING: "get_touching",
-    Relation.NEAR: "get_closely_touching",
-    Relation.ON: "get_below",
-    Relation.UNDER: "get_above",
-    Relation.ABOVE: "get_box_all_below",
-    Relation.BELOW: "get_box_all_above",
+    sem.Relation.TOUCHING: "get_touching",
+    sem.Relation.NEAR: "get_closely_touching",
+    sem.Relation.ON: "get_below",
+    sem.Relation.UNDER: "get_above",
+    sem.Relation.ABOVE: "get_box_all_below",
+    sem.Relation.BELOW: "get_box_all_above",
 }
-_VALUE_SETS = {Attribute.COLOUR: "get_set_colors", Attribute.SHAPE: "get_set_shapes", Attribute.SIZE: "get_set_sizes"}
-_VALUES = {Attribute.COLOUR: "color", Attribute.SHAPE: "shape", Attribute.SIZE: "size"}
-_OPERATORS = {Order.MORE: ">", Order.FEWER: "<", Order.EQUAL: "=="}
+_VALUE_SETS = {
+    sem.Attribute.COLOUR: "get_set_colors",
+    sem.Attribute.SHAPE: "get_set_shapes",
+    sem.Attribute.SIZE: "get_set_sizes",
+}
+_VALUES = {sem.Attribute.COLOUR: "color", sem.Attribute.SHAPE: "shape", sem.Attribute.SIZE: "size"}
+_OPERATORS = {sem.Order.MORE: ">", sem.Order.FEWER: "<", sem.Order.EQUAL: "=="}
 
 
-def program_source(clause: Clause) -> str:
+def program_source(clause: sem.Clause) -> str:
     """The program that is true where the clause holds."""
     match clause:
-        case ItemCount(quantity, noun):
+        case sem.ItemCount(quantity, noun):
             return quantity_test(quantity, _items(ALL_ITEMS, noun, 0))
-        case PartitiveCount(quantity, noun, partitive, predicate):
+        case sem.PartitiveCount(quantity, noun, partitive, predicate):
             return _partitive(ALL_ITEMS, quantity, noun, partitive, predicate)
-        case BoxCount(quantity, conditions, towers):
+        case sem.BoxCount(quantity, conditions, towers):
             return quantity_test(quantity, boxes_where(_box(BOX, conditions, towers)))
-        case EveryTower(conditions):
+        case sem.EveryTower(conditions):
             return f"All({TOWERS}, lambda {BOX}: {_box(BOX, conditions, towers=False)})"
-        case NamedBox(index, conditions, towers):
+        case sem.NamedBox(index, conditions, towers):
             return _box(f"all_boxes[{index}]", conditions, towers)
-        case EveryItem(noun, predicate):
+        case sem.EveryItem(noun, predicate):
             return f"All({_items(ALL_ITEMS, noun, 0)}, lambda x: {_predicate_test(predicate, 0)})"
-        case NotEveryItem(noun, predicate):
+        case sem.NotEveryItem(noun, predicate):
             return f"exist(filter_obj({_items(ALL_ITEMS, noun, 0)}, lambda x: NOT({_predicate_test(predicate, 0)})))"
-        case CountComparison():
+        case sem.CountComparison():
             return _count_comparison(clause)
-        case BoxComparison(noun, one, order, other, towers):
+        case sem.BoxComparison(noun, one, order, other, towers):
             left, right = (_count(_items(items_in_box(f"all_boxes[{index}]"), noun, 0)) for index in (one, other))
             test = f"{left} {_OPERATORS[order]} {right}"
             return f"all_boxes[{one}].is_tower() and all_boxes[{other}].is_tower() and {test}" if towers else test
-        case SceneVariety(attribute, quantity):
+        case sem.SceneVariety(attribute, quantity):
             return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({ALL_ITEMS})")
-        case EqualCounts(noun, same):
+        case sem.EqualCounts(noun, same):
             counts = (_count(_items(items_in_box(f"p[{index}]"), noun, 0)) for index in (0, 1))
             return f"All(combinations(all_boxes, 2), lambda p: {(' == ' if same else ' != ').join(counts)})"
-        case Parity(noun, even):
+        case sem.Parity(noun, even):
             return f"{_count(_items(ALL_ITEMS, noun, 0))} % 2 == {0 if even else 1}"
-        case LargestBox(noun, conditions):
+        case sem.LargestBox(noun, conditions):
             count, other_count = (_count(_items(items_in_box(box), noun, 0)) for box in (BOX, "c"))
             is_largest = f"count(filter_obj(all_boxes, lambda c: {other_count} >= {count})) == 1"
             return f"exist({boxes_where(f'{is_largest} and {_box(BOX, conditions, towers=False)}')})"
-        case Compound(conjunctive, clauses):
+        case sem.Compound(conjunctive, clauses):
             return (" and " if conjunctive else " or ").join(f"({program_source(part)})" for part in clauses)
 
 
-def _count_comparison(clause: CountComparison) -> str:
+def _count_comparison(clause: sem.CountComparison) -> str:
     one, other = (_count(_items(ALL_ITEMS, noun, 0)) for noun in (clause.one, clause.other))
     if clause.margin is None:
         return f"{one} {_OPERATORS[clause.order]} {other}"
-    smaller, larger = (other, one) if clause.order is Order.MORE else (one, other)
+    smaller, larger = (other, one) if clause.order is sem.Order.MORE else (one, other)
     return f"{larger} == {smaller} + {clause.margin}"
 
 
@@ -118,19 +82,19 @@ def _count(collection: str) -> str:
     return f"count({collection})"
 
 
-def _items(source: str, noun: NounPhrase, depth: int) -> str:
+def _items(source: str, noun: sem.NounPhrase, depth: int) -> str:
     """The items of `source` that the noun phrase denotes."""
-    if noun == ANYTHING:
+    if noun == sem.ANYTHING:
         return source
     description, predicates = noun.description, noun.predicates
-    if not predicates and description == Description(colours=description.colours) and len(description.colours) == 1:
+    if not predicates and description == sem.Description(colours=description.colours) and len(description.colours) == 1:
         return f"filter_color({source}, Color.{next(iter(description.colours)).name})"
-    if not predicates and description == Description(shape=description.shape) and description.shape is not None:
+    if not predicates and description == sem.Description(shape=description.shape) and description.shape is not None:
         return f"filter_shape({source}, Shape.{description.shape.name})"
     return f"filter_obj({source}, lambda {VARIABLES[depth]}: {_noun_test(noun, depth)})"
 
 
-def _noun_test(noun: NounPhrase, depth: int) -> str:
+def _noun_test(noun: sem.NounPhrase, depth: int) -> str:
     tests = [
         *_description_tests(noun.description, VARIABLES[depth]),
         *(_predicate_test(predicate, depth) for predicate in noun.predicates),
@@ -138,7 +102,7 @@ def _noun_test(noun: NounPhrase, depth: int) -> str:
     return " and ".join(tests)
 
 
-def _description_tests(description: Description, variable: str) -> list[str]:
+def _description_tests(description: sem.Description, variable: str) -> list[str]:
     tests: list[str] = []
     if description.colours:
         colours = [f"is_{colour.name.lower()}({variable})" for colour in sorted(description.colours)]
@@ -150,66 +114,68 @@ def _description_tests(description: Description, variable: str) -> list[str]:
     return tests
 
 
-def _predicate_test(predicate: Predicate, depth: int) -> str:
+def _predicate_test(predicate: sem.Predicate, depth: int) -> str:
     test = _positive_test(predicate, depth)
     return test if predicate.positive else f"NOT({test})"
 
 
-def _positive_test(predicate: Predicate, depth: int) -> str:
+def _positive_test(predicate: sem.Predicate, depth: int) -> str:
     variable = VARIABLES[depth]
     match predicate:
-        case Matches(description):
+        case sem.Matches(description):
             tests = _description_tests(description, variable)
             return tests[0] if len(tests) == 1 else f"({' and '.join(tests)})"
-        case AtWall(wall, near):
+        case sem.AtWall(wall, near):
             side = "" if wall is None else f", Side.{wall.name}"
             return f"is_{'closely_' if near else ''}touching_wall({variable}{side})"
-        case InCorner(near):
+        case sem.InCorner(near):
             return f"is_{'closely_' if near else ''}touching_corner({variable})"
-        case InBox(index):
+        case sem.InBox(index):
             return f"{variable}.box == all_boxes[{index}]"
-        case AtPosition(position):
+        case sem.AtPosition(position):
             return f"{_POSITION_TESTS[position]}({variable})"
-        case RelatedTo(relation, noun):
+        case sem.RelatedTo(relation, noun):
             return f"exist({_items(f'{_RELATED_ITEMS[relation]}({variable})', noun, depth + 1)})"
-        case RelatedByAttribute(relation, attribute, same):
+        case sem.RelatedByAttribute(relation, attribute, same):
             other, member = VARIABLES[depth + 1], _VALUES[attribute]
             test = f"{other}.{member} {'==' if same else '!='} {variable}.{member}"
             return f"exist(filter_obj({_RELATED_ITEMS[relation]}({variable}), lambda {other}: {test}))"
 
 
-def _box(box: str, conditions: BoxConditions, towers: bool) -> str:
+def _box(box: str, conditions: sem.BoxConditions, towers: bool) -> str:
     tests = [_condition(box, condition) for condition in conditions]
     return " and ".join([f"{box}.is_tower()", *tests] if towers else tests)
 
 
-def _condition(box: str, condition: BoxCondition) -> str:
+def _condition(box: str, condition: sem.BoxCondition) -> str:
     items = items_in_box(box)
     match condition:
-        case Contains(quantity, noun):
+        case sem.Contains(quantity, noun):
             return quantity_test(quantity, _items(items, noun, 0))
-        case ContainsOnly(description):
-            return f"All({items}, lambda x: {_positive_test(Matches(description), 0)})"
-        case BoxVariety(attribute, quantity):
+        case sem.ContainsOnly(description):
+            return f"All({items}, lambda x: {_positive_test(sem.Matches(description), 0)})"
+        case sem.BoxVariety(attribute, quantity):
             return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({items})")
-        case EndColour(position, colours):
+        case sem.EndColour(position, colours):
             return quantity_test(
-                SOME, _items(items, NounPhrase(Description(colours=colours), (AtPosition(position),)), 0)
+                SOME, _items(items, sem.NounPhrase(sem.Description(colours=colours), (sem.AtPosition(position),)), 0)
             )
-        case MatchingEnds(same):
+        case sem.MatchingEnds(same):
             ends = f"filter_obj({items}, lambda x: is_top(x) or is_bottom(x))"
             return f"ge(count({items}), 2) and {'' if same else 'not '}all_same_color({ends})"
-        case ContainsPartitive(quantity, noun, partitive, predicate):
+        case sem.ContainsPartitive(quantity, noun, partitive, predicate):
             return _partitive(items, quantity, noun, partitive, predicate)
 
 
-def _partitive(source: str, quantity: Quantity, noun: NounPhrase, partitive: Partitive, predicate: Predicate) -> str:
+def _partitive(
+    source: str, quantity: Quantity, noun: sem.NounPhrase, partitive: sem.Partitive, predicate: sem.Predicate
+) -> str:
     items = _items(source, noun, 0)
     satisfying = _items(source, noun.such_that(predicate), 0)
     test = {
-        Partitive.ALL: f"All({items}, lambda x: {_predicate_test(predicate, 0)})",
-        Partitive.NONE: f"NOT(exist({satisfying}))",
-        Partitive.SOME: f"exist({satisfying})",
-        Partitive.ONE: f"count({satisfying}) == 1",
+        sem.Partitive.ALL: f"All({items}, lambda x: {_predicate_test(predicate, 0)})",
+        sem.Partitive.NONE: f"NOT(exist({satisfying}))",
+        sem.Partitive.SOME: f"exist({satisfying})",
+        sem.Partitive.ONE: f"count({satisfying}) == 1",
     }[partitive]
     return f"{quantity_test(quantity, items)} and {test}"

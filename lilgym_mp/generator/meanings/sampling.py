@@ -14,57 +14,16 @@ from itertools import combinations
 from typing import TypeVar
 
 from lilgym_mp.choices import choose
-from lilgym_mp.generator.meanings.semantics import (
-    ANYTHING,
-    AtPosition,
-    Attribute,
-    AtWall,
-    BoxComparison,
-    BoxCondition,
-    BoxConditions,
-    BoxCount,
-    BoxVariety,
-    Clause,
-    Compound,
-    Contains,
-    ContainsOnly,
-    ContainsPartitive,
-    CountComparison,
-    Description,
-    EndColour,
-    EqualCounts,
-    EveryItem,
-    EveryTower,
-    InBox,
-    InCorner,
-    ItemCount,
-    LargestBox,
-    Matches,
-    MatchingEnds,
-    NamedBox,
-    NotEveryItem,
-    NounPhrase,
-    Order,
-    Parity,
-    Partitive,
-    PartitiveCount,
-    Predicate,
-    RelatedByAttribute,
-    RelatedTo,
-    Relation,
-    SceneVariety,
-    TowerPosition,
-    Wall,
-)
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 
 LEVELS = (1, 2, 3, 4, 5)
 Option = TypeVar("Option")
-WeightedSamplers = Sequence[tuple[int, Callable[[], Clause]]]  # weight, sampler of one kind of clause
+WeightedSamplers = Sequence[tuple[int, Callable[[], sem.Clause]]]  # weight, sampler of one kind of clause
 
 
-def random_meaning(appearance: str, level: int, rng: random.Random) -> Clause:
+def random_meaning(appearance: str, level: int, rng: random.Random) -> sem.Clause:
     """A meaning of that level. It may be unsatisfiable or always true; `validation` rejects those.
 
     Raises ValueError for an unknown appearance or level.
@@ -83,7 +42,7 @@ class MeaningSampler:
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
-    def sample(self, level: int) -> Clause:
+    def sample(self, level: int) -> sem.Clause:
         weights, samplers = zip(*self.samplers_by_level()[level], strict=True)
         (sample,) = self.rng.choices(samplers, weights)
         return sample()
@@ -128,108 +87,119 @@ class MeaningSampler:
         options = (SOME, SOME, SOME, SOME, exactly(1), exactly(2), exactly(2), at_least(2), NONE)
         return self.pick(*options)
 
-    def partitive(self, quantity: Quantity) -> Partitive:
+    def partitive(self, quantity: Quantity) -> sem.Partitive:
         if quantity == exactly(1):
-            return Partitive.ALL
-        return self.pick(Partitive.ALL, Partitive.NONE, Partitive.SOME, Partitive.ONE)
+            return sem.Partitive.ALL
+        return self.pick(sem.Partitive.ALL, sem.Partitive.NONE, sem.Partitive.SOME, sem.Partitive.ONE)
 
     def partitive_total(self) -> Quantity:
         return self.pick(exactly(1), exactly(2), exactly(2), exactly(3))
 
-    def item_count(self) -> Clause:
-        return ItemCount(self.quantity(), self.described_items())
+    def item_count(self) -> sem.Clause:
+        return sem.ItemCount(self.quantity(), self.described_items())
 
-    def two_item_counts(self) -> Clause:
+    def two_item_counts(self) -> sem.Clause:
         conjunctive = self.chance(0.7)
-        first = ItemCount(self.quantity(3), self.described_items())
+        first = sem.ItemCount(self.quantity(3), self.described_items())
         quantity = self.quantity(3, none=0.3) if conjunctive else self.quantity(3, none=0)
-        return Compound(conjunctive, (first, ItemCount(quantity, self.described_items())))
+        return sem.Compound(conjunctive, (first, sem.ItemCount(quantity, self.described_items())))
 
-    def described_items(self) -> NounPhrase:
+    def described_items(self) -> sem.NounPhrase:
         raise NotImplementedError
 
-    def count_comparison(self) -> Clause:
-        order = self.pick(Order.MORE, Order.MORE, Order.FEWER, Order.EQUAL)
-        margin = self.pick(1, 2) if order is not Order.EQUAL and self.chance(0.25) else None
-        return CountComparison(self.described_items(), order, self.described_items(), margin)
+    def count_comparison(self) -> sem.Clause:
+        order = self.pick(sem.Order.MORE, sem.Order.MORE, sem.Order.FEWER, sem.Order.EQUAL)
+        margin = self.pick(1, 2) if order is not sem.Order.EQUAL and self.chance(0.25) else None
+        return sem.CountComparison(self.described_items(), order, self.described_items(), margin)
 
-    def equal_counts(self) -> Clause:
-        return EqualCounts(self.pick(ANYTHING, self.described_items()), self.chance(0.5))
+    def equal_counts(self) -> sem.Clause:
+        return sem.EqualCounts(self.pick(sem.ANYTHING, self.described_items()), self.chance(0.5))
 
     def two_boxes(self) -> tuple[int, int]:
         one, other = self.rng.sample(range(BOX_COUNT), 2)
         return one, other
 
-    def box_count(self, number: int, *, quantity: Quantity | None = None) -> Clause:
-        return BoxCount(quantity or self.box_quantity(), self.conditions(number))
+    def box_count(self, number: int, *, quantity: Quantity | None = None) -> sem.Clause:
+        return sem.BoxCount(quantity or self.box_quantity(), self.conditions(number))
 
-    def conditions(self, number: int) -> BoxConditions:
+    def conditions(self, number: int) -> sem.BoxConditions:
         """Compatible conditions, negative ones last."""
         while True:
             found = [self.condition() for _ in range(number)]
             if not any(_clash(one, other) for one, other in combinations(found, 2)):
                 return tuple(sorted(found, key=_list_position))
 
-    def condition(self) -> BoxCondition:
+    def condition(self) -> sem.BoxCondition:
         raise NotImplementedError
 
-    def compound(self) -> Clause:
-        parts: list[Clause] = []
+    def compound(self) -> sem.Clause:
+        parts: list[sem.Clause] = []
         while len(parts) < 2:
             part = self.sample(self.pick(2, 2, 3, 3, 4))
-            parts += [] if isinstance(part, Compound) else [part]
-        return Compound(self.chance(0.75), tuple(parts))
+            parts += [] if isinstance(part, sem.Compound) else [part]
+        return sem.Compound(self.chance(0.75), tuple(parts))
 
 
-def _clash(one: BoxCondition, other: BoxCondition) -> bool:
+def _clash(one: sem.BoxCondition, other: sem.BoxCondition) -> bool:
     """Whether the two conditions are redundant or read oddly together."""
-    if isinstance(one, Contains) and isinstance(other, Contains):
-        return one.noun == other.noun or (ANYTHING in (one.noun, other.noun) and NONE in (one.quantity, other.quantity))
-    if isinstance(one, ContainsOnly) or isinstance(other, ContainsOnly):
-        return not any(isinstance(c, Contains) and c.noun == ANYTHING and c.quantity.low for c in (one, other))
-    if isinstance(one, EndColour) and isinstance(other, EndColour):
+    if isinstance(one, sem.Contains) and isinstance(other, sem.Contains):
+        return one.noun == other.noun or (
+            sem.ANYTHING in (one.noun, other.noun) and NONE in (one.quantity, other.quantity)
+        )
+    if isinstance(one, sem.ContainsOnly) or isinstance(other, sem.ContainsOnly):
+        return not any(isinstance(c, sem.Contains) and c.noun == sem.ANYTHING and c.quantity.low for c in (one, other))
+    if isinstance(one, sem.EndColour) and isinstance(other, sem.EndColour):
         return one.position is other.position
-    if {type(one), type(other)} == {EndColour, MatchingEnds}:
+    if {type(one), type(other)} == {sem.EndColour, sem.MatchingEnds}:
         return True
-    if {type(one), type(other)} == {Contains, BoxVariety}:
-        return Contains(exactly(1), ANYTHING) in (one, other)
-    if isinstance(one, ContainsPartitive) or isinstance(other, ContainsPartitive):
+    if {type(one), type(other)} == {sem.Contains, sem.BoxVariety}:
+        return sem.Contains(exactly(1), sem.ANYTHING) in (one, other)
+    if isinstance(one, sem.ContainsPartitive) or isinstance(other, sem.ContainsPartitive):
         return True
     return type(one) is type(other)
 
 
-def _list_position(condition: BoxCondition) -> int:
+def _list_position(condition: sem.BoxCondition) -> int:
     """Sort key for the conditions of a box: total counts first, negative conditions last."""
-    if isinstance(condition, Contains):
-        return 3 if condition.quantity == NONE else 0 if condition.noun == ANYTHING else 1
+    if isinstance(condition, sem.Contains):
+        return 3 if condition.quantity == NONE else 0 if condition.noun == sem.ANYTHING else 1
     return 2
 
 
-def _sensible(clause: Clause) -> bool:
+def _sensible(clause: sem.Clause) -> bool:
     """Whether no predicate restates or contradicts its noun phrase, and nothing is compared with itself."""
     match clause:
         case (
-            EveryItem(noun, Matches(description))
-            | NotEveryItem(noun, Matches(description))
-            | PartitiveCount(_, noun, _, Matches(description))
+            sem.EveryItem(noun, sem.Matches(description))
+            | sem.NotEveryItem(noun, sem.Matches(description))
+            | sem.PartitiveCount(_, noun, _, sem.Matches(description))
         ):
             return not _share_attribute(noun.description, description)
-        case EveryItem(noun, predicate) | NotEveryItem(noun, predicate) | PartitiveCount(_, noun, _, predicate):
+        case (
+            sem.EveryItem(noun, predicate)
+            | sem.NotEveryItem(noun, predicate)
+            | sem.PartitiveCount(_, noun, _, predicate)
+        ):
             return predicate not in noun.predicates
-        case BoxCount(Quantity(0, 0), conditions) if any(map(_is_negative_or_bounded, conditions)):
+        case sem.BoxCount(Quantity(0, 0), conditions) if any(map(_is_negative_or_bounded, conditions)):
             return False
-        case BoxCount(_, conditions) | NamedBox(_, conditions) | LargestBox(_, conditions) | EveryTower(conditions):
+        case (
+            sem.BoxCount(_, conditions)
+            | sem.NamedBox(_, conditions)
+            | sem.LargestBox(_, conditions)
+            | sem.EveryTower(conditions)
+        ):
             return all(
                 not _share_attribute(condition.noun.description, condition.predicate.description)
                 for condition in conditions
-                if isinstance(condition, ContainsPartitive) and isinstance(condition.predicate, Matches)
+                if isinstance(condition, sem.ContainsPartitive) and isinstance(condition.predicate, sem.Matches)
             )
-        case CountComparison(one, _, other):
+        case sem.CountComparison(one, _, other):
             return one != other and not (
                 one.description.colours & other.description.colours and one.description.shape == other.description.shape
             )
-        case Compound(conjunctive, clauses):
-            nouns = [part.noun for part in clauses if isinstance(part, ItemCount)]
+        case sem.Compound(conjunctive, clauses):
+            nouns = [part.noun for part in clauses if isinstance(part, sem.ItemCount)]
             if not conjunctive and any(len(noun.description.colours) > 1 for noun in nouns):
                 return False
             return len(set(clauses)) == len(clauses) and len(set(nouns)) == len(nouns) and all(map(_sensible, clauses))
@@ -237,13 +207,13 @@ def _sensible(clause: Clause) -> bool:
             return True
 
 
-def _is_negative_or_bounded(condition: BoxCondition) -> bool:
+def _is_negative_or_bounded(condition: sem.BoxCondition) -> bool:
     """Whether "no box has ..." would be confusing: "no box has no circles", "no box has no fewer than two"."""
     usual = (SOME, exactly(1), exactly(2), exactly(3))
-    return isinstance(condition, Contains) and condition.quantity not in usual
+    return isinstance(condition, sem.Contains) and condition.quantity not in usual
 
 
-def _share_attribute(one: Description, other: Description) -> bool:
+def _share_attribute(one: sem.Description, other: sem.Description) -> bool:
     """Whether both descriptions give a value for the same attribute."""
     return bool(
         (one.colours and other.colours)
@@ -293,114 +263,120 @@ class TowerMeaningSampler(MeaningSampler):
             5: [(6, self.compound), (3, lambda: self.tower_count(3)), (3, self.box_with_partitive)],
         }
 
-    def described_items(self) -> NounPhrase:
-        return NounPhrase(Description(colours=self.colours(self.pick(1, 1, 1, 1, 2))))
+    def described_items(self) -> sem.NounPhrase:
+        return sem.NounPhrase(sem.Description(colours=self.colours(self.pick(1, 1, 1, 1, 2))))
 
-    def one_colour(self) -> NounPhrase:
-        return NounPhrase(Description(colours=self.colours()))
+    def one_colour(self) -> sem.NounPhrase:
+        return sem.NounPhrase(sem.Description(colours=self.colours()))
 
-    def total_count(self) -> Clause:
-        return ItemCount(self.quantity(7, none=0), ANYTHING)
+    def total_count(self) -> sem.Clause:
+        return sem.ItemCount(self.quantity(7, none=0), sem.ANYTHING)
 
-    def every_item_coloured(self) -> Clause:
-        return EveryItem(ANYTHING, Matches(Description(colours=self.colours(self.pick(1, 2, 2)))))
+    def every_item_coloured(self) -> sem.Clause:
+        return sem.EveryItem(sem.ANYTHING, sem.Matches(sem.Description(colours=self.colours(self.pick(1, 2, 2)))))
 
-    def scene_variety(self) -> Clause:
-        return SceneVariety(Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
+    def scene_variety(self) -> sem.Clause:
+        return sem.SceneVariety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
 
-    def named_box_contents(self) -> Clause:
-        return NamedBox(
+    def named_box_contents(self) -> sem.Clause:
+        return sem.NamedBox(
             self.pick(0, 1, 2),
-            (self.pick(Contains(self.quantity_in_box(), self.one_colour()), Contains(NONE, ANYTHING)),),
+            (self.pick(sem.Contains(self.quantity_in_box(), self.one_colour()), sem.Contains(NONE, sem.ANYTHING)),),
         )
 
-    def at_position(self) -> Predicate:
-        return AtPosition(TowerPosition(self.pick("top", "top", "bottom", "bottom", "second", "third")))
+    def at_position(self) -> sem.Predicate:
+        return sem.AtPosition(sem.TowerPosition(self.pick("top", "top", "bottom", "bottom", "second", "third")))
 
-    def items_at_position(self) -> Clause:
-        return ItemCount(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
+    def items_at_position(self) -> sem.Clause:
+        return sem.ItemCount(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
 
-    def condition(self) -> BoxCondition:
+    def condition(self) -> sem.BoxCondition:
         match self.pick("contains", "contains", "height", "height", "end", "end", "only", "variety", "ends"):
             case "contains":
-                return Contains(self.quantity_in_box(), self.one_colour())
+                return sem.Contains(self.quantity_in_box(), self.one_colour())
             case "height":
                 number = self.pick(1, 2, 2, 3, 3, 4)
                 exact = exactly(number)
-                return Contains(self.pick(exact, exact, at_least(max(2, min(3, number)))), ANYTHING)
+                return sem.Contains(self.pick(exact, exact, at_least(max(2, min(3, number)))), sem.ANYTHING)
             case "end":
-                return EndColour(self.pick(TowerPosition.TOP, TowerPosition.BOTTOM), self.colours())
+                return sem.EndColour(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM), self.colours())
             case "only":
-                return ContainsOnly(Description(colours=self.colours(self.pick(1, 1, 2))))
+                return sem.ContainsOnly(sem.Description(colours=self.colours(self.pick(1, 1, 2))))
             case "variety":
-                return BoxVariety(Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return sem.BoxVariety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
-                return MatchingEnds(self.chance(0.6))
+                return sem.MatchingEnds(self.chance(0.6))
 
-    def tower_count(self, number: int, *, quantity: Quantity | None = None) -> Clause:
-        return BoxCount(quantity or self.box_quantity(), self.conditions(number), towers=True)
+    def tower_count(self, number: int, *, quantity: Quantity | None = None) -> sem.Clause:
+        return sem.BoxCount(quantity or self.box_quantity(), self.conditions(number), towers=True)
 
-    def named_tower(self) -> Clause:
-        return NamedBox(self.pick(0, 1, 2), self.conditions(1), towers=True)
+    def named_tower(self) -> sem.Clause:
+        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(1), towers=True)
 
-    def named_box_with_two_conditions(self) -> Clause:
-        return NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
+    def named_box_with_two_conditions(self) -> sem.Clause:
+        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
 
-    def every_box(self) -> Clause:
-        return BoxCount(exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
+    def every_box(self) -> sem.Clause:
+        return sem.BoxCount(exactly(3), (sem.Contains(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
 
-    def every_tower(self) -> Clause:
-        return EveryTower(self.conditions(1))
+    def every_tower(self) -> sem.Clause:
+        return sem.EveryTower(self.conditions(1))
 
-    def stacked(self) -> RelatedTo | RelatedByAttribute:
-        relation = self.pick(Relation.ON, Relation.ON, Relation.UNDER, Relation.ABOVE, Relation.BELOW)
+    def stacked(self) -> sem.RelatedTo | sem.RelatedByAttribute:
+        relation = self.pick(
+            sem.Relation.ON, sem.Relation.ON, sem.Relation.UNDER, sem.Relation.ABOVE, sem.Relation.BELOW
+        )
         if self.chance(0.2):
-            return RelatedByAttribute(relation, Attribute.COLOUR, self.chance(0.6))
-        return RelatedTo(relation, self.one_colour())
+            return sem.RelatedByAttribute(relation, sem.Attribute.COLOUR, self.chance(0.6))
+        return sem.RelatedTo(relation, self.one_colour())
 
-    def stacked_existence(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
+    def stacked_existence(self) -> sem.Clause:
+        return sem.ItemCount(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
 
-    def stacked_quantity(self) -> Clause:
+    def stacked_quantity(self) -> sem.Clause:
         quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return ItemCount(quantity, self.described_items().such_that(self.stacked()))
+        return sem.ItemCount(quantity, self.described_items().such_that(self.stacked()))
 
-    def predicate(self) -> Predicate:
-        return self.pick(self.at_position(), self.stacked(), InBox(self.pick(0, 1, 2)))
+    def predicate(self) -> sem.Predicate:
+        return self.pick(self.at_position(), self.stacked(), sem.InBox(self.pick(0, 1, 2)))
 
-    def every_item(self) -> Clause:
+    def every_item(self) -> sem.Clause:
         if self.chance(0.3):
-            return EveryItem(
-                NounPhrase(Description(), (self.at_position(),)),
-                Matches(Description(colours=self.colours(self.pick(1, 2)))),
+            return sem.EveryItem(
+                sem.NounPhrase(sem.Description(), (self.at_position(),)),
+                sem.Matches(sem.Description(colours=self.colours(self.pick(1, 2)))),
             )
-        return EveryItem(self.one_colour(), self.predicate())
+        return sem.EveryItem(self.one_colour(), self.predicate())
 
-    def not_every_item(self) -> Clause:
-        return NotEveryItem(self.one_colour(), self.predicate())
+    def not_every_item(self) -> sem.Clause:
+        return sem.NotEveryItem(self.one_colour(), self.predicate())
 
-    def partitive_count(self) -> Clause:
+    def partitive_count(self) -> sem.Clause:
         quantity = self.partitive_total()
-        return PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), self.predicate())
+        return sem.PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), self.predicate())
 
-    def largest_box(self) -> Clause:
-        return LargestBox(ANYTHING, self.conditions(1))
+    def largest_box(self) -> sem.Clause:
+        return sem.LargestBox(sem.ANYTHING, self.conditions(1))
 
-    def box_comparison(self) -> Clause:
+    def box_comparison(self) -> sem.Clause:
         one, other = self.two_boxes()
-        order = self.pick(*Order)
+        order = self.pick(*sem.Order)
         if self.chance(0.5):
-            return BoxComparison(ANYTHING, one, order, other, towers=True)
-        return BoxComparison(self.pick(ANYTHING, self.one_colour()), one, order, other)
+            return sem.BoxComparison(sem.ANYTHING, one, order, other, towers=True)
+        return sem.BoxComparison(self.pick(sem.ANYTHING, self.one_colour()), one, order, other)
 
-    def parity(self) -> Clause:
-        return Parity(self.pick(ANYTHING, self.one_colour()), self.chance(0.4))
+    def parity(self) -> sem.Clause:
+        return sem.Parity(self.pick(sem.ANYTHING, self.one_colour()), self.chance(0.4))
 
-    def box_with_partitive(self) -> Clause:
+    def box_with_partitive(self) -> sem.Clause:
         quantity = self.partitive_total()
-        predicate = self.pick(self.stacked(), AtPosition(self.pick(TowerPosition.TOP, TowerPosition.BOTTOM)))
-        return BoxCount(
-            SOME, (ContainsPartitive(quantity, self.one_colour(), self.partitive(quantity), predicate),), towers=True
+        predicate = self.pick(
+            self.stacked(), sem.AtPosition(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM))
+        )
+        return sem.BoxCount(
+            SOME,
+            (sem.ContainsPartitive(quantity, self.one_colour(), self.partitive(quantity), predicate),),
+            towers=True,
         )
 
 
@@ -446,149 +422,164 @@ class ScatterMeaningSampler(MeaningSampler):
             5: [(6, self.compound), (3, lambda: self.box_count(3)), (4, self.box_with_partitive)],
         }
 
-    def description(self, *, rich: float = 0.5) -> Description:
+    def description(self, *, rich: float = 0.5) -> sem.Description:
         """One attribute value; with probability `rich` two or, rarely, all three."""
         attributes = self.pick("colour", "colour", "shape", "shape", "size")
         if self.chance(rich):
             attributes = self.pick(
                 "colour shape", "colour shape", "colour shape", "size shape", "size colour", "size colour shape"
             )
-        return Description(
+        return sem.Description(
             shape=self.pick(*Shape) if "shape" in attributes else None,
             colours=self.colours(self.pick(1, 1, 1, 1, 1, 2)) if "colour" in attributes else frozenset(),
             size=self.pick(*Size) if "size" in attributes else None,
         )
 
-    def described_items(self) -> NounPhrase:
-        return NounPhrase(self.description())
+    def described_items(self) -> sem.NounPhrase:
+        return sem.NounPhrase(self.description())
 
-    def total_count(self) -> Clause:
-        return ItemCount(self.quantity(6, none=0), ANYTHING)
+    def total_count(self) -> sem.Clause:
+        return sem.ItemCount(self.quantity(6, none=0), sem.ANYTHING)
 
-    def attribute(self) -> Attribute:
-        return self.pick(Attribute.COLOUR, Attribute.COLOUR, Attribute.SHAPE, Attribute.SIZE)
+    def attribute(self) -> sem.Attribute:
+        return self.pick(sem.Attribute.COLOUR, sem.Attribute.COLOUR, sem.Attribute.SHAPE, sem.Attribute.SIZE)
 
-    def every_item_described(self) -> Clause:
-        return EveryItem(ANYTHING, Matches(self.description(rich=0.2)))
+    def every_item_described(self) -> sem.Clause:
+        return sem.EveryItem(sem.ANYTHING, sem.Matches(self.description(rich=0.2)))
 
-    def scene_variety(self) -> Clause:
-        return SceneVariety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
+    def scene_variety(self) -> sem.Clause:
+        return sem.SceneVariety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
 
-    def named_box_contents(self) -> Clause:
-        return NamedBox(
+    def named_box_contents(self) -> sem.Clause:
+        return sem.NamedBox(
             self.pick(0, 1, 2),
             (
                 self.pick(
-                    Contains(self.quantity_in_box(), self.described_items()),
-                    Contains(self.quantity_in_box(), self.described_items()),
-                    Contains(NONE, ANYTHING),
+                    sem.Contains(self.quantity_in_box(), self.described_items()),
+                    sem.Contains(self.quantity_in_box(), self.described_items()),
+                    sem.Contains(NONE, sem.ANYTHING),
                 ),
             ),
         )
 
-    def predicate(self, *, positive: bool = False) -> Predicate:
+    def predicate(self, *, positive: bool = False) -> sem.Predicate:
         positive = positive or self.chance(0.85)
         match self.pick("wall", "wall", "side", "side", "side", "near", "corner", "box"):
             case "wall":
-                return AtWall(positive=positive)
+                return sem.AtWall(positive=positive)
             case "side":
-                return AtWall(self.pick(*Wall), positive=positive)
+                return sem.AtWall(self.pick(*sem.Wall), positive=positive)
             case "near":
-                return AtWall(self.pick(None, *Wall), near=True)
+                return sem.AtWall(self.pick(None, *sem.Wall), near=True)
             case "corner":
-                return InCorner(positive=positive)
+                return sem.InCorner(positive=positive)
             case _:
-                return InBox(self.pick(0, 1, 2), positive=positive)
+                return sem.InBox(self.pick(0, 1, 2), positive=positive)
 
-    def related_to(self) -> RelatedTo | RelatedByAttribute:
-        relation = self.pick(Relation.TOUCHING, Relation.TOUCHING, Relation.NEAR, Relation.ABOVE, Relation.BELOW)
+    def related_to(self) -> sem.RelatedTo | sem.RelatedByAttribute:
+        relation = self.pick(
+            sem.Relation.TOUCHING, sem.Relation.TOUCHING, sem.Relation.NEAR, sem.Relation.ABOVE, sem.Relation.BELOW
+        )
         if self.chance(0.2):
-            return RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
-        noun = self.pick(NounPhrase(self.description(rich=0.4)), NounPhrase(self.description(rich=0.4)), ANYTHING)
-        return RelatedTo(relation, noun, positive=relation is not Relation.TOUCHING or self.chance(0.85))
+            return sem.RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
+        noun = self.pick(
+            sem.NounPhrase(self.description(rich=0.4)), sem.NounPhrase(self.description(rich=0.4)), sem.ANYTHING
+        )
+        return sem.RelatedTo(relation, noun, positive=relation is not sem.Relation.TOUCHING or self.chance(0.85))
 
-    def items_with_predicate(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate()))
-
-    def quantity_with_predicate(self) -> Clause:
-        return ItemCount(self.quantity(4), NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
-
-    def items_with_two_predicates(self) -> Clause:
-        first = self.pick(AtWall(self.pick(None, *Wall)), InCorner())
-        return ItemCount(self.quantity(2), NounPhrase(self.description(rich=0.3), (first, InBox(self.pick(0, 1, 2)))))
-
-    def every_item(self) -> Clause:
-        return EveryItem(
-            NounPhrase(self.description(rich=0.3)),
-            self.pick(Matches(self.description(rich=0)), self.predicate(positive=True)),
+    def items_with_predicate(self) -> sem.Clause:
+        return sem.ItemCount(
+            self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate())
         )
 
-    def every_item_with_predicate(self) -> Clause:
-        if self.chance(0.6):
-            return EveryItem(
-                NounPhrase(Description(), (self.predicate(positive=True),)), Matches(self.description(rich=0))
-            )
-        return EveryItem(NounPhrase(self.description(rich=0.3)), self.positive_relation())
+    def quantity_with_predicate(self) -> sem.Clause:
+        return sem.ItemCount(self.quantity(4), sem.NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
 
-    def positive_relation(self) -> RelatedTo | RelatedByAttribute:
+    def items_with_two_predicates(self) -> sem.Clause:
+        first = self.pick(sem.AtWall(self.pick(None, *sem.Wall)), sem.InCorner())
+        return sem.ItemCount(
+            self.quantity(2), sem.NounPhrase(self.description(rich=0.3), (first, sem.InBox(self.pick(0, 1, 2))))
+        )
+
+    def every_item(self) -> sem.Clause:
+        return sem.EveryItem(
+            sem.NounPhrase(self.description(rich=0.3)),
+            self.pick(sem.Matches(self.description(rich=0)), self.predicate(positive=True)),
+        )
+
+    def every_item_with_predicate(self) -> sem.Clause:
+        if self.chance(0.6):
+            return sem.EveryItem(
+                sem.NounPhrase(sem.Description(), (self.predicate(positive=True),)),
+                sem.Matches(self.description(rich=0)),
+            )
+        return sem.EveryItem(sem.NounPhrase(self.description(rich=0.3)), self.positive_relation())
+
+    def positive_relation(self) -> sem.RelatedTo | sem.RelatedByAttribute:
         return replace(self.related_to(), positive=True)
 
-    def every_box(self) -> Clause:
-        return BoxCount(
-            exactly(3), (Contains(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
+    def every_box(self) -> sem.Clause:
+        return sem.BoxCount(
+            exactly(3), (sem.Contains(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
         )
 
-    def related_existence(self) -> Clause:
-        return ItemCount(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
+    def related_existence(self) -> sem.Clause:
+        return sem.ItemCount(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
 
-    def related_quantity(self) -> Clause:
+    def related_quantity(self) -> sem.Clause:
         quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return ItemCount(quantity, NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
+        return sem.ItemCount(quantity, sem.NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
 
-    def condition(self) -> BoxCondition:
+    def condition(self) -> sem.BoxCondition:
         match self.pick(*["contains"] * 5, "total", "total", "only", "variety", "predicate"):
             case "contains":
-                return Contains(self.quantity_in_box(), self.described_items())
+                return sem.Contains(self.quantity_in_box(), self.described_items())
             case "total":
                 number = self.pick(1, 2, 3, 3, 4, 5)
-                return Contains(self.pick(exactly(number), at_least(max(2, number))), ANYTHING)
+                return sem.Contains(self.pick(exactly(number), at_least(max(2, number))), sem.ANYTHING)
             case "only":
-                return ContainsOnly(self.description(rich=0.2))
+                return sem.ContainsOnly(self.description(rich=0.2))
             case "variety":
-                return BoxVariety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return sem.BoxVariety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
-                predicate = self.pick(AtWall(), AtWall(self.pick(*Wall)), InCorner())
-                return Contains(self.pick(SOME, SOME, NONE), NounPhrase(self.description(rich=0.3), (predicate,)))
+                predicate = self.pick(sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner())
+                return sem.Contains(
+                    self.pick(SOME, SOME, NONE), sem.NounPhrase(self.description(rich=0.3), (predicate,))
+                )
 
-    def named_box_with_two_conditions(self) -> Clause:
-        return NamedBox(self.pick(0, 1, 2), self.conditions(2))
+    def named_box_with_two_conditions(self) -> sem.Clause:
+        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2))
 
-    def not_every_item(self) -> Clause:
-        return NotEveryItem(
-            NounPhrase(self.description(rich=0.2)),
-            self.pick(Matches(self.description(rich=0)), self.predicate(positive=True)),
+    def not_every_item(self) -> sem.Clause:
+        return sem.NotEveryItem(
+            sem.NounPhrase(self.description(rich=0.2)),
+            self.pick(sem.Matches(self.description(rich=0)), self.predicate(positive=True)),
         )
 
-    def partitive_count(self) -> Clause:
+    def partitive_count(self) -> sem.Clause:
         quantity = self.partitive_total()
         predicate = self.pick(
-            Matches(self.description(rich=0)), self.predicate(positive=True), self.predicate(positive=True)
+            sem.Matches(self.description(rich=0)), self.predicate(positive=True), self.predicate(positive=True)
         )
-        return PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate)
+        return sem.PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate)
 
-    def largest_box(self) -> Clause:
-        return LargestBox(self.pick(ANYTHING, ANYTHING, NounPhrase(self.description(rich=0))), self.conditions(1))
+    def largest_box(self) -> sem.Clause:
+        return sem.LargestBox(
+            self.pick(sem.ANYTHING, sem.ANYTHING, sem.NounPhrase(self.description(rich=0))), self.conditions(1)
+        )
 
-    def box_comparison(self) -> Clause:
+    def box_comparison(self) -> sem.Clause:
         one, other = self.two_boxes()
-        return BoxComparison(self.pick(ANYTHING, self.described_items()), one, self.pick(*Order), other)
+        return sem.BoxComparison(self.pick(sem.ANYTHING, self.described_items()), one, self.pick(*sem.Order), other)
 
-    def parity(self) -> Clause:
-        return Parity(self.pick(ANYTHING, NounPhrase(self.description(rich=0))), self.chance(0.4))
+    def parity(self) -> sem.Clause:
+        return sem.Parity(self.pick(sem.ANYTHING, sem.NounPhrase(self.description(rich=0))), self.chance(0.4))
 
-    def box_with_partitive(self) -> Clause:
+    def box_with_partitive(self) -> sem.Clause:
         quantity = self.partitive_total()
-        predicate = self.pick(Matches(self.description(rich=0)), AtWall(), AtWall(self.pick(*Wall)), InCorner())
-        return BoxCount(
-            SOME, (ContainsPartitive(quantity, self.described_items(), self.partitive(quantity), predicate),)
+        predicate = self.pick(
+            sem.Matches(self.description(rich=0)), sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner()
+        )
+        return sem.BoxCount(
+            SOME, (sem.ContainsPartitive(quantity, self.described_items(), self.partitive(quantity), predicate),)
         )

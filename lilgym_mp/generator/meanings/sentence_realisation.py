@@ -6,37 +6,8 @@ import random
 from collections.abc import Callable, Sequence
 
 from lilgym_mp.generator.lexicon import Phrase, Style, article, conjugated, listed, pluralised
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.meanings.phrase_realisation import ATTRIBUTE_NAMES, BOX_NAMES, PhraseRealiser
-from lilgym_mp.generator.meanings.semantics import (
-    ANYTHING,
-    BoxComparison,
-    BoxCondition,
-    BoxConditions,
-    BoxCount,
-    BoxVariety,
-    Clause,
-    Compound,
-    Contains,
-    ContainsOnly,
-    CountComparison,
-    Description,
-    EndColour,
-    EqualCounts,
-    EveryItem,
-    EveryTower,
-    ItemCount,
-    LargestBox,
-    Matches,
-    NamedBox,
-    NotEveryItem,
-    NounPhrase,
-    Order,
-    Parity,
-    Partitive,
-    PartitiveCount,
-    SceneVariety,
-    TowerPosition,
-)
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, exactly
 
 Template = Callable[[], str]
@@ -64,7 +35,7 @@ def random_style(rng: random.Random, appearance: str) -> Style:
     )
 
 
-def realise_statement(clause: Clause, rng: random.Random, style: Style) -> str:
+def realise_statement(clause: sem.Clause, rng: random.Random, style: Style) -> str:
     """The clause as a sentence, mostly with a capital and full stop and sometimes with contractions."""
     text = SentenceRealiser(rng, style).clause(clause)
     if rng.random() < 0.25:
@@ -80,47 +51,47 @@ def realise_statement(clause: Clause, rng: random.Random, style: Style) -> str:
 class SentenceRealiser(PhraseRealiser):
     """Realises clauses as lower-case sentences without a full stop."""
 
-    def clause(self, clause: Clause) -> str:
+    def clause(self, clause: sem.Clause) -> str:
         return self.rng.choice(self.templates(clause))()
 
-    def templates(self, clause: Clause) -> Sequence[Template]:
+    def templates(self, clause: sem.Clause) -> Sequence[Template]:
         match clause:
-            case ItemCount(quantity, noun):
+            case sem.ItemCount(quantity, noun):
                 return self.item_count_templates(quantity, noun)
-            case PartitiveCount():
+            case sem.PartitiveCount():
                 return self.partitive_templates(clause)
-            case BoxCount():
+            case sem.BoxCount():
                 return self.box_count_templates(clause)
-            case EveryTower(conditions):
+            case sem.EveryTower(conditions):
                 return self.every_tower_templates(conditions)
-            case NamedBox():
+            case sem.NamedBox():
                 return self.named_box_templates(clause)
-            case EveryItem():
+            case sem.EveryItem():
                 return self.every_item_templates(clause)
-            case NotEveryItem(noun, predicate):
+            case sem.NotEveryItem(noun, predicate):
                 return [
                     lambda: f"not every {self.noun(noun, False)} {self.verb_phrase(predicate, False)}",
                     lambda: f"not all of the {self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
                     lambda: f"not all {self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
                 ]
-            case CountComparison():
+            case sem.CountComparison():
                 return self.count_comparison_templates(clause)
-            case BoxComparison():
+            case sem.BoxComparison():
                 return self.box_comparison_templates(clause)
-            case SceneVariety(attribute, quantity):
+            case sem.SceneVariety(attribute, quantity):
                 return self.variety_templates(ATTRIBUTE_NAMES[attribute], quantity)
-            case EqualCounts(noun, same):
+            case sem.EqualCounts(noun, same):
                 return self.equal_counts_templates(noun, same)
-            case Parity(noun, even):
+            case sem.Parity(noun, even):
                 parity = "even" if even else "odd"
                 return [
                     lambda: f"the number of {self.noun(noun, True)} is {parity}",
                     lambda: f"there is an {parity} number of {self.noun(noun, True)}",
                     lambda: f"the {self.style.picture} has an {parity} number of {self.noun(noun, True)}",
                 ]
-            case LargestBox(noun, conditions):
+            case sem.LargestBox(noun, conditions):
                 return self.largest_box_templates(noun, conditions)
-            case Compound(conjunctive, clauses):
+            case sem.Compound(conjunctive, clauses):
                 return self.compound_templates(conjunctive, clauses)
 
     # Clauses about items
@@ -128,7 +99,7 @@ class SentenceRealiser(PhraseRealiser):
     def there_is(self, phrase: Phrase) -> str:
         return f"there {self.be(phrase.plural)} {phrase.text}"
 
-    def item_count_templates(self, quantity: Quantity, noun: NounPhrase) -> list[Template]:
+    def item_count_templates(self, quantity: Quantity, noun: sem.NounPhrase) -> list[Template]:
         templates: list[Template] = [
             lambda: self.there_is(self.quantified(quantity, noun)),
             lambda: f"{self.pick('we', 'you can', 'I can')} see {self.quantified(quantity, noun).text}",
@@ -158,7 +129,7 @@ class SentenceRealiser(PhraseRealiser):
                 lambda: f"somewhere there is {self.indefinite(noun)}",
                 lambda: f"{self.indefinite(noun)} is {self.pick('in', 'inside')} one of the boxes",
             ]
-        if quantity.low > 1 and noun == NounPhrase(noun.description):
+        if quantity.low > 1 and noun == sem.NounPhrase(noun.description):
             templates.append(
                 lambda: f"the {self.pick('', 'three ')}boxes hold {self.quantified(quantity, noun).text} in total"
             )
@@ -170,7 +141,7 @@ class SentenceRealiser(PhraseRealiser):
     def picture_lacks(self, things: str) -> str:
         return f"the {self.style.picture} does not {self.pick('show', 'have', 'contain')} any {things}"
 
-    def quantity_of(self, has: Contains) -> Phrase:
+    def quantity_of(self, has: sem.Contains) -> Phrase:
         return self.quantified(has.quantity, has.noun)
 
     def bare_range(self, quantity: Quantity) -> str:
@@ -190,21 +161,21 @@ class SentenceRealiser(PhraseRealiser):
         be = self.be(phrase.plural)
         return f"{phrase.text} {self.pick(f'{be} in the {self.style.picture}', f'{be} present', 'can be seen')}"
 
-    def subject_first(self, quantity: Quantity, noun: NounPhrase) -> str:
+    def subject_first(self, quantity: Quantity, noun: sem.NounPhrase) -> str:
         """ "two circles touch a wall": the last predicate becomes the verb phrase."""
         predicate = noun.predicates[-1]
-        subject = self.quantified(quantity, NounPhrase(noun.description, noun.predicates[:-1]))
+        subject = self.quantified(quantity, sem.NounPhrase(noun.description, noun.predicates[:-1]))
         return f"{subject.text} {self.verb_phrase(predicate, subject.plural)}"
 
-    def none_of(self, noun: NounPhrase) -> str:
+    def none_of(self, noun: sem.NounPhrase) -> str:
         predicate = noun.predicates[-1]
-        rest = NounPhrase(noun.description, noun.predicates[:-1])
+        rest = sem.NounPhrase(noun.description, noun.predicates[:-1])
         plural = self.chance(0.3)
         if self.chance(0.4):
             return f"not a single {self.noun(rest, False)} {self.verb_phrase(predicate, False)}"
         return f"none of the {self.noun(rest, True)} {self.verb_phrase(predicate, plural)}"
 
-    def partitive_templates(self, clause: PartitiveCount) -> list[Template]:
+    def partitive_templates(self, clause: sem.PartitiveCount) -> list[Template]:
         quantity, noun, partitive, predicate = clause.quantity, clause.noun, clause.partitive, clause.predicate
 
         def two_clauses() -> str:
@@ -215,7 +186,7 @@ class SentenceRealiser(PhraseRealiser):
             conjunction = self.pick(", and", " and", ", and")
             return f"{text}{conjunction} {self.partitive(partitive, quantity, predicate, 'them')}"
 
-        if quantity == exactly(1) and partitive is Partitive.ALL:
+        if quantity == exactly(1) and partitive is sem.Partitive.ALL:
             singular = self.noun(noun, plural=False)
             return [
                 two_clauses,
@@ -224,17 +195,17 @@ class SentenceRealiser(PhraseRealiser):
             ]
         return [two_clauses]
 
-    def every_item_templates(self, clause: EveryItem) -> list[Template]:
+    def every_item_templates(self, clause: sem.EveryItem) -> list[Template]:
         noun, predicate = clause.noun, clause.predicate
         templates: list[Template] = [
             lambda: f"{self.pick('every', 'each')} {self.noun(noun, False)} {self.verb_phrase(predicate, False)}",
             lambda: f"all of the {self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
             lambda: f"all {self.pick('', 'the ')}{self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
         ]
-        if not isinstance(predicate, Matches) or not predicate.positive or noun.description != Description():
+        if not isinstance(predicate, sem.Matches) or not predicate.positive or noun.description != sem.Description():
             return templates
         description = predicate.description
-        if noun == ANYTHING:
+        if noun == sem.ANYTHING:
             has = ("has", "contains")
             return [
                 *templates,
@@ -252,7 +223,7 @@ class SentenceRealiser(PhraseRealiser):
             ]
         return templates
 
-    def count_comparison_templates(self, clause: CountComparison) -> list[Template]:
+    def count_comparison_templates(self, clause: sem.CountComparison) -> list[Template]:
         one, other, order = clause.one, clause.other, clause.order
 
         def compared() -> tuple[str, str]:
@@ -267,7 +238,7 @@ class SentenceRealiser(PhraseRealiser):
                 return first, f"{self.colours(other.description.colours)} ones"
             return first, self.noun(other, True)
 
-        if order is Order.EQUAL:
+        if order is sem.Order.EQUAL:
             return [
                 lambda: "there are as many {} as {}".format(*compared()),
                 lambda: f"the number of {self.noun(one, True)} equals the number of {self.noun(other, True)}",
@@ -290,7 +261,7 @@ class SentenceRealiser(PhraseRealiser):
         ]
         if margin is None:
             templates.append(lambda: f"there are {word} {self.noun(one, True)} than there are {self.noun(other, True)}")
-            if order is Order.MORE:
+            if order is sem.Order.MORE:
                 templates.append(lambda: "the {} outnumber the {}".format(*compared()))
         return templates
 
@@ -315,7 +286,7 @@ class SentenceRealiser(PhraseRealiser):
 
     # Clauses about boxes
 
-    def box_count_templates(self, clause: BoxCount) -> list[Template]:
+    def box_count_templates(self, clause: sem.BoxCount) -> list[Template]:
         quantity, conditions, towers = clause.quantity, clause.conditions, clause.towers
         word = self.style.tower if towers else "box"
         nouns = pluralised(word)
@@ -338,7 +309,7 @@ class SentenceRealiser(PhraseRealiser):
         if quantity == NONE:
             templates.append(lambda: f"none of the {nouns} {self.box_verb_phrase(conditions, False)}")
         match conditions:
-            case (Contains(contained, noun),) if quantity == SOME and contained.low:
+            case (sem.Contains(contained, noun),) if quantity == SOME and contained.low:
                 templates.append(
                     lambda: f"{self.pick('in', 'inside')} some {word} {self.there_is(self.quantified(contained, noun))}"
                 )
@@ -354,14 +325,14 @@ class SentenceRealiser(PhraseRealiser):
         determiner = self.determiner(quantity)
         return Phrase(f"{determiner.text} {nouns if determiner.plural else word}", determiner.plural)
 
-    def partitive_boxes(self, quantity: Quantity, nouns: str, conditions: BoxConditions) -> str:
+    def partitive_boxes(self, quantity: Quantity, nouns: str, conditions: sem.BoxConditions) -> str:
         if quantity.high is None:
             number = f"at least {self.number(quantity.low)}"
         else:
             number = f"{self.pick('exactly', 'only', 'just')} {self.number(quantity.low)}"
         return f"{number} of the {nouns} {self.box_verb_phrase(conditions, quantity.low > 1)}"
 
-    def described_boxes(self, quantity: Quantity, conditions: BoxConditions, towers: bool) -> Phrase:
+    def described_boxes(self, quantity: Quantity, conditions: sem.BoxConditions, towers: bool) -> Phrase:
         """ "two towers with a blue top"; a height or a single colour may come before the noun: "a blue tower"."""
         word = self.style.tower if towers else "box"
         determiner = self.determiner(quantity)
@@ -369,23 +340,25 @@ class SentenceRealiser(PhraseRealiser):
         noun = pluralised(word) if determiner.plural else word
         before, after = "", conditions
         if towers and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, Contains)
+            assert isinstance(first, sem.Contains)
             before, after = self.number(first.quantity.low) + "-block ", rest
-        elif towers and isinstance(first, ContainsOnly) and len(first.description.colours) == 1 and self.chance(0.5):
+        elif (
+            towers and isinstance(first, sem.ContainsOnly) and len(first.description.colours) == 1 and self.chance(0.5)
+        ):
             before, after = self.colours(first.description.colours) + " ", rest
         modifier = f" {self.box_modifier(after, determiner.plural, towers)}" if after else ""
         if determiner.text == "a":
             return Phrase(article(before + noun) + modifier, plural=False)
         return Phrase(f"{determiner.text} {before}{noun}{modifier}", determiner.plural)
 
-    def box_modifier(self, conditions: BoxConditions, plural: bool, towers: bool) -> str:
+    def box_modifier(self, conditions: sem.BoxConditions, plural: bool, towers: bool) -> str:
         """The conditions as a modifier after the noun: "with two circles", "that has no square"."""
         first = conditions[0]
         if towers and len(conditions) == 1 and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, Contains)
+            assert isinstance(first, sem.Contains)
             return self.tall(first.quantity, plural)
-        if all(isinstance(condition, EndColour) for condition in conditions) and not plural and self.chance(0.3):
-            ends = [self.end_clause(end) for end in conditions if isinstance(end, EndColour)]
+        if all(isinstance(condition, sem.EndColour) for condition in conditions) and not plural and self.chance(0.3):
+            ends = [self.end_clause(end) for end in conditions if isinstance(end, sem.EndColour)]
             return " and ".join(f"whose {text}" for text in ends)
         if self.chance(0.25):
             return f"that {self.box_verb_phrase(conditions, plural)}"
@@ -396,34 +369,36 @@ class SentenceRealiser(PhraseRealiser):
         blocks = "block" if quantity.low == 1 else "blocks"
         return self.pick(f"of height {number}", f"that {self.be(plural)} {number} {blocks} {self.pick('tall', 'high')}")
 
-    def end_clause(self, end: EndColour) -> str:
-        names = ("top", "top block") if end.position is TowerPosition.TOP else ("base", "bottom block", "base block")
+    def end_clause(self, end: sem.EndColour) -> str:
+        names = (
+            ("top", "top block") if end.position is sem.TowerPosition.TOP else ("base", "bottom block", "base block")
+        )
         return f"{self.pick(*names)} is {self.colours(end.colours)}"
 
-    def box_verb_phrase(self, conditions: BoxConditions, plural: bool) -> str:
+    def box_verb_phrase(self, conditions: sem.BoxConditions, plural: bool) -> str:
         """The conditions as a verb phrase: "has two circles and no square"."""
         only = conditions[0]
-        if len(conditions) == 1 and only == Contains(NONE, ANYTHING):
+        if len(conditions) == 1 and only == sem.Contains(NONE, sem.ANYTHING):
             return f"{self.be(plural)} empty"
-        contents = all(isinstance(condition, (Contains, ContainsOnly)) for condition in conditions)
+        contents = all(isinstance(condition, (sem.Contains, sem.ContainsOnly)) for condition in conditions)
         verb = self.pick("has", "contains", "holds") if contents else "has"
         return f"{conjugated(verb, plural)} {self.all_contents(conditions)}"
 
-    def all_contents(self, conditions: BoxConditions) -> str:
+    def all_contents(self, conditions: sem.BoxConditions) -> str:
         first, *rest = conditions
-        if _is_height(first) and rest and isinstance(rest[0], BoxVariety | ContainsOnly):
-            assert isinstance(first, Contains)
+        if _is_height(first) and rest and isinstance(rest[0], sem.BoxVariety | sem.ContainsOnly):
+            assert isinstance(first, sem.Contains)
             return listed([self.described_total(first.quantity, rest[0]), *map(self.contents, rest[1:])])
         texts = [self.contents(condition) for condition in conditions]
-        negative = [isinstance(condition, Contains) and condition.quantity == NONE for condition in conditions]
+        negative = [isinstance(condition, sem.Contains) and condition.quantity == NONE for condition in conditions]
         if len(conditions) > 1 and negative[-1] and not any(negative[:-1]):
             return f"{listed(texts[:-1])} but {texts[-1]}"
         return listed(texts)
 
-    def described_total(self, quantity: Quantity, condition: BoxVariety | ContainsOnly) -> str:
+    def described_total(self, quantity: Quantity, condition: sem.BoxVariety | sem.ContainsOnly) -> str:
         """ "three blocks of two colors", "two objects, all of them blue" """
-        number = self.quantified(quantity, ANYTHING)
-        if isinstance(condition, BoxVariety):
+        number = self.quantified(quantity, sem.ANYTHING)
+        if isinstance(condition, sem.BoxVariety):
             items = pluralised(self.style.item)
             return number.text + self.variety(condition.attribute, condition.quantity, items).removeprefix(items)
         if quantity.low == 1:
@@ -431,14 +406,14 @@ class SentenceRealiser(PhraseRealiser):
         all_of = "both" if quantity.low == 2 else "all"
         return f"{number.text}, {all_of} of them {self.description_complement(condition.description, True)}"
 
-    def every_tower_templates(self, conditions: BoxConditions) -> list[Template]:
+    def every_tower_templates(self, conditions: sem.BoxConditions) -> list[Template]:
         word, articles = self.style.tower, ("", "the ", "of the ")
         return [
             lambda: f"{self.pick('every', 'each')} {word} {self.box_verb_phrase(conditions, False)}",
             lambda: f"all {self.pick(*articles)}{pluralised(word)} {self.box_verb_phrase(conditions, True)}",
         ]
 
-    def named_box_templates(self, clause: NamedBox) -> list[Template]:
+    def named_box_templates(self, clause: sem.NamedBox) -> list[Template]:
         name = BOX_NAMES[clause.index]
         word = self.style.tower if clause.towers else "box"
         conditions = clause.conditions
@@ -446,37 +421,37 @@ class SentenceRealiser(PhraseRealiser):
         templates: list[Template] = [lambda: f"the {name} {word} {self.box_verb_phrase(conditions, False)}"]
         if len(conditions) > 1:
             return templates
-        if isinstance(only, EndColour):
-            end = "top" if only.position is TowerPosition.TOP else "base"
+        if isinstance(only, sem.EndColour):
+            end = "top" if only.position is sem.TowerPosition.TOP else "base"
             templates.append(lambda: f"the {self.pick(end)} of the {name} {word} is {self.colours(only.colours)}")
         elif _is_height(only) and clause.towers:
-            quantity = only.quantity if isinstance(only, Contains) else SOME
+            quantity = only.quantity if isinstance(only, sem.Contains) else SOME
             blocks = "block" if quantity.low == 1 else "blocks"
             templates.append(
                 lambda: f"the {name} {word} is {self.number(quantity.low)} {blocks} {self.pick('tall', 'high')}"
             )
-        elif isinstance(only, Contains) and only.noun != ANYTHING:
+        elif isinstance(only, sem.Contains) and only.noun != sem.ANYTHING:
             templates += [
                 lambda: f"{self.pick('in', 'inside')} the {name} {word} {self.there_is(self.quantity_of(only))}",
                 lambda: f"{self.there_is(self.quantity_of(only))} in the {name} {word}",
             ]
         return templates
 
-    def box_comparison_templates(self, clause: BoxComparison) -> list[Template]:
+    def box_comparison_templates(self, clause: sem.BoxComparison) -> list[Template]:
         one, other = BOX_NAMES[clause.one], BOX_NAMES[clause.other]
         noun, order = clause.noun, clause.order
         if clause.towers:
             tower = self.style.tower
-            if order is Order.EQUAL:
+            if order is sem.Order.EQUAL:
                 return [
                     lambda: (
                         f"the {one} {tower} is as {self.pick('tall', 'high')} as the {other} {self.pick('one', tower)}"
                     ),
                     lambda: f"the {one} {tower} and the {other} {tower} have the same height",
                 ]
-            tall = ("taller", "higher") if order is Order.MORE else ("shorter", "lower")
+            tall = ("taller", "higher") if order is sem.Order.MORE else ("shorter", "lower")
             return [lambda: f"the {one} {tower} is {self.pick(*tall)} than the {other} {self.pick('one', tower)}"]
-        if order is Order.EQUAL:
+        if order is sem.Order.EQUAL:
             return [
                 lambda: f"the {one} box has as many {self.noun(noun, True)} as the {other} {self.pick('one', 'box')}",
                 lambda: f"the {one} box and the {other} box have the same number of {self.noun(noun, True)}",
@@ -486,7 +461,7 @@ class SentenceRealiser(PhraseRealiser):
             lambda: f"there are {order} {self.noun(noun, True)} in the {one} box than in the {other} one",
         ]
 
-    def equal_counts_templates(self, noun: NounPhrase, same: bool) -> list[Template]:
+    def equal_counts_templates(self, noun: sem.NounPhrase, same: bool) -> list[Template]:
         if same:
             return [
                 lambda: f"all {self.pick('', 'three ', 'the ')}boxes have the same number of {self.noun(noun, True)}",
@@ -498,12 +473,12 @@ class SentenceRealiser(PhraseRealiser):
             lambda: f"each box has a different number of {self.noun(noun, True)}",
         ]
 
-    def largest_box_templates(self, noun: NounPhrase, conditions: BoxConditions) -> list[Template]:
-        if noun == ANYTHING and self.style.item == "block":
+    def largest_box_templates(self, noun: sem.NounPhrase, conditions: sem.BoxConditions) -> list[Template]:
+        if noun == sem.ANYTHING and self.style.item == "block":
             name = f"the {self.pick('tallest', 'highest')} {self.style.tower}"
-            ends = [end for end in conditions if isinstance(end, EndColour)]
+            ends = [end for end in conditions if isinstance(end, sem.EndColour)]
             if len(conditions) == 1 and ends:
-                end = "top" if ends[0].position is TowerPosition.TOP else "base"
+                end = "top" if ends[0].position is sem.TowerPosition.TOP else "base"
                 return [
                     lambda: f"{name} {self.box_verb_phrase(conditions, False)}",
                     lambda: f"the {end} of {name} is {self.colours(ends[0].colours)}",
@@ -513,7 +488,7 @@ class SentenceRealiser(PhraseRealiser):
 
     # Compounds
 
-    def compound_templates(self, conjunctive: bool, clauses: tuple[Clause, ...]) -> list[Template]:
+    def compound_templates(self, conjunctive: bool, clauses: tuple[sem.Clause, ...]) -> list[Template]:
         if conjunctive:
             templates: list[Template] = [lambda: self.conjoined(clauses)]
         else:
@@ -521,19 +496,19 @@ class SentenceRealiser(PhraseRealiser):
                 lambda: f"either {' or '.join(self.clause(part) for part in clauses)}",
                 lambda: ", or ".join(self.clause(part) for part in clauses),
             ]
-        counts = [part for part in clauses if isinstance(part, ItemCount) and not part.noun.predicates]
+        counts = [part for part in clauses if isinstance(part, sem.ItemCount) and not part.noun.predicates]
         if len(counts) == len(clauses) and not any(_is_upper_bound(part.quantity) for part in counts):
             templates += [lambda: self.merged_counts(counts, conjunctive)] * 4
         return templates
 
-    def conjoined(self, clauses: Sequence[Clause]) -> str:
+    def conjoined(self, clauses: Sequence[sem.Clause]) -> str:
         *first, last = (self.clause(part) for part in clauses)
         joints = [", and", " and", ", and", ", while"]
         if _is_negative(clauses[-1]) != _is_negative(clauses[0]):
             joints = [", but", " but"]
         return f"{', '.join(first)}{self.pick(*joints)} {last}"
 
-    def merged_counts(self, counts: Sequence[ItemCount], conjunctive: bool) -> str:
+    def merged_counts(self, counts: Sequence[sem.ItemCount], conjunctive: bool) -> str:
         """ "there are two circles and a blue square" """
         if conjunctive and all(part.quantity == NONE for part in counts):
             texts = [self.noun(part.noun, True) for part in counts]
@@ -551,11 +526,11 @@ class SentenceRealiser(PhraseRealiser):
         return f"{opening} {text}"
 
 
-def _is_height(condition: BoxCondition) -> bool:
+def _is_height(condition: sem.BoxCondition) -> bool:
     """Whether the condition fixes the number of items in the box."""
     match condition:
-        case Contains(Quantity(low, high, False), noun):
-            return low == high and low > 0 and noun == ANYTHING
+        case sem.Contains(Quantity(low, high, False), noun):
+            return low == high and low > 0 and noun == sem.ANYTHING
         case _:
             return False
 
@@ -565,11 +540,11 @@ def _is_upper_bound(quantity: Quantity) -> bool:
     return quantity.low == 0 and quantity != NONE
 
 
-def _is_negative(clause: Clause) -> bool:
+def _is_negative(clause: sem.Clause) -> bool:
     match clause:
-        case ItemCount(quantity, _) | BoxCount(quantity, _, _):
+        case sem.ItemCount(quantity, _) | sem.BoxCount(quantity, _, _):
             return quantity == NONE
-        case NotEveryItem():
+        case sem.NotEveryItem():
             return True
         case _:
             return False

@@ -15,48 +15,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
 
+from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.meanings.chart_parser import Grammar
-from lilgym_mp.generator.meanings.semantics import (
-    ANYTHING,
-    AtPosition,
-    Attribute,
-    AtWall,
-    BoxComparison,
-    BoxCondition,
-    BoxCount,
-    BoxVariety,
-    Clause,
-    Compound,
-    Contains,
-    ContainsOnly,
-    ContainsPartitive,
-    CountComparison,
-    Description,
-    EndColour,
-    EqualCounts,
-    EveryItem,
-    EveryTower,
-    InBox,
-    InCorner,
-    ItemCount,
-    LargestBox,
-    Matches,
-    MatchingEnds,
-    NamedBox,
-    NotEveryItem,
-    NounPhrase,
-    Order,
-    Parity,
-    Partitive,
-    PartitiveCount,
-    Predicate,
-    RelatedByAttribute,
-    RelatedTo,
-    Relation,
-    SceneVariety,
-    TowerPosition,
-    Wall,
-)
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 from lilgym_mp.scene import Colour, Shape, Size
 
@@ -86,28 +46,28 @@ LEXICON: Mapping[str, Mapping[str, object]] = {
         **dict.fromkeys(("big", "large"), Size.LARGE),
     },
     "ATTRIBUTE": {
-        f"{attribute.replace('colour', 'color')}{s}": attribute for attribute in Attribute for s in ("", "s")
+        f"{attribute.replace('colour', 'color')}{s}": attribute for attribute in sem.Attribute for s in ("", "s")
     },
     "BOX_NAME": {"left": 0, "middle": 1, "right": 2},
-    "ORDER": {"more": Order.MORE, "fewer": Order.FEWER},
+    "ORDER": {"more": sem.Order.MORE, "fewer": sem.Order.FEWER},
     "TALLER": {
-        **dict.fromkeys(("taller", "higher"), Order.MORE),
-        **dict.fromkeys(("shorter", "lower"), Order.FEWER),
+        **dict.fromkeys(("taller", "higher"), sem.Order.MORE),
+        **dict.fromkeys(("shorter", "lower"), sem.Order.FEWER),
     },
     "BOX": {"box": False, "boxes": False, **dict.fromkeys(("tower", "towers", "stack", "stacks"), True)},
     "SIDE": {
-        "left": Wall.LEFT,
-        "right": Wall.RIGHT,
-        **dict.fromkeys(("top", "upper"), Wall.TOP),
-        **dict.fromkeys(("bottom", "lower"), Wall.BOTTOM),
+        "left": sem.Wall.LEFT,
+        "right": sem.Wall.RIGHT,
+        **dict.fromkeys(("top", "upper"), sem.Wall.TOP),
+        **dict.fromkeys(("bottom", "lower"), sem.Wall.BOTTOM),
     },
-    "END": {"top": TowerPosition.TOP, **dict.fromkeys(("bottom", "base"), TowerPosition.BOTTOM)},
-    "ORDINAL": {"second": TowerPosition.SECOND, "third": TowerPosition.THIRD},
+    "END": {"top": sem.TowerPosition.TOP, **dict.fromkeys(("bottom", "base"), sem.TowerPosition.BOTTOM)},
+    "ORDINAL": {"second": sem.TowerPosition.SECOND, "third": sem.TowerPosition.THIRD},
     "EVEN": {"even": True, "odd": False},
 }
 
 
-def parse_statement(statement: str) -> list[Clause]:
+def parse_statement(statement: str) -> list[sem.Clause]:
     """Every parse of the statement as a meaning; empty if the grammar does not cover it."""
     return _grammar().parses("STATEMENT", _tokens(statement))
 
@@ -138,7 +98,7 @@ def _grammar() -> Grammar:
 
 
 AddRule = Callable[..., None]  # Grammar.add
-Quantified = tuple[Quantity, NounPhrase]  # the value of a QNP
+Quantified = tuple[Quantity, sem.NounPhrase]  # the value of a QNP
 
 
 def _quantities(add: AddRule) -> None:
@@ -172,9 +132,9 @@ def _noun_phrases(add: AddRule) -> None:
     add(
         "DESCRIPTION",
         "SIZE? COLOURS? HEAD",
-        lambda size, colours, head: Description(head, colours or frozenset(), size),
+        lambda size, colours, head: sem.Description(head, colours or frozenset(), size),
     )
-    add("NP", "DESCRIPTION MODIFIERS?", lambda description, predicates: NounPhrase(description, predicates or ()))
+    add("NP", "DESCRIPTION MODIFIERS?", lambda description, predicates: sem.NounPhrase(description, predicates or ()))
     add("MODIFIERS", "MODIFIER MODIFIERS?", lambda predicate, more: (predicate, *(more or ())))
     add("MODIFIER", "that VP")
     add("MODIFIER", "LOCATION")
@@ -188,68 +148,68 @@ def _wall_predicates(add: AddRule) -> None:
     add("WALL", "a|an|any wall|edge|side", lambda: None)
     add("WALL", "the SIDE wall|edge|side")
     add("WALL", "the wall|edge|side on the SIDE")
-    add("WALL", "the floor", lambda: Wall.BOTTOM)
-    add("LOCATION", "touching|against WALL", AtWall)
-    add("LOCATION", "touching or almost touching WALL", lambda wall: AtWall(wall, near=True))
-    add("LOCATION", "very close to WALL or touching it", lambda wall: AtWall(wall, near=True))
-    add("VP", "touches|touch WALL", AtWall)
-    add("VP", "does|do not touch WALL", lambda wall: AtWall(wall, positive=False))
-    add("VP", "touches|touch or almost touches|touch WALL", lambda wall: AtWall(wall, near=True))
-    add("LOCATION", "sitting? in a corner", InCorner)
-    add("LOCATION", "in a corner of a box", InCorner)
-    add("LOCATION", "sitting? in corners", InCorner)
-    add("LOCATION", "tucked into a corner", InCorner)
+    add("WALL", "the floor", lambda: sem.Wall.BOTTOM)
+    add("LOCATION", "touching|against WALL", sem.AtWall)
+    add("LOCATION", "touching or almost touching WALL", lambda wall: sem.AtWall(wall, near=True))
+    add("LOCATION", "very close to WALL or touching it", lambda wall: sem.AtWall(wall, near=True))
+    add("VP", "touches|touch WALL", sem.AtWall)
+    add("VP", "does|do not touch WALL", lambda wall: sem.AtWall(wall, positive=False))
+    add("VP", "touches|touch or almost touches|touch WALL", lambda wall: sem.AtWall(wall, near=True))
+    add("LOCATION", "sitting? in a corner", sem.InCorner)
+    add("LOCATION", "in a corner of a box", sem.InCorner)
+    add("LOCATION", "sitting? in corners", sem.InCorner)
+    add("LOCATION", "tucked into a corner", sem.InCorner)
 
 
 def _predicates(add: AddRule) -> None:
-    add("LOCATION", "in|inside the BOX_NAME box", InBox)
-    add("LOCATION", "outside the BOX_NAME box", lambda index: InBox(index, positive=False))
-    add("LOCATION", "at the very? END of a|their tower|stack|towers|stacks", AtPosition)
-    add("LOCATION", "in ORDINAL position from the bottom", AtPosition)
-    add("LOCATION", "ORDINAL from the bottom", AtPosition)
+    add("LOCATION", "in|inside the BOX_NAME box", sem.InBox)
+    add("LOCATION", "outside the BOX_NAME box", lambda index: sem.InBox(index, positive=False))
+    add("LOCATION", "at the very? END of a|their tower|stack|towers|stacks", sem.AtPosition)
+    add("LOCATION", "in ORDINAL position from the bottom", sem.AtPosition)
+    add("LOCATION", "ORDINAL from the bottom", sem.AtPosition)
     for words, relation in (
-        ("touching", Relation.TOUCHING),
-        ("in contact with", Relation.TOUCHING),
-        ("touching or almost touching", Relation.NEAR),
-        ("directly on top of", Relation.ON),
-        ("right on top of", Relation.ON),
-        ("directly on|above", Relation.ON),
-        ("directly|right under|below", Relation.UNDER),
+        ("touching", sem.Relation.TOUCHING),
+        ("in contact with", sem.Relation.TOUCHING),
+        ("touching or almost touching", sem.Relation.NEAR),
+        ("directly on top of", sem.Relation.ON),
+        ("right on top of", sem.Relation.ON),
+        ("directly on|above", sem.Relation.ON),
+        ("directly|right under|below", sem.Relation.UNDER),
     ):
-        add("LOCATION", f"{words} INDEFINITE", lambda noun, relation=relation: RelatedTo(relation, noun))
-        add("LOCATION", f"{words} SIMILAR", lambda other, relation=relation: RelatedByAttribute(relation, *other))
+        add("LOCATION", f"{words} INDEFINITE", lambda noun, relation=relation: sem.RelatedTo(relation, noun))
+        add("LOCATION", f"{words} SIMILAR", lambda other, relation=relation: sem.RelatedByAttribute(relation, *other))
     for words, relation in (
-        ("somewhere? above", Relation.ABOVE),
-        ("higher up than", Relation.ABOVE),
-        ("somewhere? below", Relation.BELOW),
-        ("lower down than", Relation.BELOW),
+        ("somewhere? above", sem.Relation.ABOVE),
+        ("higher up than", sem.Relation.ABOVE),
+        ("somewhere? below", sem.Relation.BELOW),
+        ("lower down than", sem.Relation.BELOW),
     ):
         place = "in the same tower|stack|box"
-        add("LOCATION", f"{words} INDEFINITE {place}", lambda noun, relation=relation: RelatedTo(relation, noun))
+        add("LOCATION", f"{words} INDEFINITE {place}", lambda noun, relation=relation: sem.RelatedTo(relation, noun))
         add(
             "LOCATION",
             f"{words} SIMILAR {place}",
-            lambda other, relation=relation: RelatedByAttribute(relation, *other),
+            lambda other, relation=relation: sem.RelatedByAttribute(relation, *other),
         )
     add("SIMILAR", "a|an|another ITEM of the same ATTRIBUTE", lambda _, attribute: (attribute, True))
     add("SIMILAR", "a|an ITEM of a different ATTRIBUTE", lambda _, attribute: (attribute, False))
     add("SIMILAR", "a|an ITEM of another ATTRIBUTE", lambda _, attribute: (attribute, False))
-    add("VP", "touches|touch INDEFINITE", lambda noun: RelatedTo(Relation.TOUCHING, noun))
+    add("VP", "touches|touch INDEFINITE", lambda noun: sem.RelatedTo(sem.Relation.TOUCHING, noun))
     add("VP", "is|are|sits|sit|lies|lie|stands|stand|rests|rest LOCATION")
     add("VP", "is|are not LOCATION", _negated)
-    add("VP", "is|are COMPLEMENT", Matches)
-    add("VP", "is|are not COMPLEMENT", lambda description: Matches(description, positive=False))
-    add("COMPLEMENT", "either? COLOURS", lambda colours: Description(colours=colours))
-    add("COMPLEMENT", "SIZE", lambda size: Description(size=size))
-    add("COMPLEMENT", "SIZE and COLOURS", lambda size, colours: Description(size=size, colours=colours))
+    add("VP", "is|are COMPLEMENT", sem.Matches)
+    add("VP", "is|are not COMPLEMENT", lambda description: sem.Matches(description, positive=False))
+    add("COMPLEMENT", "either? COLOURS", lambda colours: sem.Description(colours=colours))
+    add("COMPLEMENT", "SIZE", lambda size: sem.Description(size=size))
+    add("COMPLEMENT", "SIZE and COLOURS", lambda size, colours: sem.Description(size=size, colours=colours))
     add(
         "COMPLEMENT",
         "a|an? SIZE? COLOURS? SHAPE",
-        lambda size, colours, shape: Description(shape, colours or frozenset(), size),
+        lambda size, colours, shape: sem.Description(shape, colours or frozenset(), size),
     )
 
 
-def _negated(predicate: Predicate) -> Predicate:
+def _negated(predicate: sem.Predicate) -> sem.Predicate:
     return replace(predicate, positive=False)
 
 
@@ -258,40 +218,40 @@ def _box_conditions(add: AddRule) -> None:
     add("VARIETY", "a single ATTRIBUTE", lambda attribute: (attribute, exactly(1)))
     add("VARIETY", "all three ATTRIBUTE", lambda attribute: (attribute, exactly(3)))
     add("VARIETY", "RANGE different? ATTRIBUTE", lambda quantity, attribute: (attribute, quantity))
-    add("CONTENT", "QNP", lambda quantified: (Contains(*quantified),))
-    add("CONTENT", "only DESCRIPTION", lambda description: (ContainsOnly(description),))
-    add("CONTENT", "nothing but NP", lambda noun: (ContainsOnly(_description_of(noun)),))
-    add("CONTENT", "only NP", lambda noun: (ContainsOnly(_description_of(noun)),))
-    add("CONTENT", "ITEM of VARIETY", lambda _, variety: (BoxVariety(*variety),))
-    add("CONTENT", "QNP of VARIETY", lambda quantified, variety: (Contains(*quantified), BoxVariety(*variety)))
+    add("CONTENT", "QNP", lambda quantified: (sem.Contains(*quantified),))
+    add("CONTENT", "only DESCRIPTION", lambda description: (sem.ContainsOnly(description),))
+    add("CONTENT", "nothing but NP", lambda noun: (sem.ContainsOnly(_description_of(noun)),))
+    add("CONTENT", "only NP", lambda noun: (sem.ContainsOnly(_description_of(noun)),))
+    add("CONTENT", "ITEM of VARIETY", lambda _, variety: (sem.BoxVariety(*variety),))
+    add("CONTENT", "QNP of VARIETY", lambda quantified, variety: (sem.Contains(*quantified), sem.BoxVariety(*variety)))
     add(
         "CONTENT",
         "QNP , both|all of them COMPLEMENT",
-        lambda quantified, description: (Contains(*quantified), ContainsOnly(description)),
+        lambda quantified, description: (sem.Contains(*quantified), sem.ContainsOnly(description)),
     )
     add("CONTENT", "QNP , PARTITIVE which VP", _contains_partitive)
     add(
         "CONTENT",
         "QNP , which VP",
-        lambda quantified, predicate: _contains_partitive(quantified, Partitive.ALL, predicate),
+        lambda quantified, predicate: _contains_partitive(quantified, sem.Partitive.ALL, predicate),
     )
-    add("CONTENT", "a|an COLOURS END", lambda colours, end: (EndColour(end, colours),))
-    add("CONTENT", "a|an COLOURS block at the END", lambda colours, end: (EndColour(end, colours),))
-    add("CONTENT", "a|an COLOURS block on END", lambda colours, end: (EndColour(end, colours),))
-    add("CONTENT", "a top|base and a top|base of the same color", lambda: (MatchingEnds(same=True),))
-    add("CONTENT", "a top|base and a top|base of different colors", lambda: (MatchingEnds(same=False),))
-    add("PARTITIVE", "both|all of", lambda: Partitive.ALL)
-    add("PARTITIVE", "none|neither of", lambda: Partitive.NONE)
-    add("PARTITIVE", "at least one of", lambda: Partitive.SOME)
-    add("PARTITIVE", "exactly|only|just one of", lambda: Partitive.ONE)
+    add("CONTENT", "a|an COLOURS END", lambda colours, end: (sem.EndColour(end, colours),))
+    add("CONTENT", "a|an COLOURS block at the END", lambda colours, end: (sem.EndColour(end, colours),))
+    add("CONTENT", "a|an COLOURS block on END", lambda colours, end: (sem.EndColour(end, colours),))
+    add("CONTENT", "a top|base and a top|base of the same color", lambda: (sem.MatchingEnds(same=True),))
+    add("CONTENT", "a top|base and a top|base of different colors", lambda: (sem.MatchingEnds(same=False),))
+    add("PARTITIVE", "both|all of", lambda: sem.Partitive.ALL)
+    add("PARTITIVE", "none|neither of", lambda: sem.Partitive.NONE)
+    add("PARTITIVE", "at least one of", lambda: sem.Partitive.SOME)
+    add("PARTITIVE", "exactly|only|just one of", lambda: sem.Partitive.ONE)
     add("CONTENTS", "CONTENT")
     add("CONTENTS", "CONTENT and|but CONTENT", lambda one, other: (*one, *other))
     add("CONTENTS", "CONTENT , CONTENT and|but CONTENT", lambda one, two, three: (*one, *two, *three))
     add("CONTENTS", "CONTENT and CONTENT but CONTENT", lambda one, two, three: (*one, *two, *three))
-    add("BOX_VP", "is|are empty", lambda: (Contains(NONE, ANYTHING),))
+    add("BOX_VP", "is|are empty", lambda: (sem.Contains(NONE, sem.ANYTHING),))
     add("BOX_VP", "has|have|contains|contain|holds|hold CONTENTS")
     add("TALL", "NUM block|blocks tall|high", _height)
-    add("END_CLAUSE", "END block? is COLOURS", lambda end, colours: (EndColour(end, colours),))
+    add("END_CLAUSE", "END block? is COLOURS", lambda end, colours: (sem.EndColour(end, colours),))
     add("BOX_MODIFIER", "with CONTENTS")
     add("BOX_MODIFIER", "that BOX_VP")
     add("BOX_MODIFIER", "of height NUM", _height)
@@ -300,23 +260,27 @@ def _box_conditions(add: AddRule) -> None:
     add("BOX_MODIFIER", "whose END_CLAUSE and whose END_CLAUSE", lambda one, other: (*one, *other))
 
 
-def _contains_partitive(quantified: Quantified, partitive: Partitive, predicate: Predicate) -> tuple[BoxCondition, ...]:
-    return (ContainsPartitive(*quantified, partitive, predicate),)
+def _contains_partitive(
+    quantified: Quantified, partitive: sem.Partitive, predicate: sem.Predicate
+) -> tuple[sem.BoxCondition, ...]:
+    return (sem.ContainsPartitive(*quantified, partitive, predicate),)
 
 
-def _height(number: int) -> tuple[BoxCondition, ...]:
-    return (Contains(exactly(number), ANYTHING),)
+def _height(number: int) -> tuple[sem.BoxCondition, ...]:
+    return (sem.Contains(exactly(number), sem.ANYTHING),)
 
 
-def _description_of(noun: NounPhrase) -> Description:
+def _description_of(noun: sem.NounPhrase) -> sem.Description:
     """The noun phrase as a description; its only predicate may be "that is not COLOUR"."""
     match noun:
-        case NounPhrase(description, ()):
+        case sem.NounPhrase(description, ()):
             return description
-        case NounPhrase(description, (Matches(Description(None, colours, None), False),)) if not description.colours:
-            return Description(description.shape, frozenset(Colour) - colours, description.size)
+        case sem.NounPhrase(description, (sem.Matches(sem.Description(None, colours, None), False),)) if (
+            not description.colours
+        ):
+            return sem.Description(description.shape, frozenset(Colour) - colours, description.size)
         case _:
-            return Description(colours=frozenset(Colour))
+            return sem.Description(colours=frozenset(Colour))
 
 
 def _item_clauses(add: AddRule) -> None:
@@ -328,15 +292,15 @@ def _item_clauses(add: AddRule) -> None:
     add("ADVERBIAL", "in total", lambda: None)
     add("ADVERBIAL", "altogether|overall", lambda: None)
     add("ADVERBIAL", "in the PICTURE", lambda _: None)
-    add("CLAUSE", "THERE QNP ADVERBIAL?", lambda _, quantified, place: ItemCount(*quantified))
-    add("CLAUSE", "QNP is|are present", lambda quantified: ItemCount(*quantified))
-    add("CLAUSE", "QNP is|are in the PICTURE", lambda quantified, _: ItemCount(*quantified))
-    add("CLAUSE", "QNP can be seen", lambda quantified: ItemCount(*quantified))
-    add("CLAUSE", "QNP is in|inside one of the boxes", lambda quantified: ItemCount(*quantified))
-    add("CLAUSE", "the three? boxes hold QNP in total", lambda quantified: ItemCount(*quantified))
-    add("CLAUSE", "there is|are not any NP", lambda noun: ItemCount(NONE, noun))
-    add("CLAUSE", "the PICTURE does not show|have|contain any NP", lambda _, noun: ItemCount(NONE, noun))
-    add("CLAUSE", "the number of NP is RANGE", lambda noun, quantity: ItemCount(quantity, noun))
+    add("CLAUSE", "THERE QNP ADVERBIAL?", lambda _, quantified, place: sem.ItemCount(*quantified))
+    add("CLAUSE", "QNP is|are present", lambda quantified: sem.ItemCount(*quantified))
+    add("CLAUSE", "QNP is|are in the PICTURE", lambda quantified, _: sem.ItemCount(*quantified))
+    add("CLAUSE", "QNP can be seen", lambda quantified: sem.ItemCount(*quantified))
+    add("CLAUSE", "QNP is in|inside one of the boxes", lambda quantified: sem.ItemCount(*quantified))
+    add("CLAUSE", "the three? boxes hold QNP in total", lambda quantified: sem.ItemCount(*quantified))
+    add("CLAUSE", "there is|are not any NP", lambda noun: sem.ItemCount(NONE, noun))
+    add("CLAUSE", "the PICTURE does not show|have|contain any NP", lambda _, noun: sem.ItemCount(NONE, noun))
+    add("CLAUSE", "the number of NP is RANGE", lambda noun, quantity: sem.ItemCount(quantity, noun))
     add("CLAUSE", "QNP VP", _quantified_subject)
     add("CLAUSE", "none of the NP VP", lambda noun, predicate: _item_count(NONE, noun, predicate))
     add("CLAUSE", "not a single NP VP", lambda noun, predicate: _item_count(NONE, noun, predicate))
@@ -348,71 +312,77 @@ def _item_clauses(add: AddRule) -> None:
     add(
         "CLAUSE",
         "THERE QNP ,? and it VP",
-        lambda _, quantified, predicate: _partitive_item_count(quantified, Partitive.ALL, predicate),
+        lambda _, quantified, predicate: _partitive_item_count(quantified, sem.Partitive.ALL, predicate),
     )
     add("CLAUSE", "the only NP VP", _the_only)
     add("CLAUSE", "the one and only NP VP", _the_only)
-    add("CLAUSE", "the number of NP is EVEN", Parity)
-    add("CLAUSE", "THERE a|an EVEN number of NP", lambda _, even, noun: Parity(noun, even))
+    add("CLAUSE", "the number of NP is EVEN", sem.Parity)
+    add("CLAUSE", "THERE a|an EVEN number of NP", lambda _, even, noun: sem.Parity(noun, even))
 
 
-def _quantified_subject(quantified: Quantified, predicate: Predicate) -> Clause:
+def _quantified_subject(quantified: Quantified, predicate: sem.Predicate) -> sem.Clause:
     return _item_count(*quantified, predicate)
 
 
-def _item_count(quantity: Quantity, noun: NounPhrase, predicate: Predicate) -> Clause:
-    return ItemCount(quantity, noun.such_that(predicate))
+def _item_count(quantity: Quantity, noun: sem.NounPhrase, predicate: sem.Predicate) -> sem.Clause:
+    return sem.ItemCount(quantity, noun.such_that(predicate))
 
 
-def _partitive_item_count(quantified: Quantified, partitive: Partitive, predicate: Predicate) -> Clause:
-    return PartitiveCount(*quantified, partitive, predicate)
+def _partitive_item_count(quantified: Quantified, partitive: sem.Partitive, predicate: sem.Predicate) -> sem.Clause:
+    return sem.PartitiveCount(*quantified, partitive, predicate)
 
 
-def _the_only(noun: NounPhrase, predicate: Predicate) -> Clause:
-    return PartitiveCount(exactly(1), noun, Partitive.ALL, predicate)
+def _the_only(noun: sem.NounPhrase, predicate: sem.Predicate) -> sem.Clause:
+    return sem.PartitiveCount(exactly(1), noun, sem.Partitive.ALL, predicate)
 
 
 def _universal_clauses(add: AddRule) -> None:
     """Universal statements, comparisons of counts, and variety of attribute values."""
-    add("CLAUSE", "every|each NP VP", EveryItem)
-    add("CLAUSE", "all of the NP VP", EveryItem)
-    add("CLAUSE", "all the? NP VP", EveryItem)
-    add("CLAUSE", "everything in the PICTURE VP", lambda _, predicate: EveryItem(ANYTHING, predicate))
+    add("CLAUSE", "every|each NP VP", sem.EveryItem)
+    add("CLAUSE", "all of the NP VP", sem.EveryItem)
+    add("CLAUSE", "all the? NP VP", sem.EveryItem)
+    add("CLAUSE", "everything in the PICTURE VP", lambda _, predicate: sem.EveryItem(sem.ANYTHING, predicate))
     add(
         "CLAUSE",
         "everything that VP VP",
-        lambda one, other: EveryItem(NounPhrase(Description(), (one,)), other),
+        lambda one, other: sem.EveryItem(sem.NounPhrase(sem.Description(), (one,)), other),
     )
     add(
         "CLAUSE",
         "only NP VP",
-        lambda noun, predicate: EveryItem(NounPhrase(Description(), (predicate,)), _matches(noun)),
+        lambda noun, predicate: sem.EveryItem(sem.NounPhrase(sem.Description(), (predicate,)), _matches(noun)),
     )
-    add("CLAUSE", "only NP can be seen", lambda noun: EveryItem(ANYTHING, _matches(noun)))
-    add("CLAUSE", "nothing but NP can be seen", lambda noun: EveryItem(ANYTHING, _matches(noun)))
-    add("CLAUSE", "there are only NP", lambda noun: EveryItem(ANYTHING, _matches(noun)))
-    add("CLAUSE", "the PICTURE has|contains nothing but NP", lambda _, noun: EveryItem(ANYTHING, _matches(noun)))
-    add("CLAUSE", "not every NP VP", NotEveryItem)
-    add("CLAUSE", "not all NP VP", NotEveryItem)
-    add("CLAUSE", "not all of the NP VP", NotEveryItem)
+    add("CLAUSE", "only NP can be seen", lambda noun: sem.EveryItem(sem.ANYTHING, _matches(noun)))
+    add("CLAUSE", "nothing but NP can be seen", lambda noun: sem.EveryItem(sem.ANYTHING, _matches(noun)))
+    add("CLAUSE", "there are only NP", lambda noun: sem.EveryItem(sem.ANYTHING, _matches(noun)))
+    add(
+        "CLAUSE", "the PICTURE has|contains nothing but NP", lambda _, noun: sem.EveryItem(sem.ANYTHING, _matches(noun))
+    )
+    add("CLAUSE", "not every NP VP", sem.NotEveryItem)
+    add("CLAUSE", "not all NP VP", sem.NotEveryItem)
+    add("CLAUSE", "not all of the NP VP", sem.NotEveryItem)
     add("CLAUSE", "THERE ORDER NP than OTHER", lambda _, order, one, other: _count_comparison(one, order, other))
     add(
         "CLAUSE",
         "THERE ORDER NP than there are NP",
-        lambda _, order, one, other: CountComparison(one, order, other),
+        lambda _, order, one, other: sem.CountComparison(one, order, other),
     )
     add(
         "CLAUSE",
         "THERE exactly NUM ORDER NP than OTHER",
         lambda _, margin, order, one, other: _count_comparison(one, order, other, margin),
     )
-    add("CLAUSE", "the NP outnumber the OTHER", lambda one, other: _count_comparison(one, Order.MORE, other))
-    add("CLAUSE", "there are as many NP as OTHER", lambda one, other: _count_comparison(one, Order.EQUAL, other))
-    add("CLAUSE", "there are equally many NP and NP", lambda one, other: CountComparison(one, Order.EQUAL, other))
+    add("CLAUSE", "the NP outnumber the OTHER", lambda one, other: _count_comparison(one, sem.Order.MORE, other))
+    add("CLAUSE", "there are as many NP as OTHER", lambda one, other: _count_comparison(one, sem.Order.EQUAL, other))
+    add(
+        "CLAUSE",
+        "there are equally many NP and NP",
+        lambda one, other: sem.CountComparison(one, sem.Order.EQUAL, other),
+    )
     add(
         "CLAUSE",
         "the number of NP equals the number of NP",
-        lambda one, other: CountComparison(one, Order.EQUAL, other),
+        lambda one, other: sem.CountComparison(one, sem.Order.EQUAL, other),
     )
     add("OTHER", "NP")
     add("OTHER", "ONES")
@@ -422,28 +392,28 @@ def _universal_clauses(add: AddRule) -> None:
     add(
         "CLAUSE",
         "all three ATTRIBUTE SHOWN in the PICTURE",
-        lambda attribute, *_: SceneVariety(attribute, exactly(3)),
+        lambda attribute, *_: sem.SceneVariety(attribute, exactly(3)),
     )
     add("SHOWN", "appear|occur", lambda: None)
     add("SHOWN", "can be seen", lambda: None)
-    add("CLAUSE", "THERE ITEM of VARIETY", lambda there, item, variety: SceneVariety(*variety))
+    add("CLAUSE", "THERE ITEM of VARIETY", lambda there, item, variety: sem.SceneVariety(*variety))
 
 
-def _single_value(_: object, attribute: Attribute) -> Clause:
-    return SceneVariety(attribute, exactly(1))
+def _single_value(_: object, attribute: sem.Attribute) -> sem.Clause:
+    return sem.SceneVariety(attribute, exactly(1))
 
 
-def _matches(noun: NounPhrase) -> Matches:
-    return Matches(_description_of(noun))
+def _matches(noun: sem.NounPhrase) -> sem.Matches:
+    return sem.Matches(_description_of(noun))
 
 
 def _count_comparison(
-    one: NounPhrase, order: Order, other: NounPhrase | frozenset[Colour], margin: int | None = None
-) -> Clause:
+    one: sem.NounPhrase, order: sem.Order, other: sem.NounPhrase | frozenset[Colour], margin: int | None = None
+) -> sem.Clause:
     """`other` may be colours only ("black ones"); the shape is then that of `one`."""
-    if not isinstance(other, NounPhrase):
-        other = NounPhrase(Description(one.description.shape, other))
-    return CountComparison(one, order, other, margin)
+    if not isinstance(other, sem.NounPhrase):
+        other = sem.NounPhrase(sem.Description(one.description.shape, other))
+    return sem.CountComparison(one, order, other, margin)
 
 
 def _box_clauses(add: AddRule) -> None:
@@ -451,111 +421,113 @@ def _box_clauses(add: AddRule) -> None:
     add(
         "BOXES",
         "Q NUM -block BOX BOX_MODIFIER?",
-        lambda q, number, towers, more: BoxCount(q, (*_height(number), *(more or ())), towers),
+        lambda q, number, towers, more: sem.BoxCount(q, (*_height(number), *(more or ())), towers),
     )
     add(
         "BOXES",
         "Q COLOURS BOX BOX_MODIFIER?",
-        lambda q, colours, towers, more: BoxCount(
-            q, (ContainsOnly(Description(colours=colours)), *(more or ())), towers
+        lambda q, colours, towers, more: sem.BoxCount(
+            q, (sem.ContainsOnly(sem.Description(colours=colours)), *(more or ())), towers
         ),
     )
-    add("BOXES", "Q BOX BOX_MODIFIER", lambda quantity, towers, conditions: BoxCount(quantity, conditions, towers))
+    add("BOXES", "Q BOX BOX_MODIFIER", lambda quantity, towers, conditions: sem.BoxCount(quantity, conditions, towers))
     add("CLAUSE", "THERE BOXES", lambda _, boxes: boxes)
-    add("CLAUSE", "Q BOX BOX_VP", lambda quantity, towers, conditions: BoxCount(quantity, conditions, towers))
+    add("CLAUSE", "Q BOX BOX_VP", lambda quantity, towers, conditions: sem.BoxCount(quantity, conditions, towers))
     add(
-        "CLAUSE", "RANGE of the BOX BOX_VP", lambda quantity, towers, conditions: BoxCount(quantity, conditions, towers)
+        "CLAUSE",
+        "RANGE of the BOX BOX_VP",
+        lambda quantity, towers, conditions: sem.BoxCount(quantity, conditions, towers),
     )
-    add("CLAUSE", "none of the BOX BOX_VP", lambda towers, conditions: BoxCount(NONE, conditions, towers))
+    add("CLAUSE", "none of the BOX BOX_VP", lambda towers, conditions: sem.BoxCount(NONE, conditions, towers))
     add(
         "CLAUSE",
         "in|inside some BOX there is|are QNP",
-        lambda towers, quantified: BoxCount(SOME, (Contains(*quantified),), towers),
+        lambda towers, quantified: sem.BoxCount(SOME, (sem.Contains(*quantified),), towers),
     )
     add("CLAUSE", "every|each BOX BOX_VP", _every_box)
     add("CLAUSE", "all of? the? three? BOX BOX_VP", _every_box)
-    add("CLAUSE", "the BOX_NAME BOX BOX_VP", lambda index, towers, conditions: NamedBox(index, conditions, towers))
+    add("CLAUSE", "the BOX_NAME BOX BOX_VP", lambda index, towers, conditions: sem.NamedBox(index, conditions, towers))
     add("CLAUSE", "in|inside the BOX_NAME BOX there is|are QNP", _contains_in_named_box)
     add(
         "CLAUSE",
         "there is|are QNP in the BOX_NAME BOX",
         lambda quantified, index, towers: _contains_in_named_box(index, towers, quantified),
     )
-    add("CLAUSE", "the BOX_NAME BOX is TALL", lambda index, towers, conditions: NamedBox(index, conditions, towers))
+    add("CLAUSE", "the BOX_NAME BOX is TALL", lambda index, towers, conditions: sem.NamedBox(index, conditions, towers))
     add(
         "CLAUSE",
         "the END of the BOX_NAME BOX is COLOURS",
-        lambda end, index, towers, colours: NamedBox(index, (EndColour(end, colours),), towers),
+        lambda end, index, towers, colours: sem.NamedBox(index, (sem.EndColour(end, colours),), towers),
     )
-    add("CLAUSE", "the tallest|highest tower|stack BOX_VP", lambda conditions: LargestBox(ANYTHING, conditions))
+    add("CLAUSE", "the tallest|highest tower|stack BOX_VP", lambda conditions: sem.LargestBox(sem.ANYTHING, conditions))
     add(
         "CLAUSE",
         "the END of the tallest|highest tower|stack is COLOURS",
-        lambda end, colours: LargestBox(ANYTHING, (EndColour(end, colours),)),
+        lambda end, colours: sem.LargestBox(sem.ANYTHING, (sem.EndColour(end, colours),)),
     )
-    add("CLAUSE", "the box with the most NP BOX_VP", LargestBox)
-    add("CLAUSE", "all the? three? boxes have the same number of NP", lambda noun: EqualCounts(noun, same=True))
-    add("CLAUSE", "each box has the same number of NP", lambda noun: EqualCounts(noun, same=True))
-    add("CLAUSE", "there are equally many NP in each box", lambda noun: EqualCounts(noun, same=True))
-    add("CLAUSE", "no two boxes have the same number of NP", lambda noun: EqualCounts(noun, same=False))
-    add("CLAUSE", "each box has a different number of NP", lambda noun: EqualCounts(noun, same=False))
+    add("CLAUSE", "the box with the most NP BOX_VP", sem.LargestBox)
+    add("CLAUSE", "all the? three? boxes have the same number of NP", lambda noun: sem.EqualCounts(noun, same=True))
+    add("CLAUSE", "each box has the same number of NP", lambda noun: sem.EqualCounts(noun, same=True))
+    add("CLAUSE", "there are equally many NP in each box", lambda noun: sem.EqualCounts(noun, same=True))
+    add("CLAUSE", "no two boxes have the same number of NP", lambda noun: sem.EqualCounts(noun, same=False))
+    add("CLAUSE", "each box has a different number of NP", lambda noun: sem.EqualCounts(noun, same=False))
     _box_comparisons(add)
 
 
-def _every_box(towers: bool, conditions: tuple[BoxCondition, ...]) -> Clause:
-    return EveryTower(conditions) if towers else BoxCount(exactly(3), conditions)
+def _every_box(towers: bool, conditions: tuple[sem.BoxCondition, ...]) -> sem.Clause:
+    return sem.EveryTower(conditions) if towers else sem.BoxCount(exactly(3), conditions)
 
 
-def _contains_in_named_box(index: int, towers: bool, quantified: Quantified) -> Clause:
-    return NamedBox(index, (Contains(*quantified),), towers)
+def _contains_in_named_box(index: int, towers: bool, quantified: Quantified) -> sem.Clause:
+    return sem.NamedBox(index, (sem.Contains(*quantified),), towers)
 
 
 def _box_comparisons(add: AddRule) -> None:
-    def taller(one: int, _: bool, order: Order, other: int) -> Clause:
-        return BoxComparison(ANYTHING, one, order, other, towers=True)
+    def taller(one: int, _: bool, order: sem.Order, other: int) -> sem.Clause:
+        return sem.BoxComparison(sem.ANYTHING, one, order, other, towers=True)
 
     add("CLAUSE", "the BOX_NAME BOX is TALLER than the BOX_NAME one|tower|stack", taller)
     add(
         "CLAUSE",
         "the BOX_NAME BOX is as tall|high as the BOX_NAME one|tower|stack",
-        lambda one, _, other: taller(one, True, Order.EQUAL, other),
+        lambda one, _, other: taller(one, True, sem.Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the BOX_NAME BOX and the BOX_NAME BOX have the same height",
-        lambda one, _, other, __: taller(one, True, Order.EQUAL, other),
+        lambda one, _, other, __: taller(one, True, sem.Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the BOX_NAME box has as many NP as the BOX_NAME one|box",
-        lambda one, noun, other: BoxComparison(noun, one, Order.EQUAL, other),
+        lambda one, noun, other: sem.BoxComparison(noun, one, sem.Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the BOX_NAME box and the BOX_NAME box have the same number of NP",
-        lambda one, other, noun: BoxComparison(noun, one, Order.EQUAL, other),
+        lambda one, other, noun: sem.BoxComparison(noun, one, sem.Order.EQUAL, other),
     )
     add(
         "CLAUSE",
         "the BOX_NAME box has ORDER NP than the BOX_NAME one|box",
-        lambda one, order, noun, other: BoxComparison(noun, one, order, other),
+        lambda one, order, noun, other: sem.BoxComparison(noun, one, order, other),
     )
     add(
         "CLAUSE",
         "there are ORDER NP in the BOX_NAME box than in the BOX_NAME one|box",
-        lambda order, noun, one, other: BoxComparison(noun, one, order, other),
+        lambda order, noun, one, other: sem.BoxComparison(noun, one, order, other),
     )
 
 
 def _compounds(add: AddRule) -> None:
     add("STATEMENT", "CLAUSE")
-    add("STATEMENT", "CLAUSE ,? and|while|but CLAUSE", lambda one, other: Compound(True, (one, other)))
-    add("STATEMENT", "either CLAUSE or CLAUSE", lambda one, other: Compound(False, (one, other)))
-    add("STATEMENT", "CLAUSE , or CLAUSE", lambda one, other: Compound(False, (one, other)))
+    add("STATEMENT", "CLAUSE ,? and|while|but CLAUSE", lambda one, other: sem.Compound(True, (one, other)))
+    add("STATEMENT", "either CLAUSE or CLAUSE", lambda one, other: sem.Compound(False, (one, other)))
+    add("STATEMENT", "CLAUSE , or CLAUSE", lambda one, other: sem.Compound(False, (one, other)))
     add("CLAUSE", "THERE both? QNP and|but QNP", lambda _, one, other: _compound_counts(True, one, other))
     add("CLAUSE", "THERE either? QNP or QNP", lambda _, one, other: _compound_counts(False, one, other))
     add("CLAUSE", "there are neither NP nor NP", lambda one, other: _compound_counts(True, (NONE, one), (NONE, other)))
 
 
-def _compound_counts(every: bool, one: Quantified, other: Quantified) -> Clause:
-    return Compound(every, (ItemCount(*one), ItemCount(*other)))
+def _compound_counts(every: bool, one: Quantified, other: Quantified) -> sem.Clause:
+    return sem.Compound(every, (sem.ItemCount(*one), sem.ItemCount(*other)))
