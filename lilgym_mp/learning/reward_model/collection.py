@@ -46,6 +46,13 @@ class Entry:
     index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
     by_truth: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
 
+    def random_task(self, rng: Rng) -> int:
+        """The index of a task: of those from the empty scene as often as of the others, if there are both."""
+        empty = [index for index, task in enumerate(self.tasks) if not any(task.start.items())]
+        full = [index for index, task in enumerate(self.tasks) if any(task.start.items())]
+        side = (empty if rng.random() < 0.5 else full) or empty or full
+        return side[rng.integers(len(side))]
+
 
 def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[Entry]:
     """One entry for each distinct statement."""
@@ -102,7 +109,7 @@ class Collector:
             side = entry.by_truth[rng.integers(2)] or range(len(entry.scenes))
             index = side[rng.integers(len(side))]
         else:
-            task_index = int(rng.integers(len(entry.tasks)))
+            task_index = entry.random_task(rng)
             index = self.stop(entry, task_index, entry.tasks[task_index].start, 0)
         task_index, edits, _ = entry.known[index]
         scene = self.table.scene(entry.scenes[index])

@@ -277,7 +277,7 @@ class _Run:
 
     def _search(self, entry: Entry) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
-        task_index = int(self._rng.integers(len(entry.tasks)))
+        task_index = entry.random_task(self._rng)
         breadth = replace(breadth_of(self._recipe), exchanges=1)
         planner = Planner(self._averaged, self._reader, self._settings.dynamics(), breadth, is_flipit=False)
         target = bool(self._rng.integers(2))
