@@ -62,7 +62,8 @@ class RewardModelAgent:
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect. Raises AgentError for another configuration."""
-        return ParseAndPlanPolicy(self.planner(settings))
+        planner: Any = self.planner(settings)  # makes plans with actions, but no programs
+        return ParseAndPlanPolicy(planner)
 
     def planner(self, settings: Settings) -> Planner:
         """Raises AgentError for a configuration it does not play."""

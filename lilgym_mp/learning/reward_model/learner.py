@@ -63,7 +63,7 @@ def train(args: argparse.Namespace) -> int:
         raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
     torch.set_num_threads(args.threads)
     directory, settings, recipe = _resumed(args) if args.resume else _new(args)
-    minutes: float = args.minutes
+    minutes: float = DEFAULT_MINUTES if args.minutes is None else args.minutes
     try:
         with Progress(round(60 * minutes), "CPU seconds", done=None if args.resume else 0) as display:
 

@@ -8,7 +8,8 @@ z_0 + sum_m o_m sigmoid(z_m) + constant. q_k, r_h, W_h, W_m and biases are compu
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -84,8 +85,9 @@ class CountingNetwork(nn.Module):
         text, mask = self.text(words), attention_mask(words)
         x = self.units.expand(len(words), -1, -1)
         no_mask = torch.zeros((), device=x.device)
-        for word_reading, unit_reading, feedforward in zip(
-            self.word_readings, self.unit_readings, self.feedforwards, strict=True
+        layers = zip(self.word_readings, self.unit_readings, self.feedforwards, strict=True)
+        for word_reading, unit_reading, feedforward in cast(
+            "Iterable[tuple[Attention, Attention, Feedforward]]", layers
         ):
             x = word_reading(x, word_reading.key_value(text), mask)
             x = unit_reading(x, unit_reading.key_value(unit_reading.norm(x)), no_mask)

@@ -8,13 +8,14 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.evaluation import Settings
@@ -33,7 +34,8 @@ from lilgym_mp.learning.reward_model.collection import (
     truths_of,
 )
 from lilgym_mp.learning.reward_model.features import BoxTable
-from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
+from lilgym_mp.learning.reward_model.network import CountingNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
@@ -214,11 +216,12 @@ class _Run:
         self._state.labels += truths.numel()
         decay = min(recipe.averaging, (1 + self._state.steps) / (10 + self._state.steps))
         with torch.no_grad():
-            torch._foreach_lerp_(list(self._averaged.parameters()), list(self._network.parameters()), 1 - decay)
+            for average, parameter in zip(self._averaged.parameters(), self._network.parameters(), strict=True):
+                average.lerp_(parameter, 1 - decay)
         return value, float(((logits > 0) == (truths > 0.5)).float().mean())
 
     def _judged(
-        self, network: nn.Module, columns: Any, entries: Sequence[Entry], indices: Sequence[Any]
+        self, network: CountingNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
     ) -> tuple[Tensor, Tensor]:
         """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
         scenes = np.array(
