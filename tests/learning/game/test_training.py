@@ -81,8 +81,8 @@ def equal(one: Path, other: Path) -> bool:
     return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
 
 
-def partner(agent: GameAgent, role: Role) -> Any:
-    found = agent.partner(role)
+def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
+    found = agent.partner(role, sampled=sampled)
     assert found is not None
     return found
 
@@ -102,9 +102,7 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
 
     def success(name: str) -> float:
         agent = trained(tmp_path / name, 12_288, recipe, settings)
-        players = agent.partner(Role.PROPOSER, sampled=True), agent.partner(Role.VERIFIER, sampled=True)
-        assert players[0] is not None
-        assert players[1] is not None
+        players = partner(agent, Role.PROPOSER, sampled=True), partner(agent, Role.VERIFIER, sampled=True)
         return measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate
 
     assert success("learnt") > 0.85
@@ -176,7 +174,7 @@ def test_train__every_protocol_gives_agents_that_play(
     assert batched == single
     game = SingleAgentView(env, "verifier_0", partner=players[0])
     game.reset(seed=0)
-    assert game.step(int(game.action_masks().argmax()))
+    game.step(int(game.action_masks().argmax()))
     with pytest.raises(AgentError, match="evaluate-game"):
         agent.policy(Settings("TowerFlipIt"))
     other = parallel_env(protocol="audit" if protocol != "audit" else "veto", corpus=own, split="dev")
