@@ -1,10 +1,9 @@
-"""Unparses syntax trees to source text, and lists the language's words."""
+"""Unparses syntax trees to source text."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import Enum
-from typing import NamedTuple
 
 from lilgym_mp.programs.syntax import (
     Arithmetic,
@@ -23,7 +22,6 @@ from lilgym_mp.programs.syntax import (
     Variable,
     WordName,
 )
-from lilgym_mp.programs.words import WORDS
 
 # Operator precedence, lowest first: an operand of lower precedence than its context requires is parenthesised.
 LAMBDA, OR, AND, NOT, COMPARISON, SUM, PRODUCT, ATOM = range(8)
@@ -33,35 +31,6 @@ _PRECEDENCE = {"or": OR, "and": AND, "+": SUM, "%": PRODUCT}
 def source_of(node: Node) -> str:
     """The source text of a tree: `parse(source_of(tree)) == tree`."""
     return _text(node, LAMBDA)
-
-
-class WordEntry(NamedTuple):
-    """Signature and description of a word."""
-
-    name: str
-    group: str
-    least_arguments: int
-    most_arguments: int
-    arguments: tuple[str, ...]  # parameter types
-    result: str
-    meaning: str
-
-
-def word_table() -> list[WordEntry]:
-    """Every word of the language, sorted by group and name."""
-    entries = [
-        WordEntry(
-            word.name,
-            word.group,
-            sum(not parameter.optional for parameter in word.parameters),
-            len(word.parameters),
-            tuple(parameter.type.name for parameter in word.parameters),
-            word.result,
-            word.meaning,
-        )
-        for word in WORDS.values()
-    ]
-    return sorted(entries, key=lambda entry: (entry.group, entry.name))
 
 
 def _text(node: Node, required: int) -> str:
@@ -85,7 +54,8 @@ def _unparsed(node: Node) -> tuple[str, int]:
         case Call():
             return f"{node.word.name}({', '.join(_arguments(node))})", ATOM
         case Member(of=of, name=name, called=called):
-            return f"{_text(of, ATOM)}.{name}{'()' if called else ''}", ATOM
+            owner = f"({of.value})" if isinstance(of, Constant) and type(of.value) is int else _text(of, ATOM)
+            return f"{owner}.{name}{'()' if called else ''}", ATOM
         case Logic(operator=operator, operands=operands):
             precedence = _PRECEDENCE[operator]
             return f" {operator} ".join(_text(operand, precedence + 1) for operand in operands), precedence

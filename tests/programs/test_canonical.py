@@ -11,9 +11,8 @@ from lilgym_mp.generator import ScenePool
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens
-from lilgym_mp.programs.printing import source_of, word_table
+from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
-from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 SCENES = 16
@@ -167,18 +166,11 @@ def test_canonical_form__nested_lambdas_get_distinct_variables():
         "all_boxes[0:2][1].is_tower() and all_boxes[::2][0].is_tower()",
         "1 in {1, 2} and 3 not in [1]",
         "is_touching_corner(all_items[0], side=Side.LEFT)",
+        "(1).is_tower() or Color.BLUE.is_tower()",
     ],
 )
 def test_source_of__parses_back_to_the_same_tree(source: str):
     assert parse(source_of(parse(source))) == parse(source)
-
-
-def test_word_table__has_every_word_with_its_arguments():
-    table = {entry.name: entry for entry in word_table()}
-    assert table.keys() == WORDS.keys()
-    entry = table["is_touching_wall"]
-    assert (entry.least_arguments, entry.most_arguments, entry.arguments) == (1, 2, ("item", "Side"))
-    assert entry.result == "bool"
 
 
 def test_prefix_tokens__are_delimited_by_arity():
