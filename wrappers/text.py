@@ -96,7 +96,7 @@ class TextFormat(Transformation):
 
     def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""
-        return parse_reply(reply, self._appearance, self.default, _ShownActions(self._appearance, legal))
+        return parse_reply(reply, self._appearance, self.default, ShownActions(self._appearance, legal))
 
 
 def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None, is_drawn: bool = False) -> str:
@@ -115,7 +115,7 @@ def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None,
     )
 
 
-class _ShownActions(Collection[int]):
+class ShownActions(Collection[int]):
     """The indices of the actions listed in the observation, computed lazily."""
 
     def __init__(self, appearance: Appearance, legal: Callable[[], BoolArray]) -> None:

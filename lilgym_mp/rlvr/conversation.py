@@ -12,7 +12,7 @@ from lilgym_mp.rlvr.scoring import REWARDS, Played
 from lilgym_mp.rules import Transition
 from lilgym_mp.wrappers.instructions import instructions
 from lilgym_mp.wrappers.replies import parse_reply
-from lilgym_mp.wrappers.text import text_of
+from lilgym_mp.wrappers.text import ShownActions, text_of
 
 
 class Turn(NamedTuple):
@@ -53,12 +53,14 @@ class Conversation:
         if self.done:
             raise ValueError("the episode is over")
         stop = 0
-        parsed = parse_reply(reply if isinstance(reply, str) else "", self._dynamics.appearance, stop)
+        appearance = self._dynamics.appearance
+        shown = ShownActions(appearance, lambda: self._dynamics.legal_mask(self.state))
+        parsed = parse_reply(reply if isinstance(reply, str) else "", appearance, stop, shown)
         if not parsed.understood and self._failed < self._retries:
             self._failed += 1
             return Turn(NOT_UNDERSTOOD, 0.0, False, "not_understood", None)
         self._failed = 0
-        action = self._dynamics.appearance.decode(parsed.action)
+        action = appearance.decode(parsed.action)
         moved = self._dynamics.step(self.state, action)
         self.state, self.done = moved.state, moved.result.ends
         outcome = str(moved.outcome)

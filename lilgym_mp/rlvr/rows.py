@@ -10,6 +10,7 @@ from typing import Any, cast
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
+from lilgym_mp.programs.costs import BOUNDED_STEPS
 from lilgym_mp.rlvr.prompts import PROMPTS, dynamics_of
 from lilgym_mp.scene import SceneError
 from lilgym_mp.solver import Solver
@@ -75,7 +76,7 @@ class Row:
             choose("appearance", record.get("appearance"), APPEARANCES)
             task = Task.from_json(record.get("task"))
             APPEARANCES[record["appearance"]].check_scene(task.start)
-            value = compile_program(task.program).evaluate(task.start)
+            value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
         except (ProgramError, ProgramRuntimeError) as error:
             raise RowError(f"row {task.id!r:.80}: its program: {error}") from None  # pyright: ignore[reportPossiblyUnbound]
         except (ValueError, SceneError) as error:

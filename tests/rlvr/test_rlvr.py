@@ -260,6 +260,20 @@ def test_conversation__asks_again_once_and_then_stops():
         Conversation(replace(PLAN, kind="truth"))
 
 
+def test_conversation__ignores_numbers_that_were_not_shown():
+    row = some("plan", "scatter", 1, level=1)[0]
+    assert Conversation(row).step("17").action is None
+    assert Conversation(row).step("0").action == "STOP"
+
+
+def test_row__with_a_program_that_takes_seconds_is_refused_at_once():
+    crowd = scene(tower(*[B, K, Y, B]), tower(*[K, B, Y, K]), tower(*[Y, B, K, B]))
+    loops = "exist(filter_obj(all_items, lambda a: " * 6 + "True" + "))" * 6
+    task = replace(TASK, program=f"not {loops}", start=crowd, target=True)
+    with pytest.raises(RowError, match="needs more than 250000 steps"):
+        Row.from_json(replace(PLAN, task=task).to_json())
+
+
 def test_hostile_replies__are_scored_in_bounded_time():
     outcomes, _ = examined(800, seed=1)
     assert sum(outcomes.values()) == 800
