@@ -12,7 +12,7 @@ from gymnasium import spaces
 from lilgym_mp.arrays import Int16Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.statement_arrays import StatementArrays
+from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.render import image_shape
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
@@ -53,9 +53,15 @@ def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementA
     return spaces.Dict({"image": image_space(image_size), "statement": statement, "target": target})
 
 
-def statement_arrays(observation: str, tasks: TaskSet) -> StatementArrays | None:
+def statement_arrays(
+    observation: str, tasks: TaskSet, vocabulary: VocabularyOrPath | None = None, length: int | None = None
+) -> StatementArrays | None:
     """The encoder of statements for the form "arrays"; None for "text". Raises ValueError for other forms."""
-    return StatementArrays(tasks) if choose("observation", observation, FORMS) == ARRAYS else None
+    if choose("observation", observation, FORMS) == ARRAYS:
+        return StatementArrays(tasks, vocabulary, length)
+    if vocabulary is not None or length is not None:
+        raise ValueError(f'vocabulary and length belong to observation="{ARRAYS}"')
+    return None
 
 
 def item_capacity(tasks: Iterable[Task], dynamics: Dynamics) -> int:

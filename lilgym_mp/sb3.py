@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import multiprocessing
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -9,7 +11,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 try:
@@ -24,10 +25,13 @@ except ModuleNotFoundError as missing:
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs import preload
 from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
-from lilgym_mp.wrappers import tokenized_statement_v0
+from lilgym_mp.observation import ARRAYS
+from lilgym_mp.terminal import note_after
 
-STATEMENT = "statement"  # observation key; SB3 accepts statements only as token ids
+# Imported by a fork server, once, for all its processes.
+PRELOADED = ["__main__", "lilgym_mp.envs.preload", "stable_baselines3.common.vec_env.subproc_vec_env"]
 VECTOR_METHODS = ("action_masks", "goal_reached")  # return one row per environment
 
 Infos = Mapping[str, Any]  # Gymnasium's vector infos: arrays (N, ...), each with a mask `_name`
@@ -166,16 +170,40 @@ def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
 def _adapted(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> BatchVecEnv:
     """Wraps `venv`; closes it, including its processes, on failure."""
     try:
-        return BatchVecEnv(wrap(venv))
+        return BatchVecEnv(_wrapped(venv, wrap))
     except BaseException:
         venv.close()
         raise
 
 
+def _wrapped(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> VectorEnv[Any, Any, Any]:
+    """Raises ValueError naming the remedies for a wrapper of single environments."""
+    try:
+        wrapped = wrap(venv)
+    except (AssertionError, TypeError) as error:
+        if "gymnasium.Env" not in str(error):  # the message of Gymnasium's own wrappers
+            raise
+        wrapped = None
+    if not isinstance(wrapped, VectorEnv):
+        raise ValueError(
+            "this backend applies wrap to a whole batch, which it does not accept: use a factory of lilgym_mp.wrappers"
+            ' or a wrapper of gymnasium.wrappers.vector, or backend="subproc" or "dummy", which wrap each environment'
+        ) from None
+    return wrapped
+
+
 def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
     makers = _makers(id, n_envs, wrap, kwargs)
-    makers[0]().close()  # fails here with a clear error, whereas SB3's processes would just break the pipe
-    return SubprocVecEnv(makers, start_method=options.get("start_method"))
+    first = makers[0]()  # fails here with a clear error, whereas SB3's processes would just break the pipe
+    origin = first.unwrapped.tasks.provenance  # pyright: ignore[reportAttributeAccessIssue]
+    first.close()
+    method = options.get("start_method")
+    if method == "fork":
+        return SubprocVecEnv(makers, start_method=method)
+    os.environ[preload.VARIABLE] = json.dumps([origin.corpus, origin.appearance, origin.start, origin.split])
+    multiprocessing.set_forkserver_preload(PRELOADED)
+    with note_after(f'starting {n_envs} processes; backend="batched" needs none'):
+        return SubprocVecEnv(makers, start_method=method)
 
 
 def _dummy(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
@@ -211,29 +239,24 @@ def make_vec_env(
     monitor: bool = True,
     **kwargs: Any,
 ) -> VecEnv:
-    """`n_envs` environments as a `VecEnv`, with statements as token ids (SB3 does not support text).
+    """`n_envs` environments as a `VecEnv`, with observations as arrays (SB3 does not support text): the spaces are
+    those of `gym.make(id, observation="arrays")`.
 
     `backend`: "batched", all in this process (usually the fastest); "workers", a few processes with a batch each
     (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own over single environments
     (`start_method` for "subproc"). All give equal results: environment i is seeded with `seed` + i.
     `wrap`: a wrapper to apply, such as `lilgym_mp.wrappers.stop_forcing_v0`, to the batch, or to each environment with
-    SB3's own backends. `vocabulary`, `length`: as for `TokenizedStatement`. `monitor`: report episode returns and
+    SB3's own backends. `vocabulary`, `length`: as for `gym.make`. `monitor`: report episode returns and
     lengths, as SB3's `make_vec_env` does. Other keywords are those of `gymnasium.make`.
     Raises ValueError naming the value and the choices.
     """
     build = choose("backend", backend, BACKENDS)
     options = {name: kwargs.pop(name) for name in BACKEND_OPTIONS[backend] if name in kwargs}
 
-    def wrapped(env: Any) -> Any:
-        env = env if wrap is None else wrap(env)
-        space = getattr(env, "single_observation_space", env.observation_space)
-        if isinstance(space, spaces.Dict) and isinstance(space.get(STATEMENT), spaces.Text):
-            return tokenized_statement_v0(env, vocabulary, length)
-        return env
-
     if isinstance(n_envs, bool) or not isinstance(n_envs, int | np.integer) or n_envs < 1:
         raise ValueError(f"n_envs must be a positive whole number, not {n_envs!r}")
-    env = build(id, int(n_envs), wrapped, options, kwargs)
+    kwargs = {"observation": ARRAYS, "vocabulary": vocabulary, "length": length, **kwargs}
+    env = build(id, int(n_envs), wrap or (lambda env: env), options, kwargs)
     if seed is not None:
         env.seed(seed)
     if not monitor:

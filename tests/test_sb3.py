@@ -1,9 +1,12 @@
 from __future__ import annotations
 
+import json
 import multiprocessing
+import os
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -17,11 +20,27 @@ pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked_policy
 from sb3_contrib.common.maskable.utils import get_action_masks
+from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
+from stable_baselines3.common.vec_env import (
+    DummyVecEnv,
+    SubprocVecEnv,
+    VecEnv,
+    VecFrameStack,
+    VecMonitor,
+    VecNormalize,
+)
 
-from lilgym_mp.sb3 import BACKENDS, STATEMENT, BatchVecEnv, make_vec_env
-from lilgym_mp.wrappers import action_mask_v0, stop_forcing_v0
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.preload import VARIABLE
+from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
+from lilgym_mp.wrappers import (
+    action_mask_v0,
+    flat_observation_v0,
+    image_observation_v0,
+    stop_forcing_v0,
+    structured_observation_v0,
+)
 from tests.envs.alike import assert_same, random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
@@ -31,6 +50,8 @@ WRAPS = {
     "stop forcing by mask": partial(stop_forcing_v0, mode="mask"),
     "stop forcing by replacement": partial(stop_forcing_v0, mode="replace"),
 }
+
+SMALL = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 
@@ -207,7 +228,7 @@ def test_observations__may_be_modified_by_the_caller(made: Any, backend: str) ->
     for action in (1, 0, 2, 0, 0):
         assert_same(observations, expected, f"before {action}")
         for observation in observations:
-            for part in ("image", STATEMENT):
+            for part in ("image", "statement"):
                 observation[part][...] = 77
         (*changes, infos), (*same, same_infos) = (env.step(np.full(COUNT, action)) for env in (changed, kept))
         assert_same(changes[1:], same[1:])
@@ -260,3 +281,85 @@ def test_make__names_the_value_and_the_choices(settings: dict[str, Any], message
     with pytest.raises(ValueError, match=message):
         make_vec_env(**{"id": TOWER, "n_envs": 2, **settings})
     assert not multiprocessing.active_children()
+
+
+@pytest.mark.parametrize("backend", ["batched", "dummy"])
+def test_spaces__are_those_of_array_observations(made: Any, backend: str) -> None:
+    expected = gym.make(TOWER, observation="arrays").observation_space
+    assert made(TOWER, backend).observation_space == expected
+
+
+def test_vec_frame_stack_and_vec_normalize__accept_a_batch(made: Any) -> None:
+    stacked = VecFrameStack(made(TOWER, "batched", seed=0), 2)
+    assert stacked.reset()["statement"].shape == (COUNT, 2 * stacked.venv.observation_space["statement"].shape[0])
+    normalised = VecNormalize(made(TOWER, "batched", seed=0), norm_obs=False)
+    normalised.reset()
+    assert normalised.step(np.ones(COUNT, np.int64))[1].shape == (COUNT,)
+
+
+def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any, tmp_path: Path) -> None:
+    model = MaskablePPO("MultiInputPolicy", made(TOWER, "batched"), n_steps=2, batch_size=2, policy_kwargs=SMALL)
+    model.save(tmp_path / "model.zip")
+    MaskablePPO.load(tmp_path / "model.zip", env=gym.make(TOWER, observation="arrays"))
+    words = Vocabulary(("blue", "block"))
+    other = made(TOWER, "batched", vocabulary=words, length=40)
+    assert other.observation_space["statement"].shape == (40,)
+    with pytest.raises(ValueError, match=r"Observation spaces do not match: .*\(44,\).*\(40,\)"):
+        MaskablePPO.load(tmp_path / "model.zip", env=other)
+    single = gym.make(TOWER, observation="arrays", vocabulary=words, length=40)
+    assert single.observation_space == other.observation_space
+
+
+def test_evaluation__plays_every_task_once(made: Any) -> None:
+    class Stopping:
+        """A model that always takes STOP."""
+
+        def predict(self, observations: Any, **_: Any) -> tuple[np.ndarray, None]:
+            return np.zeros(1, np.int64), None
+
+    env = make_vec_env(TOWER, split="dev", evaluation=True)
+    tasks = env.get_attr("tasks")[0]
+    rewards, lengths = evaluate_policy(Stopping(), env, len(tasks), return_episode_rewards=True)  # pyright: ignore[reportArgumentType]
+    assert len(lengths) == len(tasks)
+    single = gym.make(TOWER, split="dev")
+    for task, reward in list(zip(tasks.ids, rewards, strict=True))[::17]:
+        single.reset(options={"task": task})
+        assert single.step(0)[1] == reward
+    env.close()
+
+
+def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: Any) -> None:
+    wrap = lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward)  # noqa: E731
+    with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers or .* or backend="subproc" or "dummy"'):
+        made(TOWER, "batched", wrap=wrap)
+    env = made(TOWER, "dummy", wrap=wrap)
+    env.reset()
+    assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
+
+
+@pytest.mark.parametrize("backend", ["batched", "dummy"])
+def test_wrap__flat_items_need_no_tokenising(made: Any, backend: str) -> None:
+    env = made(TOWER, backend, wrap=lambda env: flat_observation_v0(structured_observation_v0(env)))
+    assert env.reset().dtype == np.float32
+
+
+def test_cnn_policy__takes_the_image_alone() -> None:
+    env = image_observation_v0(gym.make(TOWER))
+    small = {"features_extractor_kwargs": {"features_dim": 8}}
+    model = PPO("CnnPolicy", env, n_steps=2, batch_size=2, policy_kwargs=small)
+    assert model.predict(env.reset(seed=0)[0])[0] in env.action_space
+
+
+def test_make__other_keywords_name_the_choices_or_what_replaces_those_of_the_release() -> None:
+    for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
+        with pytest.raises(TypeError, match="unknown keyword 'data_path'; use corpus=PATH"):
+            make(TOWER, data_path="data")
+        with pytest.raises(TypeError, match="unknown keyword 'splt'; choose from corpus, split"):
+            make(TOWER, splt="dev")
+
+
+@pytest.mark.parametrize("start_method", ["forkserver"])
+def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made: Any, start_method: str) -> None:
+    env = made(TOWER, "subproc", start_method=start_method)
+    assert json.loads(os.environ[VARIABLE])[1:] == ["tower", "flipit", "train"]
+    assert env.reset()["image"].shape[0] == COUNT

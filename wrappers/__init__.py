@@ -11,6 +11,7 @@ from lilgym_mp.wrappers.embedding import StatementEmbedding, statement_embedding
 from lilgym_mp.wrappers.env_state import WrongEnvironment
 from lilgym_mp.wrappers.flat import FlatObservation, flat_observation_v0
 from lilgym_mp.wrappers.grid_planes import GridPlanes, grid_planes_v0
+from lilgym_mp.wrappers.image import ImageObservation, image_observation_v0
 from lilgym_mp.wrappers.multi_discrete import MultiDiscreteActions, multi_discrete_actions_v0
 from lilgym_mp.wrappers.named_actions import NamedActions, named_actions_v0
 from lilgym_mp.wrappers.native_image import NativeImage, native_image_v0
@@ -29,6 +30,7 @@ __all__ = [
     "ChannelsFirst",
     "FlatObservation",
     "GridPlanes",
+    "ImageObservation",
     "MultiDiscreteActions",
     "NLVRReward",
     "NamedActions",
@@ -47,6 +49,7 @@ __all__ = [
     "channels_first_v0",
     "flat_observation_v0",
     "grid_planes_v0",
+    "image_observation_v0",
     "multi_discrete_actions_v0",
     "named_actions_v0",
     "native_image_v0",

@@ -15,6 +15,7 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import (
     check_lengths,
+    checked_length,
     default_length,
     statement_rows,
     statements_of,
@@ -48,9 +49,9 @@ class Tokens(Format):
         if vocabulary is None:
             vocabulary = Vocabulary.from_statements(training_statements(description.tasks))
         self.vocabulary = vocabulary
-        self.length = default_length(training_statements(description.tasks)) if length is None else length
-        if isinstance(self.length, bool) or not isinstance(self.length, int) or self.length < 1:
-            raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
+        self.length = (
+            default_length(training_statements(description.tasks)) if length is None else checked_length(length)
+        )
         if not truncate:
             check_lengths(statements_of(description.tasks), self.length)
 

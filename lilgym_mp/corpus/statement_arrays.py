@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable
 
 import numpy as np
@@ -15,6 +16,7 @@ from lilgym_mp.corpus.tokens import Vocabulary, words
 
 VOCABULARY_SPLIT = "train"
 LENGTH_FACTOR = 1.25  # default length relative to the longest train statement
+VocabularyOrPath = Vocabulary | str | os.PathLike[str]
 LENGTH_MULTIPLE = 4  # the default length is rounded up to a multiple of this
 
 
@@ -45,6 +47,13 @@ def default_length(statements: Iterable[str]) -> int:
     return LENGTH_MULTIPLE * math.ceil(longest * LENGTH_FACTOR / LENGTH_MULTIPLE)
 
 
+def checked_length(length: object) -> int:
+    """Raises ValueError unless `length` is a positive whole number."""
+    if isinstance(length, bool) or not isinstance(length, int) or length < 1:
+        raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
+    return length
+
+
 def check_lengths(statements: Iterable[str], length: int) -> None:
     """Raises ValueError naming a statement with more than `length` words."""
     longest = max(statements, key=lambda statement: len(words(statement)))
@@ -63,13 +72,15 @@ def statement_rows(tasks: TaskSet, vocabulary: Vocabulary, length: int) -> npt.N
 
 
 class StatementArrays:
-    """Token ids by task; vocabulary and length come from `training_tasks`."""
+    """Token ids by task; by default, vocabulary and length come from `training_tasks`."""
 
-    def __init__(self, tasks: TaskSet) -> None:
+    def __init__(self, tasks: TaskSet, vocabulary: VocabularyOrPath | None = None, length: int | None = None) -> None:
         """Raises ValueError when a statement of `tasks` exceeds the length."""
-        training = training_statements(tasks)
-        self.vocabulary = Vocabulary.from_statements(training)
-        self.length = default_length(training)
+        training = training_statements(tasks) if vocabulary is None or length is None else []
+        if isinstance(vocabulary, str | os.PathLike):
+            vocabulary = Vocabulary.load(vocabulary)
+        self.vocabulary = vocabulary or Vocabulary.from_statements(training)
+        self.length = default_length(training) if length is None else checked_length(length)
         self.set_tasks(tasks)
 
     def set_tasks(self, tasks: TaskSet) -> None:

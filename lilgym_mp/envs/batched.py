@@ -80,7 +80,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self.copy = checked_flag("copy", copy)
         self.dynamics = settings.dynamics()
         self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
-        self._arrays = statement_arrays(settings.observation, settings.tasks())
+        self._arrays = statement_arrays(settings.observation, settings.tasks(), settings.vocabulary, settings.length)
         self.single_observation_space = observation_space(settings.image_size, settings.tasks(), self._arrays)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)

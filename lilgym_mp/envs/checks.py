@@ -36,6 +36,21 @@ def checked_options(options: object, choices: Iterable[str]) -> Mapping[str, Any
     return options
 
 
+KEYWORDS = "corpus, split, rules, horizon, grid, image_size, render_mode, observation, vocabulary, length"
+INSTEAD = {  # of keywords of the release
+    "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
+    "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
+    "max_steps": "horizon=N",
+}
+
+
+def check_keywords(unknown: Iterable[str]) -> None:
+    """Raises TypeError for any keyword, naming what replaces the release's, or the choices."""
+    for name in unknown:
+        advice = f"use {INSTEAD[name]}" if name in INSTEAD else f"choose from {KEYWORDS}"
+        raise TypeError(f"unknown keyword {name!r}; {advice}")
+
+
 def checked_flag(name: str, value: object) -> bool:
     """Raises ValueError unless `value` is True or False."""
     if not isinstance(value, bool | np.bool_):

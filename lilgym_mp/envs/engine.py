@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
@@ -18,8 +18,9 @@ from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appear
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
-from lilgym_mp.envs.checks import checked_flag
+from lilgym_mp.envs.checks import check_keywords, checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.observation import FORMS, TEXT, item_capacity
@@ -45,6 +46,8 @@ class BatchSettings:
     autoreset: AutoresetMode
     evaluation: bool  # plays every task of the split once instead of random tasks
     observation: str  # "text" or "arrays"
+    vocabulary: VocabularyOrPath | None = None  # of the form "arrays"; None: the train split's
+    length: int | None = None
 
     @classmethod
     def of(
@@ -62,8 +65,12 @@ class BatchSettings:
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         evaluation: bool = False,
         observation: str = TEXT,
+        vocabulary: VocabularyOrPath | None = None,
+        length: int | None = None,
+        **unknown: Any,
     ) -> BatchSettings:
         """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
+        check_keywords(unknown)
         if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
             raise ValueError(f"num_envs must be a positive whole number, not {num_envs!r}")
         if not isinstance(autoreset_mode, AutoresetMode):
@@ -81,6 +88,8 @@ class BatchSettings:
             autoreset_mode,
             checked_flag("evaluation", evaluation),
             choose("observation", observation, FORMS),
+            vocabulary,
+            length,
         )
         settings.array_specs()
         return settings

@@ -16,9 +16,9 @@ from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.arrays import BOOLEANS, BoolArray, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.corpus.statement_arrays import StatementArrays
+from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.envs.caption import LastAction, caption
-from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
+from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.draws import next_draws
 from lilgym_mp.envs.window import RENDER_FPS, Window
 from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
@@ -62,21 +62,26 @@ class LilGymEnv(gym.Env[Observation, int]):
         render_mode: str | None = None,
         observation: str = TEXT,
         render_cells: bool = False,
+        vocabulary: VocabularyOrPath | None = None,
+        length: int | None = None,
+        **unknown: Any,
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
         "native". `horizon`: actions per episode, None for the rule set's. `observation`: "text", or "arrays" for
-        learners without text support: "statement" as token ids, int64 (L,), and "target" as int64 (1,).
+        learners without text support: "statement" as token ids, int64 (L,), and "target" as int64 (1,), with the words
+        of `vocabulary` (a Vocabulary or a saved one's path; None: those of the corpus's train split) and L = `length`.
         `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
+        check_keywords(unknown)
         self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
         self._marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
         self._canvas = Canvas(image_size)
         self.tasks = load_tasks(corpus, appearance, start, split)
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
-        self._arrays = statement_arrays(observation, self.tasks)
+        self._arrays = statement_arrays(observation, self.tasks, vocabulary, length)
         space = observation_space(image_size, self.tasks, self._arrays)
         self.observation_space = cast("spaces.Space[Observation]", space)
         self._state: State | None = None

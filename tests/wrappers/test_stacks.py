@@ -33,6 +33,7 @@ ALONE: Stack = [
     (wrappers.BoxPermutation, {}),
     (wrappers.ChannelsFirst, {}),
     (wrappers.GridPlanes, {"keep_image": True}),
+    (wrappers.ImageObservation, {}),
     (wrappers.MultiDiscreteActions, {}),
     (wrappers.NLVRReward, {}),
     (wrappers.NamedActions, {}),
