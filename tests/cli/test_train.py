@@ -118,8 +118,9 @@ def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest
 
 
 def test_train__prints_progress_lines_without_a_terminal(tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]):
-    short = ["--rollout", "4", "--batch-size", "4", "--held-out", "0", "--corpus", str(own)]
-    assert main(["train", "ppo", "TowerScratch", "--out", str(tmp_path), "--steps", "80", *SMALL, *short]) == 0
+    small = ["--envs", "2", "--same-statement", "1", "--rollout", "4", "--batch-size", "4", "--epochs", "1"]
+    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(tmp_path), "--steps", "80"]
+    assert main([*command, "--held-out", "0", *small]) == 0
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 10
     assert lines[-1].startswith("80 of 80 steps, ")
