@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
@@ -17,7 +19,7 @@ from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN_POLICIES, Na
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
+from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.options import (
@@ -132,7 +134,10 @@ def run(args: argparse.Namespace) -> int:
             played = play_all(named, plan, seen, lambda episode: progress.advance())
             results += played if args.record is None else _recorded(played, args, plan, seen)
             print(f"{plan}: done", flush=True)
-    print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
+    if sys.stdout.isatty():
+        print(f"\n{terminal_tables(results, get_terminal_size().columns)}")
+    else:
+        print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
     for warning in warnings(results):
         print(warning)
     if args.json is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -10,7 +11,7 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.metrics import SuccessCount
 from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import markdown_table, results_json, supervision_table, table
+from lilgym_mp.evaluation.report import LEGEND, markdown_table, results_json, supervision_table, table, terminal_tables
 
 EPISODES = [
     Episode("a", "Known.", True, "success", 0.8, (1, 2, 0)),
@@ -66,6 +67,16 @@ def test_table__has_a_row_per_policy():
         ),
     ]
     assert len(head) == len(rule) == len(row)
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_terminal_tables__fit_the_terminal_and_split_no_word(width: int):
+    other = replace(result(), named=replace(result().named, name="imitation, seed 0"))
+    text = terminal_tables([result(), other], width)
+    assert max(map(len, text.splitlines())) <= width
+    for words in ("wrong stop", "invalid action", "horizon", "imitation, seed 0", *LEGEND.split()):
+        assert words in text
+    assert text.count("\npolicy ") == (2 if width == 80 else 1)
 
 
 def test_markdown_table__aligns_the_first_column_left_and_others_right():
