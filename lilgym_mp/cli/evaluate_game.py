@@ -255,6 +255,8 @@ def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Playe
         views = agent.settings.views
         view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views
         return None if partner is None else Player(str(path), partner, view, path)
+    if role is Role.VERIFIER and hasattr(agent, "verifier"):  # it judges claims by a probability
+        return Player(str(path), agent.verifier(), "image", path)
     from lilgym_mp.learning.partners import AgentPartner
 
     single: Agent = agent

@@ -13,6 +13,7 @@ import torch
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError
+from lilgym_mp.envs.proposer_verifier import Partner
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
@@ -23,6 +24,7 @@ from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import CountingNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Breadth, Judge, Planner
+from lilgym_mp.rules import State
 from lilgym_mp.scene import BOX_COUNT, Scene
 
 KIND = "reward-model"
@@ -72,6 +74,12 @@ class RewardModelAgent:
         breadth = breadth_of(self.recipe)
         return Planner(self.network, self._reader(), settings.dynamics(), breadth, is_flipit=is_flipit)
 
+    def verifier(self) -> Partner:
+        """The model as the verifier of the two-agent game."""
+        from lilgym_mp.learning.reward_model.verifier import RewardModelVerifier
+
+        return RewardModelVerifier(self)
+
     @torch.inference_mode()
     def probabilities(self, statement: str, scenes: Sequence[Scene]) -> Float64Array:
         """(N,) that the statement is true in each scene, averaged over exchanges of colours as in the search."""
@@ -80,6 +88,11 @@ class RewardModelAgent:
         boxes = np.array([reader.table.of(scene) for scene in scenes])
         _, values = judge.box_values(boxes.ravel())
         return torch.sigmoid(judge.logits(values.unflatten(1, (-1, BOX_COUNT)).sum(2))).mean(0).double().numpy()
+
+    def success_probability(self, state: State) -> float:
+        """That the statement has its target value in the state's scene; reads no program."""
+        truth = float(self.probabilities(state.task.statement, [state.scene])[0])
+        return truth if state.task.target else 1 - truth
 
     def _reader(self) -> InputReader:
         return InputReader(self.vocabulary, BoxTable(self.appearance), torch.device("cpu"))

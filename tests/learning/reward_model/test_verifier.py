@@ -1,0 +1,44 @@
+"""The reward model as a verifier."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from lilgym_mp.envs.proposer_verifier import GameSettings, measure
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.partners import ClaimingProposer
+from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.learning.reward_model.verifier import RewardModelVerifier
+from lilgym_mp.rules import State
+
+
+class SureModel:
+    """Stands in for an agent: gives what it is told to where the claim holds, and the opposite elsewhere."""
+
+    def __init__(self, probability: float) -> None:
+        self._probability = probability
+
+    def success_probability(self, state: State) -> float:
+        return self._probability if state.task.solved_by(state.scene) else 1 - self._probability
+
+
+@pytest.mark.parametrize("intent", list(Intent))
+@pytest.mark.parametrize("probability", [0.6, 0.97])
+def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probability: float):
+    model: Any = SureModel(probability)
+    env = BaseGameEnv(GameSettings("tower", "flipit", "audit", corpus="builtin", split="dev"))
+    tasks = env.tasks.ids[:60]
+    measured = measure(env, ClaimingProposer(intent), RewardModelVerifier(model), tasks=tasks, seed=0)
+    judged = [(each.completeness, each.soundness) for each in measured.by_target.values()]
+    assert {share for shares in judged for share in shares} - {None} == {1.0}
+
+
+def test_verifier__reports_the_nearest_probability():
+    model: Any = SureModel(0.74)
+    settings = GameSettings("tower", "flipit", "audit", corpus="builtin", split="dev", verdict_bins=5)
+    setup = settings.setup()
+    state = setup.game.config.dynamics.start(setup.tasks[0])  # never a goal
+    assert RewardModelVerifier(model)._answer(setup.game, state, STOP_ACTION) == 1  # of 0, 1/4, 1/2, 3/4, 1
