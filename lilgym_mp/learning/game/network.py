@@ -19,7 +19,7 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
 from lilgym_mp.learning.game.policies import AgentPolicy, Categorical
 from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
-from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
+from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
 from lilgym_mp.learning.ppo.states import States
 
@@ -124,6 +124,3 @@ class GameNetwork(BoxTransformer):
         logits = torch.full_like(by_truth, IMPOSSIBLE)
         logits[:, ACCEPT], logits[:, REJECT] = SURE, -SURE
         return logits
-
-
-__all__ = ["STOP", "GameNetwork"]

@@ -151,10 +151,6 @@ class RolloutPlayer:
         self._table = BoxImageTable()
         self._episodes = np.zeros(recipe.envs, np.int64)
 
-    @property
-    def statements(self) -> tuple[str, ...]:
-        return self._sampler.statements
-
     def play(self, actors: Actors, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
         recipe, arrays, count = self._recipe, self._arrays, self._recipe.envs

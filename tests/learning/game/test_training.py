@@ -90,12 +90,20 @@ def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
 # Learning
 
 
-@pytest.mark.parametrize("algorithm", ["shared", "independent", "central"])
+@pytest.mark.parametrize(("algorithm", "verifier"), [("shared", "both"), ("independent", "ppo"), ("central", "both")])
 def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
-    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str
+    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str, verifier: str
 ):
     recipe = replace(
-        SMALL, algorithm=algorithm, envs=64, rollout=1024, batch_size=256, epochs=2, learning_rate=3e-3, width=32
+        SMALL,
+        algorithm=algorithm,
+        verifier=verifier,
+        envs=64,
+        rollout=1024,
+        batch_size=256,
+        epochs=2,
+        learning_rate=3e-3,
+        width=32,
     )
     settings = GameSettings.of(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
@@ -120,9 +128,10 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
     assert success("shuffled") < 0.6
 
 
-@pytest.mark.parametrize("verifier", ["ppo", "cross-entropy"])
-def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str, verifier: str):
-    recipe = replace(SMALL, verifier=verifier, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32)
+def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str):
+    recipe = replace(
+        SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32
+    )
     settings = GameSettings.of(protocol="audit", rewards="correctness", corpus=three)
     partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["sneaky"]]}
     agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
