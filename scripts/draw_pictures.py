@@ -11,7 +11,6 @@ import argparse
 import subprocess
 import sys
 from collections.abc import Callable
-from itertools import islice
 from pathlib import Path
 
 import gymnasium as gym
@@ -35,6 +34,7 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
 from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.solver import Solver
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
@@ -57,15 +57,29 @@ ELSEWHERE = {  # pictures made by other commands
 
 
 def shown_episode(configuration: str) -> Episode:
-    """A successful dev episode of suitable length, with a different statement for each configuration."""
+    """The most colourful of the dev episodes of suitable length that end in success without a needless action."""
     settings = Settings(configuration)
     policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
-    fitting = (
+    dynamics, tasks = settings.dynamics(), settings.make(SPLIT).tasks
+    solver = Solver(dynamics)
+
+    def item_types(episode: Episode) -> int:
+        """Number of colours and shapes in the last scene, each counted with the other."""
+        state = dynamics.start(tasks.by_id(episode.task_id))
+        for action in episode.actions:
+            state = dynamics.step(state, dynamics.appearance.decode(action)).state
+        return len({(item.colour, item.shape) for box in state.scene.boxes for item in box.items})
+
+    fitting = [
         episode
         for episode in evaluate(policy, settings, SPLIT)
         if episode.is_success and len(episode.actions) in ACTIONS and len(episode.statement) in CHARACTERS
+    ]
+    return next(
+        episode
+        for episode in sorted(fitting, key=item_types, reverse=True)
+        if solver.solve(tasks.by_id(episode.task_id)).steps == len(episode.actions)
     )
-    return next(islice(fitting, 5 * list(CONFIGURATIONS).index(configuration), None))
 
 
 def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:

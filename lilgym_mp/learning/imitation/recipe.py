@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from lilgym_mp.choices import choose
 from lilgym_mp.learning.recipes import check_bounds, setting
 
 
@@ -67,7 +68,7 @@ class ImitationRecipe:
 
 def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
     """The recipe for "tower" or "scatter", with some settings changed."""
-    return ImitationRecipe(**{**_BY_APPEARANCE[appearance], **changes})
+    return ImitationRecipe(**{**choose("appearance", appearance, _BY_APPEARANCE), **changes})
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
