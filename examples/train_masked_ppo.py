@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 from functools import partial
 
+from actor_critic import ActorCritic
+from maskable_policy import Agent, MaskedActorCritic
 from sb3_contrib import MaskablePPO
 
 from lilgym_mp.appearances import make_appearance
@@ -17,8 +19,6 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play_all, training_statements
 from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy
 from lilgym_mp.evaluation.report import table
-from lilgym_mp.learning.network import ActorCritic
-from lilgym_mp.learning.policy import Agent, MaskedActorCritic
 from lilgym_mp.sb3 import make_vec_env
 from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.tokens import default_length

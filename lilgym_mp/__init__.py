@@ -28,7 +28,7 @@ register_all()
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:
-    """A trained agent that comes with the package, such as "parse-and-plan"; needs the extra `sb3`.
+    """A trained agent that comes with the package, such as "parse-and-plan"; needs the extra `train`.
 
     `agent.policy(Settings("TowerFlipIt"))` plays; `device`: auto, cpu or cuda. Raises ValueError naming the choices.
     """

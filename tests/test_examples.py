@@ -22,6 +22,8 @@ TESTED_ELSEWHERE = {  # example: the test file that runs it
     "language_model_agent.py": "wrappers/test_text.py",
     "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
     "game_ppo.py": "envs/proposer_verifier/test_examples.py",
+    "actor_critic.py": "test_actor_critic.py",
+    "maskable_policy.py": "test_maskable_policy.py",
     "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
 }
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine

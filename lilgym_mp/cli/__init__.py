@@ -30,7 +30,7 @@ COMMANDS = (
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
 USAGE_ERROR = 2  # exit code: invalid arguments
-TRAINING_PACKAGES = ("torch", "stable_baselines3", "sb3_contrib", "safetensors")
+EXTRAS = {"torch": "train", "safetensors": "train", "stable_baselines3": "sb3", "sb3_contrib": "sb3"}  # by package
 
 
 class _Parser(argparse.ArgumentParser):
@@ -73,9 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (CommandError, ValueError) as error:
         return _print_error(str(error) if name == PROGRAM else f"{name}: {error}")
     except ModuleNotFoundError as error:
-        if error.name not in TRAINING_PACKAGES:
+        if error.name not in EXTRAS:
             raise
-        return _print_error(f"{name}: needs {error.name}: {install('sb3')}")
+        return _print_error(f"{name}: needs {error.name}: {install(EXTRAS[error.name])}")
     except BrokenPipeError:  # the reader of our output has closed it, as in `lilgym-mp ... | head`
         _discard_output()
         return FAILED

@@ -8,12 +8,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 import torch
+from actor_critic import ActorCritic
+from maskable_policy import Agent, MaskedActorCritic
 
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Observations
-from lilgym_mp.learning.network import ActorCritic
-from lilgym_mp.learning.policy import Agent, MaskedActorCritic
 from lilgym_mp.render import draw
 from lilgym_mp.wrappers import TokenizedStatement
 from tests.scenes import scene

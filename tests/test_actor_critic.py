@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from actor_critic import ActorCritic, FiLM, patches_of
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
-from lilgym_mp.learning.network import ActorCritic, FiLM, patches_of
 from lilgym_mp.render import draw
 from tests.scenes import B, K, circle, scene, square, tower
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from actor_critic import ActorCritic
 from gymnasium import spaces
 from sb3_contrib.common.maskable.distributions import MaskableCategorical
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -17,7 +18,6 @@ from torch import Tensor
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Observations
-from lilgym_mp.learning.network import ActorCritic
 
 Masks = BoolArray | Tensor
 
