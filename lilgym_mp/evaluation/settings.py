@@ -88,6 +88,11 @@ class Settings:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Settings:
-        """Inverse of `to_json`. Raises ValueError or TypeError for unknown or missing keys."""
+        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for unknown or missing keys, or types."""
+        for name in ("configuration", "corpus", "rules"):
+            if not isinstance(data.get(name, ""), str):
+                raise ValueError(f"{name} must be a string, not {data[name]!r:.80}")
+        if not isinstance(data.get("horizon"), int | None):
+            raise ValueError(f"horizon must be a whole number or null, not {data['horizon']!r:.80}")
         grid = data["grid"]
         return cls(**{**data, "grid": grid if isinstance(grid, str) else tuple(grid)})

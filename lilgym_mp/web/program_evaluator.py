@@ -20,7 +20,7 @@ from lilgym_mp.programs.tracing import TraceEntry, trace
 from lilgym_mp.scene import Scene
 
 START_SECONDS = 60.0  # timeout for a new worker's imports on a busy machine
-WAIT_SECONDS = 20.0  # timeout for a free worker
+WAIT_SECONDS = 20.0  # timeout for a free worker, beyond the start and the limit of the one that evaluates
 MAX_REQUESTS = 4  # of one person, running and waiting; one runs at a time
 NICENESS = 10  # workers leave the processor to the server, which answers everybody else
 MAX_MEMORY = 2 << 30  # bytes of address space
@@ -176,7 +176,7 @@ class ProgramEvaluator:
             raise QuotaExceeded
         person.requests += 1
         try:
-            async with asyncio.timeout(WAIT_SECONDS + self._seconds), person.running:
+            async with asyncio.timeout(WAIT_SECONDS + START_SECONDS + self._seconds), person.running:
                 loop = asyncio.get_running_loop()
                 reply = await loop.run_in_executor(self._threads, self._evaluate, source, scenes, traced)
         except TimeoutError:

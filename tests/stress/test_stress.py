@@ -26,6 +26,16 @@ def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt()
 
 
 @pytest.mark.long
+def test_hostile_recordings__never_break_the_pages_that_show_them() -> None:
+    pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
+    from tests.stress.hostile_recordings import attack
+
+    statuses, faults = attack(8, seed=1)
+    assert faults == []
+    assert sum(statuses.values()) >= 8 * 3
+
+
+@pytest.mark.long
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
 def test_kills__are_reported_and_leave_no_process_behind() -> None:
     ends = matrix(count=9, interrupts=1, seed=5)
