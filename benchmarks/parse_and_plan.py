@@ -1,10 +1,11 @@
 """Ablation of the parse-and-plan agent, its CPU time, and the calibration of its probabilities.
 
     python benchmarks/parse_and_plan.py runs/parse-lilgym-0 ... --corpus lilgym [--split dev] [--picture FILE.png]
+    python benchmarks/parse_and_plan.py RUN --corpus lilgym --variants return accuracy
 
-Prints Markdown tables: accuracy by configuration, also for seen and unseen statements and forms separately, with votes
-against the best candidate, with scenes from pixels against scenes from states, milliseconds per task, and a reliability
-table.
+Prints Markdown tables: accuracy and mean reward by configuration, also for seen and unseen statements and forms
+separately, with plans for the return and for accuracy, for all candidates and for the best one, with scenes from pixels
+and from states; milliseconds per task, and a reliability table of the first variant.
 """
 
 from __future__ import annotations
@@ -40,13 +41,30 @@ class Played(NamedTuple):
     form_seen: bool
     forecast: Forecast
     milliseconds: float
+    reward: float
+
+
+class Variant(NamedTuple):
+    """A way to plan."""
+
+    objective: str
+    votes: bool = True
+    from_pixels: bool = True
+
+
+VARIANTS = {
+    "return": Variant("return"),
+    "accuracy": Variant("accuracy"),
+    "accuracy, scenes from states": Variant("accuracy", from_pixels=False),
+    "accuracy, best candidate": Variant("accuracy", votes=False),
+}
 
 
 def played(planner: Planner, settings: Settings, split: str, *, from_pixels: bool) -> Iterator[Played]:
     """Plans for every task of the split."""
     statements = training_statements(settings)
     forms = set(map(statement_form, statements))
-    appearance = planner.dynamics.appearance
+    appearance, signals = planner.dynamics.appearance, planner.dynamics.rules.signals
     for task in settings.make(split).tasks:
         began = time.process_time()
         start = task.start
@@ -61,15 +79,20 @@ def played(planner: Planner, settings: Settings, split: str, *, from_pixels: boo
             statement_form(task.statement) in forms,
             Forecast(plan.success_probability, success is Outcome.SUCCESS),
             1000 * seconds,
+            sum(signals[outcome].reward for outcome in (*[Outcome.CONTINUES] * (len(plan.actions) - 1), success)),
         )
+
+
+def reward(results: Sequence[Played]) -> float:
+    return mean(result.reward for result in results) if results else float("nan")
 
 
 def accuracy(results: Sequence[Played]) -> float:
     return 100 * mean(result.forecast.success for result in results) if results else float("nan")
 
 
-def spread(values: Sequence[float]) -> str:
-    return f"{mean(values):.1f}" + (f" +- {stdev(values):.1f}" if len(values) > 1 else "")
+def spread(values: Sequence[float], digits: int = 1) -> str:
+    return f"{mean(values):.{digits}f}" + (f" +- {stdev(values):.{digits}f}" if len(values) > 1 else "")
 
 
 def main() -> None:
@@ -78,32 +101,33 @@ def main() -> None:
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--split", default="dev")
     parser.add_argument("--picture", type=Path, metavar="FILE.png", help="reliability diagram (needs matplotlib)")
+    parser.add_argument("--variants", nargs="+", choices=list(VARIANTS), default=list(VARIANTS), metavar="NAME")
     args = parser.parse_args()
     torch.set_num_threads(1)
-    variants = {"vote, from pixels": (True, True), "vote, from state": (True, False), "best candidate": (False, True)}
-    found: dict[str, list[list[Played]]] = {variant: [] for variant in variants}  # by variant, by run
+    found: dict[str, list[list[Played]]] = {variant: [] for variant in args.variants}  # by variant, by run
     for run in args.runs:
         agent = open_agent(run, "cpu")
         assert isinstance(agent, ParseAndPlanAgent)
-        for variant, (votes, from_pixels) in variants.items():
+        for variant in args.variants:
+            objective, votes, from_pixels = VARIANTS[variant]
             results: list[Played] = []
             for name in agent.description.configurations:
                 settings = Settings(name, corpus=args.corpus)
-                planner = agent.planner(settings, votes=votes)
+                planner = agent.planner(settings, votes=votes, objective=objective)
                 results += played(planner, settings, args.split, from_pixels=from_pixels)
             found[variant].append(results)
     print_accuracy(found)
-    forecasts = [result.forecast for results in found["vote, from pixels"] for result in results]
+    forecasts = [result.forecast for results in found[args.variants[0]] for result in results]
     print_reliability(forecasts)
     if args.picture is not None:
         draw_reliability(forecasts, args.picture)
 
 
 def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
-    rows = [("", *CONFIGURATIONS, "ms per task")]
+    rows = [("", *CONFIGURATIONS, *(f"reward in {name}" for name in CONFIGURATIONS), "ms per task")]
     for variant, runs in found.items():
         groups = {variant: lambda result: True}
-        if variant == "vote, from pixels":
+        if VARIANTS[variant] in (Variant("return"), Variant("accuracy")):
             groups |= {
                 "  seen statements": lambda result: result.seen,
                 "  unseen statements": lambda result: not result.seen,
@@ -112,6 +136,10 @@ def print_accuracy(found: dict[str, list[list[Played]]]) -> None:
         for group, belongs in groups.items():
             cells = [
                 spread([accuracy([r for r in run if r.configuration == name and belongs(r)]) for run in runs])
+                for name in CONFIGURATIONS
+            ]
+            cells += [
+                spread([reward([r for r in run if r.configuration == name and belongs(r)]) for run in runs], 2)
                 for name in CONFIGURATIONS
             ]
             times = spread([mean(result.milliseconds for result in run) for run in runs]) if group == variant else ""
