@@ -8,11 +8,10 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
-from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -23,7 +22,7 @@ from lilgym_mp.appearances import APPEARANCES, NATIVE, RELEASED_GRID, Appearance
 from lilgym_mp.appearances.placement import check_apart
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import TaskSet, words, write_corpus
+from lilgym_mp.corpus import words
 from lilgym_mp.corpus.spelling import NUMBERS, normalised_words
 from lilgym_mp.perception import image_size_of, read_scene, recoloured
 from lilgym_mp.programs import compile_program
@@ -464,33 +463,4 @@ def _shuffled_numbers(allowed: Sequence[int] | frozenset[int], rng: np.random.Ge
     return tuple(new.get(number, number) for number in NUMBER_RANGE)
 
 
-# Files
-
 COLOUR_PERMUTATIONS = tuple(Augmentation(colours) for colours in permutations(Colour))  # the identity first
-
-
-def write_recoloured(path: Path, tasks: TaskSet) -> None:
-    """Writes a corpus file with the tasks under all colour permutations, without duplicates."""
-    name = f"{tasks.provenance.name}, recoloured"
-    write_corpus(path, name, "as the original", list(_recoloured_entries(tasks)))
-
-
-def _recoloured_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
-    origin = tasks.provenance
-    seen = set[tuple[str, str, bool, Scene]]()
-    for index, augmentation in enumerate(COLOUR_PERMUTATIONS):
-        for task in tasks:
-            new = augmentation.task(task)
-            if new is None or (key := (new.statement, new.program, new.target, new.start)) in seen:
-                continue
-            seen.add(key)
-            entry_id = f"{task.id}-colours-{index}"
-            start = {"id": f"{entry_id}-start", "label": not new.target, "scene": new.start.to_json()}
-            yield {
-                "id": entry_id,
-                "appearance": origin.appearance,
-                "split": origin.split,
-                "statement": new.statement,
-                "program": new.program,
-                "starts": [] if origin.start == "scratch" else [start],
-            }

@@ -23,7 +23,6 @@ from lilgym_mp.augmentation import (
     random_augmentation,
     random_pair,
     symmetries,
-    write_recoloured,
 )
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
@@ -31,7 +30,6 @@ from lilgym_mp.render import draw
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Scene, SceneError, Shape
 from lilgym_mp.task import Task
-from tests.own_corpus import write_own_corpus
 from tests.scenes import LARGE, SCENES, SMALL, B, K, Y, circle, scene, square, tower, triangle
 
 ROTATED = Augmentation((K, B, Y))
@@ -415,20 +413,6 @@ def test_random_pair__keeps_names_that_differ():
     }
 
 
-# Files
-
-
-@pytest.mark.parametrize("start", ["scratch", "flipit"])
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-def test_write_recoloured__writes_each_distinct_task_once_and_loads(tmp_path: Path, appearance: str, start: str):
-    tasks = load_tasks(write_own_corpus(tmp_path / "own.jsonl"), appearance, start, "train")
-    write_recoloured(tmp_path / "more.jsonl", tasks)
-    more = load_tasks(tmp_path / "more.jsonl", appearance, start, "train")  # labels are checked against truths
-    found = {(task.statement, task.program, task.target, task.start) for task in more}
-    assert len(found) == len(more)
-    assert found >= {(task.statement, task.program, task.target, task.start) for task in tasks}
-    assert {task.statement for task in more} == {
-        *("There is something yellow.", "There is something black.", "There is something blue.", "Count them: 1."),
-    }
+def test_permutations__begin_with_the_identity():
     assert COLOUR_PERMUTATIONS[0].is_identity
     assert sorted(NUMBER_RANGE) == list(NUMBER_RANGE)
