@@ -181,7 +181,7 @@ def _replace(details: dict[str, Any], key: str, value: object) -> bool:
 
 def test_open_agent__rejects_unknown_kinds_with_the_choices(model: Path):
     save_model(model, dataclasses.replace(DESCRIPTION, kind="guessing"), TENSORS)
-    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: imitation, parse-and-plan, ppo"):
+    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: game, imitation, parse-and-plan, "):
         open_agent(model.parent)
 
 
