@@ -30,7 +30,7 @@ Recorded = tuple[str, list[dict[str, int]]]  # a task's id, and the actions of t
 
 def record(settings: dict[str, Any], games: int, seed: int) -> list[Recorded]:
     """Games of random legal actions, without claims, stops and accepted claims."""
-    game_env = parallel_env(**settings)
+    game_env: Any = parallel_env(**settings)
     engine, rng = game_env.engine, np.random.default_rng(seed)
     recorded: list[Recorded] = []
     for number in range(games):
@@ -53,7 +53,7 @@ def choice(engine: Any, role: Role, rng: np.random.Generator) -> int:
 
 
 def play_parallel(settings: dict[str, Any], recorded: list[Recorded]) -> Callable[[], int]:
-    game_env = parallel_env(**settings)
+    game_env: Any = parallel_env(**settings)
 
     def run() -> int:
         for task, actions in recorded:

@@ -41,7 +41,7 @@ class Task:
         for name, expected in _KEYS.items():
             if type(record.get(name)) is not expected:
                 raise ValueError(f"a task's {name} must be of type {expected.__name__}, not {record.get(name)!r:.80}")
-        return cls(*(record[name] for name in _KEYS), Scene.from_json(record.get("start")))
+        return cls(**{name: record[name] for name in _KEYS}, start=Scene.from_json(record.get("start")))
 
     def truth(self, scene: Scene) -> bool:
         """The statement's truth value in `scene`; false if the program raises, which it counts."""

@@ -67,7 +67,8 @@ def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item
         first = entries[0].runs[0].episodes
         rows: list[list[Cell]] = []
         for name in PHENOMENON_NAMES:
-            published = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True)).get(configuration)
+            counts: dict[str, int] = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True))
+            published = counts.get(configuration)
 
             def has_phenomenon(episode: RecordedEpisode, name: str = name) -> bool:
                 return name in (episode_phenomena(episode, tags) or ())

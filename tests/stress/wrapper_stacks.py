@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
-from lilgym_mp import wrappers
+import lilgym_mp.wrappers as wrappers
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.envs.workers import WorkerVectorEnv
@@ -87,7 +87,7 @@ def unequal(one: Any, other: Any) -> str | None:
     elif isinstance(one, dict) and isinstance(other, dict):
         return f" has the keys {sorted(other)}, not {sorted(one)}"
     else:
-        return None if np.array_equal(one, other) else f" is {other}, not {one}"
+        return None if np.array_equal(np.asarray(one), np.asarray(other)) else f" is {other}, not {one}"
     return next((f"[{key!r}]{where}" for key, a, b in parts if (where := unequal(a, b))), None)
 
 

@@ -31,7 +31,9 @@ class ParserRecipe:
     numbers: float = setting(0.5, "fraction of pairs augmented by exchanging numbers", 0, 1)
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
     width: int = setting(96, "network width", 1)
-    objective: str = setting("return", "what plans maximise: expected accuracy, or expected return, which edits reduce")
+    objective: str = setting(
+        "accuracy", "what plans maximise: expected accuracy, or expected return, which edits reduce"
+    )
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds."""
