@@ -142,6 +142,8 @@ class _Run:
         self._collector = Collector(settings.dynamics(), self._table, self._rng)
         vocabulary = vocabulary_of(entry.statement for entry in self._entries)
         self._reader = InputReader(vocabulary, self._table, self._device)
+        # the search begins new tables as it goes
+        self._search_reader = InputReader(vocabulary, BoxTable(settings.appearance), self._device)
         torch.manual_seed(seed)
         self._network = make_network(recipe, vocabulary, self._table).to(self._device)
         self._averaged = copy.deepcopy(self._network).eval().requires_grad_(requires_grad=False)
@@ -282,7 +284,7 @@ class _Run:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
         breadth = replace(breadth_of(self._recipe), exchanges=1)
-        planner = Planner(self._averaged, self._reader, self._settings.dynamics(), breadth, is_flipit=False)
+        planner = Planner(self._averaged, self._search_reader, self._settings.dynamics(), breadth, is_flipit=False)
         target = bool(self._rng.integers(2))
         plan = planner.plan(entry.tasks[task_index].start, entry.statement, target)
         self._collector.follow(entry, task_index, plan.actions)
