@@ -208,28 +208,6 @@ def sample_suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> 
     return pytester
 
 
-def test_summary__counts_tests_skipped_without_data(sample_suite: pytest.Pytester):
-    result = sample_suite.runpytest_inprocess("-rs")
-    result.assert_outcomes(skipped=4)
-    result.stdout.fnmatch_lines(
-        [
-            "0 ran with the official data, 2 skipped because LILGYM_DATA is unset",
-            "0 ran with the golden recordings, 2 skipped because LILGYM_GOLDEN is unset",
-            "*LILGYM_GOLDEN is unset: it names the directory of the golden recordings",
-        ]
-    )
-
-
-def test_summary__counts_tests_that_ran(sample_suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    monkeypatch.setenv("LILGYM_DATA", str(tmp_path))
-    monkeypatch.setenv("LILGYM_GOLDEN", str(tmp_path))
-    result = sample_suite.runpytest_inprocess()
-    result.assert_outcomes(passed=3, skipped=1)
-    result.stdout.fnmatch_lines(
-        ["1 ran with the official data, 1 skipped", "2 ran with the golden recordings, 0 skipped"]
-    )
-
-
 @pytest.mark.parametrize("variable", ["LILGYM_DATA", "LILGYM_GOLDEN"])
 def test_summary__refuses_a_missing_directory(
     sample_suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
