@@ -6,7 +6,7 @@ import threading
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from lilgym_mp.envs.proposer_verifier import Partner
+from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agent_files import shipped_agents
 from lilgym_mp.web.errors import http_error
@@ -34,16 +34,24 @@ class TrainedPartners:
         shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
         return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._run_directory.agent_runs()}
 
-    def partner(self, name: str, settings: Settings) -> Partner:
-        """Responds with 404 if there is no such agent, 422 if it cannot play the configuration."""
+    def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
+        """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
+        from lilgym_mp.learning.game.agent import GameAgent
         from lilgym_mp.learning.partners import AgentPartner
 
         if name not in self.names():
             raise http_error(404, "there is no such partner; reload the page to see the current ones")
         try:
-            return AgentPartner(self._agent(name).policy(settings))
+            agent = self._agent(name)
+            if not isinstance(agent, GameAgent):
+                return AgentPartner(agent.policy(settings))
         except ValueError as fault:
             raise http_error(422, str(fault)) from None
+        own, partner = agent.settings, agent.partner(role)
+        if (own.appearance, own.protocol) != (settings.appearance, protocol) or partner is None:
+            plays = f"{own.appearance} under the protocol {own.protocol}"
+            raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
+        return partner
 
     def _agent(self, name: str) -> Agent:
         from lilgym_mp.learning.agents import load_agent, open_agent

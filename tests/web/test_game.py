@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.proposer_verifier import Role
+from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.web import live_games
 from tests.web.web_app import Browser, server
 
@@ -329,6 +329,28 @@ def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, 
         body = act(browser, key, legal(browser, key)[1]).json()
         assert body["history"][-1]["answer"] == "accept"
         assert body["your_turn"]
+
+
+def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: Path):
+    pytest.importorskip("torch")
+    from lilgym_mp.learning.game.recipe import GameRecipe
+    from lilgym_mp.learning.game.training import train_game
+
+    recipe = GameRecipe(
+        envs=4, same_statement=2, rollout=16, batch_size=16, epochs=1, recolour=False, empty_starts=0, width=16
+    )
+    settings = GameSettings.of(protocol="audit", rewards="correctness")
+    trained = train_game(settings, recipe, tmp_path / "run", steps=16, device="cpu")
+    name = "agent:parse-and-plan"
+    browser.app.state.services.trained_partners._agents[name] = trained  # in place of the shipped agent
+    chosen = {"verifier": name, "proposer": "person", "configuration": "TowerScratch"}
+    refused = browser.post(GAMES, {**chosen, "protocol": "veto"})
+    assert refused.status_code == 422
+    assert "this agent plays tower under the protocol audit" in refused.json()["message"]
+    (key,) = people(begin(browser, **chosen, protocol="audit")).values()
+    body = act(browser, key, "STOP").json()
+    assert body["over"]
+    assert body["history"][-1]["answer"] in ("holds", "does not hold")
 
 
 def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pytest.MonkeyPatch):

@@ -106,7 +106,8 @@ def _partner(services: AppServices, role: Role, name: str, new: NewGame) -> Part
         view = new.proposer_view if role is Role.PROPOSER else new.verifier_view
         if view != live_games.FULL_VIEW:
             raise http_error(422, f"a trained agent must see {live_games.FULL_VIEW}; its view is {view!r}")
-        return services.trained_partners.partner(name, Settings(new.configuration, services.options.corpus))
+        settings = Settings(new.configuration, services.options.corpus)
+        return services.trained_partners.partner(name, settings, role, new.protocol)
     scripted = live_games.scripted_partners(role)
     if name not in scripted:
         raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(scripted)}")
