@@ -53,13 +53,16 @@ KEYWORDS = {
     "image_size": '`"half"` or `"native"`',
     "render_mode": '`"human"` (a window; the extra `human`), `"rgb_array"` or `"ansi"`; `None`: no rendering',
     "observation": '`"text"`, or `"arrays"` for learners that do not accept text (Stable-Baselines3)',
+    "vocabulary": 'with `observation="arrays"`: a `Vocabulary` or the path of a saved one; `None`: the words of the '
+    "train split",
+    "length": 'with `observation="arrays"`: number of token ids; `None`: that of the longest statement',
     "render_cells": "rendered frames show the grid with column and row numbers; in Tower, box names",
     "num_envs": "number of environments",
     "copy": "`False`: images are not copied, and valid only until the next call",
     "autoreset_mode": "Gymnasium's `NEXT_STEP`, `SAME_STEP` or `DISABLED`",
     "evaluation": "`True`: every task of the split once, in file order, instead of random tasks",
 }
-NOT_KEYWORDS = ("self", "appearance", "start", "settings")  # or fixed by the id
+NOT_KEYWORDS = ("self", "appearance", "start", "settings", "unknown")  # or fixed by the id
 OUTCOMES = {
     Outcome.SUCCESS: "STOP in a scene where the statement has the target value",
     Outcome.WRONG_STOP: "STOP in any other scene",
