@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.choices import choose
 from lilgym_mp.options import CommandError, check_at_least
 
 if TYPE_CHECKING:
@@ -40,6 +41,7 @@ def add_parser(subparsers: Any) -> None:
         help='execute on the Ray cluster at ADDRESS, one CPU per run ("auto": the cluster of this machine)',
     )
     parser.add_argument("--list", action="store_true", help="print the commands without running them")
+    parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
     parser.set_defaults(run=run)
 
 
@@ -53,6 +55,9 @@ def run(args: argparse.Namespace) -> int:
     if args.ray is not None and args.jobs is not None:
         raise CommandError("--jobs is for runs on this machine; with --ray, the cluster's CPUs limit parallel runs")
     plan = read_plan(args.file)
+    if args.only:
+        by_name = {planned.name: planned for planned in plan}
+        plan = [choose("run", name, by_name) for name in dict.fromkeys(args.only)]
     if args.list:
         for planned in plan:
             print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands if words))

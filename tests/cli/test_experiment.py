@@ -157,6 +157,14 @@ def test_experiment__invalid_file_writes_nothing(tmp_path: Path, capsys: pytest.
     assert not (tmp_path / "out").exists()
 
 
+def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = str(write_file(tmp_path / "a.toml", "seeds = [0, 1]\n" + SMALL))
+    assert main(["experiment", file, "--list", "--only", "ppo-TowerScratch-1"]) == 0
+    assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
+    assert main(["experiment", file, "--only", "ppo-TowerScratch-2"]) == USAGE_ERROR
+    assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
+
+
 class Script(Attempt):
     """Replaces the commands by a fast success or a failure."""
 
