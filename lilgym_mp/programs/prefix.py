@@ -153,7 +153,10 @@ def _node(token: str, parts: Sequence[Node], depth: int) -> Node:
         case _ if token in SCENE_NAMES:
             return SceneName(token)
         case _ if token in CONNECTIVES:
-            return Logic(token, tuple(parts))
+            first, last = parts
+            if isinstance(last, Logic) and last.operator == token:  # tokens nest a chain to the right
+                return Logic(token, (first, *last.operands))
+            return Logic(token, (first, last))
         case _ if token in OPERATORS:
             return Arithmetic(token, *parts)
         case _ if token in COMPARISONS:

@@ -54,7 +54,7 @@ def check(corpus: str) -> int:
                 tokens = prefix_tokens(form)
             except PrefixError:
                 continue
-            assert canonical_form(tree_from_tokens(tokens)) == form, source
+            assert tree_from_tokens(tokens) == form, source
             count += 1
     return count
 
@@ -177,6 +177,14 @@ def test_prefix_tokens__are_delimited_by_arity():
     tokens = prefix_tokens(canonical_form(parse("exist(filter_obj(all_items, lambda x: is_blue(x)))")))
     assert tokens == ["exist(1)", "filter_obj(2)", "all_items", "lambda", "is_blue(1)", "v0"]
     assert [token_arities()[token] for token in tokens] == [1, 2, 0, 1, 1, 0]
+
+
+def test_tree_from_tokens__keeps_a_chain_of_tests_together():
+    failing_first = (
+        "filter_obj(all_items, lambda x: all_items[1] in all_boxes and all_same_size(all_items) and is_small(x))"
+    )
+    form = canonical_form(parse(failing_first))  # its last two tests must not change places: the first may fail
+    assert tree_from_tokens(prefix_tokens(form)) == form
 
 
 @pytest.mark.parametrize(

@@ -216,7 +216,7 @@ def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bo
         tokens = prefix_tokens(form)
     except PrefixError:
         return
-    if canonical_form(tree_from_tokens(tokens)) != form:
+    if tree_from_tokens(tokens) != form:
         yield f"tokens {' '.join(tokens)} are another program than {text}"
 
 
