@@ -25,6 +25,7 @@ from lilgym_mp.options import (
     add_run_directory,
     add_settings,
     check_at_least,
+    fill_options,
     given_options,
 )
 from lilgym_mp.terminal import Progress
@@ -101,6 +102,7 @@ def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.game.training import train_game
 
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
+    fill_options(args, arguments.pop("options", {}), {"minutes": None, "steps": None})
     with _Display(directory) as display:
         agent = train_game(
             out=directory, resume=args.resume, on_begin=display.begin, on_progress=display, **_budget(args), **arguments
@@ -108,7 +110,7 @@ def train(args: argparse.Namespace) -> int:
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} turns, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
-        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}{_budget_text(args)}")
+        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}")
         return INTERRUPTED
     print(f"evaluate it with: lilgym-mp evaluate-game {directory} --corpus {agent.settings.corpus}")
     return 0
@@ -148,10 +150,6 @@ def _train_rounds(args: argparse.Namespace) -> int:
 def _budget(args: argparse.Namespace) -> dict[str, Any]:
     minutes = DEFAULT_MINUTES if args.minutes is None and args.steps is None else args.minutes
     return {"minutes": minutes, "steps": args.steps, "device": args.device, "threads": args.threads}
-
-
-def _budget_text(args: argparse.Namespace) -> str:
-    return "".join(f" --{name} {value:g}" for name, value in given_options(args, ["minutes", "steps"]).items())
 
 
 def _given_game(args: argparse.Namespace) -> dict[str, Any]:

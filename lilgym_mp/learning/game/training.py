@@ -112,6 +112,7 @@ def train_game(
         run = Run(settings, recipe, out, dict(partners or {}), start_from, device, resume=resume)
         if run.done(minutes, steps) >= 1:
             raise TrainingRunError(f"the run in {out} has spent this budget; request more with --minutes or --steps")
+        run.files.remember(minutes=minutes, steps=steps)
         on_begin(run)
         saved = run.clock.cpu_seconds
         while (done := run.done(minutes, steps)) < 1 and not stop.requested:
@@ -522,11 +523,12 @@ def _partner_identity(partner: Path | Partner) -> str:
 
 
 def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, recipe, partners and start of the run in a directory, as arguments of `train_game`.
+    """Settings, recipe, partners, start and remembered options of the run in a directory, as for `train_game`.
 
     `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
     """
-    identity = begin_run(out, required, resume=True).identity
+    run = begin_run(out, required, resume=True)
+    identity = run.identity
     try:
         if identity["learner"] != KIND:
             raise ValueError(f"a run of {identity['learner']}, not of {KIND}")
@@ -540,6 +542,7 @@ def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
             "recipe": GameRecipe.from_json(identity["recipe"]),
             "partners": partners,
             "start_from": None if start_from is None else Path(start_from),
+            "options": run.options,
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None

@@ -216,8 +216,7 @@ def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
 
     cut = trained(tmp_path / "cut", 512, schedule_free(), on_progress=interrupt)
     assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (256, True)
-    arguments = saved_arguments(tmp_path / "cut", {})
-    train_game(out=tmp_path / "cut", steps=512, resume=True, **arguments)
+    assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
     with pytest.raises(TrainingRunError, match="has spent this budget"):
         trained(tmp_path / "cut", 512, schedule_free(), resume=True)
@@ -239,6 +238,7 @@ def test_train__survives_being_killed(tmp_path: Path):
     process.kill()
     process.wait()
     arguments = saved_arguments(tmp_path / "run", {})
+    assert arguments.pop("options") == {"steps": 100_000_000}
     assert train_game(out=tmp_path / "run", steps=256, resume=True, **arguments).description.details["steps"] == 256
 
 
