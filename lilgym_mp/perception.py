@@ -1,14 +1,14 @@
 """Reconstructs scenes from images: the inverse of `render.draw`. docs/perception.md says what an image determines.
 
 An image pixel covers shrink x shrink native pixels. Its colour determines its *coverage*: how many of them each item
-colour covers. Coverages of items that do not occlude each other add up, so such items are found by matching templates,
-from the topmost row and its leftmost pixel on. Where native pixels are hidden by other items or cut off by the image
-border, as happens under the released rules, a search places items from front to back.
+colour covers. Coverages of items that do not occlude each other add up, so items are found by matching templates, from
+the topmost row and its leftmost pixel on. Items that occlude others or are cut off by the image border, as happens now
+and then under the released rules, are not read.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache, lru_cache
 from itertools import combinations, product
 from threading import Lock
@@ -45,25 +45,18 @@ MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its bo
 CACHE_BYTES = 32 << 20  # budget for cached box pixels per image size: about 3,300 boxes at half size
 BATCH_SIZE = 64  # images read at once
 MAX_TRIALS = 3000  # budget of a decomposition: placements tried for one component
-MAX_SEARCH_STEPS = 300  # budget of an occlusion search: search nodes expanded
-MAX_HIDDEN_ITEMS = 6  # depth limit of an occlusion search
-BRANCHING_FACTOR = 10  # candidates followed at each node of an occlusion search
-PROBE_COUNT = 12  # pixels of a template tested first, which rule out most placements
-
-
-IntArray = NDArray[np.int16]
 
 
 class PerceptionError(ValueError):
-    """The image is not a drawing of any scene, or the search budget did not suffice to find one."""
+    """The image is not a drawing of any scene without occluded items, or none was found within the search budget."""
 
 
 def read_scene(image: UInt8Array, appearance: str) -> Scene:
     """The scene shown by `image`; drawing it gives exactly `image`.
 
     `image`: uint8 (50, 190, 3), half size, or (100, 380, 3), native; `appearance`: "tower" or "scatter".
-    Tower blocks are ordered from bottom to top; Scatter items by x, then y, with each item after those it occludes.
-    Raises PerceptionError naming the wrong size, pixel or box.
+    Tower blocks are ordered from bottom to top; Scatter items by x, then y.
+    Raises PerceptionError naming the wrong size, pixel or box, also if items occlude one another.
     """
     return _reader_for(appearance)(_check_image(image))
 
@@ -584,7 +577,7 @@ def _read_box(pixels: bytes, index: int, shrink: int) -> Box:
             items += isolated
             components += others
     if components or (shrink > 1 and _has_mixed_pixels(coverages, shrink)):
-        items = _resolve_overlaps(items, components, index, shrink)
+        items = _separate(items, components, index, shrink)
     else:
         items.sort()
     return Box(tuple(items))
@@ -601,206 +594,24 @@ def _has_mixed_pixels(coverages: Sequence[int], shrink: int) -> bool:
     return bool(shared & (sevens + _ones(shrink)))
 
 
-def _resolve_overlaps(items: list[Item], components: Sequence[_Component], index: int, shrink: int) -> list[Item]:
-    """All items of a box, in order, from its isolated items and the components of touching or occluded items."""
-    decomposed = [_decompose(component, shrink) for component in components]
-    visible = items + [item for found in decomposed for item in found or ()]
-    unread = [component for component, found in zip(components, decomposed, strict=True) if found is None]
-    if not unread and _are_disjoint(visible, shrink):
-        return sorted(visible)
-    found = _search_behind(visible, unread, index, shrink) if unread else None
-    if found is None and components:
-        found = _OcclusionSearch(index, shrink).search(items, components)
-    if found is not None:
-        return _in_drawing_order(found)
-    names = ", ".join(Colour(colour).name.lower() for colour in sorted({component.colour for component in components}))
-    raise PerceptionError(f"box {index}: no items could be found that explain its {names or 'coloured'} pixels")
-
-
-def _search_behind(visible: list[Item], components: Sequence[_Component], index: int, shrink: int) -> list[Item] | None:
-    """All items from back to front: those that explain the components, occluded by the `visible` ones.
-
-    Each component is searched separately first, which is fast; the unexplained ones are then searched together.
-    """
-    drawn: list[Item] = visible
-    left: list[_Component] = []
+def _separate(items: list[Item], components: Sequence[_Component], index: int, shrink: int) -> list[Item]:
+    """All items of a box, in order, from its isolated items and the components of touching items."""
     for component in components:
-        found = _OcclusionSearch(index, shrink).search(drawn, [component])
+        found = _decompose(component, shrink)
         if found is None:
-            left.append(component)
-        else:
-            drawn = found
-    return _OcclusionSearch(index, shrink).search(drawn, left) if left else drawn
+            raise _occluded(index, [component.colour])
+        items += found
+    if not _are_disjoint(items, shrink):
+        raise _occluded(index, {item.colour for item in items})
+    return sorted(items)
 
 
-# Scatter: occluded items
-
-
-class _Candidate(NamedTuple):
-    """A placement that explains some of the unexplained pixels."""
-
-    cost: int  # 2 * hidden native pixels - visible native pixels
-    item: Item
-    explained: IntArray  # (rows, columns) native pixels it explains in each image pixel it touches
-
-
-class _OcclusionSearch:
-    """Depth-first search for items from front to back; each placed item occludes those behind it.
-
-    Arrays cover the box with MARGIN on each side.
-    """
-
-    def __init__(self, index: int, shrink: int) -> None:
-        self._shrink = shrink
-        self._steps = 0
-        occluded = np.zeros((REGION_SIDE, REGION_SIDE), np.bool_)  # native pixels hidden by something in front
-        occluded[:MARGIN] = occluded[MARGIN + BOX_SIDE :] = True
-        if index == 0:
-            occluded[:, :MARGIN] = True
-        if index == BOX_COUNT - 1:
-            occluded[:, MARGIN + BOX_SIDE :] = True
-        self._occluded = occluded
-
-    def search(self, front: Sequence[Item], components: Sequence[_Component]) -> list[Item] | None:
-        """All items from back to front: those that explain the components, and `front`."""
-        side = REGION_SIDE // self._shrink
-        margin = MARGIN // self._shrink
-        unexplained = np.zeros((len(Colour), side, side), np.int16)
-        for colour, coverage, position in components:
-            packed = (coverage << 8 * position).to_bytes(side * (side - 2 * margin), "little")
-            unexplained[colour, margin:-margin] += np.frombuffer(packed, np.uint8).reshape(-1, side)
-        occluded = self._occluded.copy()
-        for item in front:
-            occluded[_native_slices(item)] |= _native_mask(item.footprint)
-        for limit in range(1, MAX_HIDDEN_ITEMS + 1):
-            for anchored in (True, False):
-                behind = self._place(unexplained, occluded, limit, anchored=anchored)
-                if behind is not None:
-                    return [*reversed(behind), *front]
-        return None
-
-    def _place(self, unexplained: IntArray, occluded: BoolArray, limit: int, *, anchored: bool) -> list[Item] | None:
-        """At most `limit` items, from front to back, that explain the unexplained pixels; None if not found.
-
-        `anchored`: each item must explain the topmost, leftmost unexplained pixel, which keeps the branching low.
-        """
-        remaining = int(unexplained.sum())
-        if not remaining:
-            return []
-        if remaining > limit * max(FOOTPRINT_SIDES) ** 2 or self._steps >= MAX_SEARCH_STEPS:
-            return None
-        self._steps += 1
-        candidates = self._candidates(unexplained, occluded, anchored=anchored)
-        if limit == 1:
-            candidates = [candidate for candidate in candidates if int(candidate.explained.sum()) == remaining]
-        for candidate in candidates[:BRANCHING_FACTOR]:
-            item = candidate.item
-            rest, covered = unexplained.copy(), occluded.copy()
-            rest[item.colour][_pixel_slices(item, self._shrink)] -= candidate.explained
-            covered[_native_slices(item)] |= _native_mask(item.footprint)
-            behind = self._place(rest, covered, limit - 1, anchored=anchored)
-            if behind is not None:
-                return [item, *behind]
-        return None
-
-    def _candidates(self, unexplained: IntArray, occluded: BoolArray, *, anchored: bool) -> list[_Candidate]:
-        """Placements whose visible pixels all have the right colour, sorted by cost: much visible, little hidden."""
-        found: list[_Candidate] = []
-        row, column = np.argwhere(unexplained.any(axis=0))[0].tolist()
-        for colour in Colour:
-            if anchored and not unexplained[colour, row, column]:
-                continue
-            target = unexplained[colour]
-            if anchored:
-                target = np.zeros_like(target)
-                target[row, column] = unexplained[colour, row, column]
-            if not target.any():
-                continue
-            for item in self._feasible_items(unexplained[colour], target, occluded, colour):
-                explained = _visible_coverage(item, occluded[_native_slices(item)], self._shrink)
-                pixels = _pixel_slices(item, self._shrink)
-                if (explained > unexplained[colour][pixels]).any() or not (explained * target[pixels]).any():
-                    continue
-                hidden = int(np.count_nonzero(_native_mask(item.footprint)) - explained.sum())
-                found.append(_Candidate(2 * hidden - int(explained.sum()), item, explained))
-        return sorted(found, key=lambda candidate: (candidate.cost, candidate.item))
-
-    def _feasible_items(
-        self, available: IntArray, target: IntArray, occluded: BoolArray, colour: Colour
-    ) -> Iterator[Item]:
-        """Placements whose coverage fits the unexplained and occluded native pixels of every image pixel.
-
-        Only those that intersect the bounding rectangle of `target`.
-        """
-        shrink = self._shrink
-        side = REGION_SIDE // shrink
-        available = available + occluded.reshape(side, shrink, side, shrink).sum(axis=(1, 3), dtype=np.int16)
-        seen = [np.flatnonzero(target.any(axis=axis)).tolist() for axis in (1, 0)]  # rows, columns
-        for template in _templates(shrink):
-            footprint = template.shape * len(Size) + template.size
-            own = _template_coverage(footprint, template.odd_x, template.odd_y, shrink)
-            height, width = own.shape
-            top, left = max(0, seen[0][0] - height + 1), max(0, seen[1][0] - width + 1)
-            rows, columns = min(side - height, seen[0][-1]) - top + 1, min(side - width, seen[1][-1]) - left + 1
-            near = available[top : top + rows + height - 1, left : left + columns + width - 1]
-            fits = np.ones((rows, columns), np.bool_)
-            for row, column in _probes(footprint, template.odd_x, template.odd_y, shrink):
-                fits &= near[row : row + rows, column : column + columns] >= own[row, column]
-            for row, column in np.argwhere(fits).tolist():
-                if (near[row : row + height, column : column + width] >= own).all():
-                    x, y = (
-                        (left + column) * shrink + template.odd_x - MARGIN,
-                        (top + row) * shrink + template.odd_y - MARGIN,
-                    )
-                    yield Item(x, y, template.shape, colour, template.size)
-
-
-@cache
-def _probes(footprint: int, odd_x: int, odd_y: int, shrink: int) -> list[list[int]]:
-    """Row and column of some pixels spread over a template."""
-    filled = np.argwhere(_template_coverage(footprint, odd_x, odd_y, shrink)).tolist()
-    return filled[:: max(1, len(filled) // PROBE_COUNT)]
-
-
-@cache
-def _native_mask(footprint: int) -> BoolArray:
-    """(side, side) which native pixels of the bounding square are drawn."""
-    return _template_coverage(footprint, 0, 0, 1).astype(np.bool_)
-
-
-def _native_slices(item: Item) -> tuple[slice, slice]:
-    """Rows and columns of the native pixels of an item's bounding square."""
-    x, y, side = item.x + MARGIN, item.y + MARGIN, item.side
-    return slice(y, y + side), slice(x, x + side)
-
-
-def _pixel_slices(item: Item, shrink: int) -> tuple[slice, slice]:
-    """Rows and columns of the image pixels an item touches."""
-    x, y, side = item.x + MARGIN, item.y + MARGIN, item.side
-    return slice(y // shrink, -(-(y + side) // shrink)), slice(x // shrink, -(-(x + side) // shrink))
-
-
-def _visible_coverage(item: Item, occluded: BoolArray, shrink: int) -> IntArray:
-    """(rows, columns) visible native pixels of an item in each image pixel it touches."""
-    before_x, before_y = item.x % shrink, item.y % shrink  # MARGIN is a multiple of shrink
-    rows, columns = -(-(before_y + item.side) // shrink), -(-(before_x + item.side) // shrink)
-    shown = np.zeros((rows * shrink, columns * shrink), np.bool_)
-    shown[before_y : before_y + item.side, before_x : before_x + item.side] = _native_mask(item.footprint) & ~occluded
-    return shown.reshape(rows, shrink, columns, shrink).sum(axis=(1, 3), dtype=np.int16)
-
-
-def _in_drawing_order(drawn: Sequence[Item]) -> list[Item]:
-    """Items by x, then y, except that an occluding item follows the occluded one; `drawn` is from back to front."""
-    left = list(drawn)
-    ordered: list[Item] = []
-    while left:
-        free = [
-            item for index, item in enumerate(left) if all(_are_disjoint((item, other), 1) for other in left[:index])
-        ]
-        item = min(free)
-        left.remove(item)
-        ordered.append(item)
-    return ordered
+def _occluded(index: int, colours: Collection[Colour]) -> PerceptionError:
+    names = ", ".join(Colour(colour).name.lower() for colour in sorted(colours))
+    return PerceptionError(
+        f"box {index}: no items explain its {names} pixels; items that occlude one another, or that the image border"
+        " cuts off, as the released rules allow, cannot be read"
+    )
 
 
 def _read_scatter(image: UInt8Array) -> Scene:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp import perception
@@ -143,43 +143,34 @@ def test_scatter__fewest_items_are_preferred(image_size: str):
 
 
 @IMAGE_SIZES
-def test_scatter__an_occluding_item_comes_after_the_occluded(image_size: str):
-    front, back = circle(10, 10, LARGE, B), square(35, 20, MEDIUM, K)
-    for drawn_items in ([back, front], [front, back]):
-        shown = scene([], drawn_items)
-        assert read_scene(draw(shown, image_size), "scatter") == shown
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        [circle(10, 10, LARGE, B), square(35, 20, MEDIUM, K)],
+        [circle(60, 10, LARGE, Y), square(80, 35, MEDIUM, Y)],
+        [square(-3, 40, colour=B)],
+    ],
+)
+def test_scatter__occluded_or_cut_off_items_are_an_error(image_size: str, drawn: list[Item]):
+    with pytest.raises(PerceptionError, match=r"box 0: .* items that occlude one another"):
+        read_scene(draw(scene(drawn), image_size), "scatter")
 
 
 @IMAGE_SIZES
-def test_scatter__occluded_groups_are_searched_separately(image_size: str):
-    blue = [circle(23, 20, MEDIUM, B), square(20, 39, SMALL, B), triangle(19, 39, LARGE, B)]
-    yellow = [circle(60, 10, LARGE, Y), square(80, 35, MEDIUM, Y)]
-    check_recovered([scene([*blue, *yellow])], "scatter", image_size)
+@pytest.mark.parametrize("item", [square(-3, 40, colour=B), triangle(85, 74, MEDIUM, K)])
+def test_scatter__items_that_leave_their_box_sideways_are_recovered(image_size: str, item: Item):
+    check_recovered([scene([], [item, square(40, 40, MEDIUM, Y)])], "scatter", image_size)
 
 
-@IMAGE_SIZES
-@pytest.mark.parametrize("item", [square(-3, 40, colour=B), circle(83, -4), triangle(75, 74, LARGE, K)])
-@pytest.mark.parametrize("box", range(3))
-def test_scatter__items_that_leave_their_box_are_recovered(image_size: str, item: Item, box: int):
-    boxes: list[list[Item]] = [[], [], []]
-    boxes[box] = [item, square(40, 40, MEDIUM, Y)]
-    check_recovered([Scene.of(*boxes)], "scatter", image_size)
-
-
-@settings(max_examples=60)
-@given(item=items(overhang=19))
-@example(item=square(62, -8, LARGE, Y))
-@example(item=circle(-6, -11, LARGE, Y))
-def test_scatter__reconstruction_of_any_item_draws_the_same_image(item: Item):
-    image = draw(scene([], [item]), "half")
-    assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
-
-
-@settings(max_examples=15)
-@given(drawn_items=st.lists(items(overhang=10), min_size=2, max_size=2))
-def test_scatter__reconstruction_of_any_two_items_draws_the_same_image(drawn_items: list[Item]):
+@settings(max_examples=50)
+@given(drawn_items=st.lists(items(overhang=10), min_size=1, max_size=2))
+def test_scatter__reconstruction_of_any_items_draws_the_same_image_or_is_an_error(drawn_items: list[Item]):
     image = draw(scene([], drawn_items), "half")
-    assert np.array_equal(draw(read_scene(image, "scatter"), "half"), image)
+    try:
+        read = read_scene(image, "scatter")
+    except PerceptionError:
+        return
+    assert np.array_equal(draw(read, "half"), image)
 
 
 # Play and corpora
@@ -198,8 +189,7 @@ def test_official_starts__are_recovered(appearance: str, official_data: Path):
     check_recovered(list(starts), appearance, "half")
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-@pytest.mark.parametrize("rules", RULE_SETS)
+@pytest.mark.parametrize(("appearance", "rules"), [("tower", "release"), ("scatter", "paper")])
 def test_play__every_scene_is_recovered(appearance: str, rules: str):
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")]
     check_recovered(random_play_scenes(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
@@ -285,5 +275,5 @@ def test_box_colour_on_a_separator__is_an_error():
 def test_a_single_coloured_pixel__is_an_error():
     image = draw(Scene.empty())
     image[50, 50] = 0
-    with pytest.raises(PerceptionError, match="box 0: no items could be found that explain its black pixels"):
+    with pytest.raises(PerceptionError, match="box 0: no items explain its black pixels"):
         read_scene(image, "scatter")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
@@ -32,9 +33,9 @@ from lilgym_mp.learning.model_file import (
     load_weights,
     save_model,
 )
-from lilgym_mp.perception import read_scenes
+from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
 from lilgym_mp.rules import make_dynamics
-from lilgym_mp.scene import BOX_COUNT
+from lilgym_mp.scene import BOX_COUNT, Scene
 
 KIND = "imitation"
 VERSION = 1
@@ -126,7 +127,7 @@ _PolicyInputs = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxe
 
 
 class _ImagePolicy:
-    """The network on images, which `perception` reads into boxes."""
+    """The network on images, which `perception` reads into boxes; it stops where one cannot be read."""
 
     needs_masks = False
 
@@ -151,7 +152,8 @@ class _ImagePolicy:
         if len(self._policy.table) > MAX_CACHED_BOXES:
             self._policy = self._new_policy()
         policy = self._policy
-        boxes = policy.table.indices(read_scenes(observations.images, self._appearance.name))
+        scenes, unread = _scenes(observations.images, self._appearance.name)
+        boxes = policy.table.indices(scenes)
         self._latest = inputs = observations.statements, boxes, observations.targets
         if self._sampled:
             log_probabilities = policy.log_probabilities(*inputs)
@@ -159,6 +161,7 @@ class _ImagePolicy:
             chosen = choose_actions(log_probabilities, observations.steps, self._horizon, self._rule, rng)
         else:
             chosen, log_stops = policy.greedy(*inputs, observations.steps, self._horizon, self._rule)
+        chosen[unread] = STOP_INDEX
         self.stop_probabilities = np.exp(log_stops)
         return policy.heads.action_of[chosen]
 
@@ -168,6 +171,21 @@ class _ImagePolicy:
         probabilities = np.zeros((len(log_probabilities), self._appearance.action_count), np.float32)
         probabilities[:, self._policy.heads.action_of] = np.exp(log_probabilities)
         return PolicyOutput(probabilities)
+
+
+def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]]:
+    """The scene in each image, empty where it cannot be read, and the indices of these images."""
+    try:
+        return read_scenes(images, appearance), []
+    except PerceptionError:
+        scenes, unread = [], []
+    for index, image in enumerate(images):
+        try:
+            scenes.append(read_scene(image, appearance))
+        except PerceptionError:
+            scenes.append(Scene.empty())
+            unread.append(index)
+    return scenes, unread
 
 
 def describe(
