@@ -6,7 +6,7 @@ An option that was not given has the value None; only then do the defaults of `S
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
 from pathlib import Path
@@ -94,41 +94,6 @@ def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> Non
         help=f"with {decisions_option}: ask the expert at each step whether the action taken begins a shortest solution"
         " (slow in Scatter)",
     )
-
-
-def add_recipe(
-    parser: argparse.ArgumentParser,
-    recipe: Any,
-    leave_out: Collection[str] = (),
-    *,
-    choices: Mapping[str, Sequence[str]] | None = None,
-    defaults_of: str | None = None,
-) -> None:
-    """An option for each field of a recipe's dataclass; the field's metadata hold its description.
-
-    `choices`: allowed values of the string fields; `defaults_of`: name of the recipe that the defaults belong to.
-    """
-    origin = "" if defaults_of is None else f" in {defaults_of}"
-    group = parser.add_argument_group("recipe")
-    for setting in fields(recipe):
-        if setting.name in leave_out:
-            continue
-        flag, description = f"--{flag_name(setting.name)}", setting.metadata["description"]
-        value_type = type(setting.default)
-        if value_type is bool:
-            state = "on" if setting.default else "off"
-            group.add_argument(
-                flag,
-                action=argparse.BooleanOptionalAction,
-                default=None,
-                help=f"{description} (default: {state}{origin})",
-            )
-        elif value_type is str:
-            allowed = (choices or {})[setting.name]
-            group.add_argument(flag, choices=allowed, help=f"{description} (default: {setting.default}{origin})")
-        else:
-            default = f"{setting.default:g}{origin}"
-            group.add_argument(flag, type=value_type, metavar="N", help=f"{description} (default: {default})")
 
 
 def flag_name(name: str) -> str:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from threading import get_ident
@@ -86,10 +87,8 @@ def load_model(
         raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
     if METADATA_KEY not in metadata:
         raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym_mp wrote")
-    try:
+    with described_network(path):
         return ModelDescription.from_json(json.loads(metadata[METADATA_KEY])), tensors
-    except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
 
 
 def load_model_of_kind(
@@ -101,6 +100,18 @@ def load_model_of_kind(
         found = f"{description.kind!r}, version {description.version}"
         raise ModelFileError(f"{path}: a model of kind {found}; must be {kind!r}, version {version}")
     return description, tensors
+
+
+@contextmanager
+def described_network(path: Path) -> Iterator[None]:
+    """Within the block a network is made from a description; raises ModelFileError if that cannot be used."""
+    try:
+        yield
+    except ModelFileError:
+        raise
+    except (ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError) as error:
+        reason = f"it lacks {error}" if isinstance(error, KeyError) else error
+        raise ModelFileError(f"{path}: its description cannot be used: {reason}") from None
 
 
 def _check_file(path: Path) -> None:

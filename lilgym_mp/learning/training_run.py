@@ -12,7 +12,7 @@ import io
 import json
 import warnings
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -79,6 +79,16 @@ class TrainingRun:
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: it holds no dict")
         return state
 
+    @contextmanager
+    def checkpoint(self, device: torch.device | str = "cpu") -> Iterator[dict[str, Any]]:
+        """The latest checkpoint; raises TrainingRunError also if the block cannot use it."""
+        state = self.load_checkpoint(device)
+        try:
+            yield state
+        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise TrainingRunError(f"the checkpoint in {self.path} is not of this run: {reason}") from None
+
     def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
         save_model(self.agent_file, description, tensors)
 
@@ -88,20 +98,16 @@ class TrainingRun:
             file.write(json.dumps(progress) + "\n")
 
 
-def begin_run(
-    path: Path, identity: Mapping[str, Any], *, resume: bool = False, defaults: Mapping[str, Any] | None = None
-) -> TrainingRun:
+def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:
     """A new run in an empty or new directory, or with `resume` the one already there.
 
-    `identity`: everything a resumed run must share, as JSON. `defaults`: values of settings that a resumed run's file
-    lacks because they were added after it began. Raises TrainingRunError when the directory is in use or holds a
-    different run, OutputError when it is not writable.
+    `identity`: everything a resumed run must share, as JSON. Raises TrainingRunError when the directory is in use or
+    holds a different run, OutputError when it is not writable.
     """
     identity = json.loads(json.dumps(identity))
     file = path / RUN_FILE
     if resume:
         saved, options = _read_run_file(file)
-        saved = _completed(saved, json.loads(json.dumps(defaults or {})))
         for name, kept, requested in _differences(saved, identity):
             raise TrainingRunError(
                 f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
@@ -115,27 +121,16 @@ def begin_run(
     return TrainingRun(path, identity)
 
 
-def resumable_run(
-    path: Path, required: Mapping[str, Any], recipe: type[Any], defaults: Mapping[str, Any] | None = None
-) -> tuple[TrainingRun, Any]:
+def resumable_run(path: Path, required: Mapping[str, Any], recipe: type[Any]) -> tuple[TrainingRun, Any]:
     """The run to be resumed in a directory, and its recipe, made by the dataclass `recipe`.
 
     `required`: values that its identity must have. Raises TrainingRunError naming both values otherwise.
     """
-    run = begin_run(path, required, resume=True, defaults={"recipe": asdict(recipe()), **(defaults or {})})
+    run = begin_run(path, required, resume=True)
     try:
         return run, recipe(**run.identity["recipe"])
     except (KeyError, TypeError, ValueError) as error:
         raise TrainingRunError(f"{path / RUN_FILE}: cannot be used: {error}") from None
-
-
-def _completed(saved: Mapping[str, Any], defaults: Mapping[str, Any]) -> dict[str, Any]:
-    """The saved identity with defaults for what it lacks, nested settings included."""
-    merged = {**defaults, **saved}
-    for name, value in defaults.items():
-        if isinstance(value, dict) and isinstance(merged[name], dict):
-            merged[name] = _completed(merged[name], value)
-    return merged
 
 
 def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

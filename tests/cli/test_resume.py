@@ -6,12 +6,12 @@ import json
 import os
 import signal
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.recipe import default_recipe
@@ -19,7 +19,7 @@ from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import train_ppo
-from lilgym_mp.learning.training_run import TrainingRunError, begin_run
+from lilgym_mp.learning.training_run import begin_run
 from tests.own_corpus import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
@@ -60,7 +60,7 @@ def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
 ):
     settings = Settings("TowerFlipIt", corpus=own, horizon=7)
     recipe = default_recipe("tower", **IMITATION)
-    monkeypatch.setattr(imitation, "REPORT_SECONDS", 0.1)
+    monkeypatch.setattr(timed_run, "REPORT_SECONDS", 0.1)
     with pytest.raises(KeyboardInterrupt):
         imitation.train_imitation(
             settings, recipe, tmp_path / "run", minutes=0.1, seed=5, device="cpu", on_progress=interrupt
@@ -86,12 +86,3 @@ def test_resume__rejects_a_run_of_another_learner(learner: str, tmp_path: Path, 
     begin_run(tmp_path, {"learner": "other"})
     assert main(["train", learner, "--resume", "--out", str(tmp_path)]) == USAGE_ERROR
     assert f"has learner other, but {learner} was requested" in capsys.readouterr().err
-
-
-def test_begin_run__settings_absent_from_an_older_run_take_their_defaults(tmp_path: Path):
-    begin_run(tmp_path, {"learner": "one", "recipe": {"width": 8}})
-    now: dict[str, Any] = {"learner": "one", "recipe": {"width": 8, "added_later": 3}}
-    defaults = {"recipe": {"width": 128, "added_later": 3}}
-    assert begin_run(tmp_path, now, resume=True, defaults=defaults).identity == now
-    with pytest.raises(TrainingRunError, match="has added_later 3, but 4 was requested"):
-        begin_run(tmp_path, {"recipe": {"added_later": 4}}, resume=True, defaults=defaults)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import Vocabulary, VocabularyError
+from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.registration import configuration_name
@@ -25,7 +25,7 @@ from lilgym_mp.learning.game.policies import Categorical, ChoicePolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
 from lilgym_mp.learning.ppo.states import BoxImageTable
 
 KIND = "game"
@@ -188,7 +188,7 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
     torch_device = select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
-    try:
+    with described_network(path):
         details = description.details
         settings = settings_from_json(details["game"])
         recipe = GameRecipe.from_json(description.recipe)
@@ -198,8 +198,6 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
         made = {
             name: make_network(settings, recipe, details["words"], details["sizes"], game) for name in names.values()
         }
-    except (KeyError, TypeError, ValueError, VocabularyError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     for name, network in made.items():
         load_weights(network, tensors_of(name, tensors), path)
         network.to(torch_device).eval()

@@ -13,7 +13,8 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOL
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.game.recipe import CHOICES, DESCRIPTIONS, GameRecipe, make_recipe
+from lilgym_mp.learning.commands import add_recipe
+from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.options import (
     INTERRUPTED,
@@ -21,7 +22,6 @@ from lilgym_mp.options import (
     CommandError,
     add_configuration,
     add_device,
-    add_recipe,
     add_run_directory,
     add_settings,
     check_at_least,
@@ -87,7 +87,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for name, (value_type, description) in _NUMBERS.items():
         options.add_argument(f"--{name.replace('_', '-')}", type=value_type, metavar="N", help=description)
     add_settings(parser)
-    add_recipe(parser, GameRecipe, choices=CHOICES)
+    add_recipe(parser, GameRecipe)
 
 
 def train(args: argparse.Namespace) -> int:
@@ -170,7 +170,7 @@ def _new_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     settings = GameSettings.of(**_given_game(args))
     return args.out or RUNS / f"{NAME}-{args.configuration}", {
         "settings": settings,
-        "recipe": make_recipe(args.configuration, **given_options(args, list(DESCRIPTIONS))),
+        "recipe": make_recipe(args.configuration, **given_options(args, GameRecipe.names())),
         "partners": {role: getattr(args, name) for name, role in PARTNERS.items() if getattr(args, name)},
         "start_from": args.start_from,
     }
@@ -180,7 +180,7 @@ def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     from lilgym_mp.learning.game.training import saved_arguments
 
     directory = args.out or RUNS / f"{NAME}-{args.configuration}"
-    requested = {"game": _given_game(args), "recipe": given_options(args, list(DESCRIPTIONS))}
+    requested = {"game": _given_game(args), "recipe": given_options(args, GameRecipe.names())}
     return directory, saved_arguments(directory, requested)
 
 

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.ppo.recipe import CHOICES as UPDATE_CHOICES
 from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.learning.recipes import option, setting
+from lilgym_mp.learning.recipes import setting
 
 ALGORITHMS = {
     "independent": "a network and a critic for each agent (IPPO)",
@@ -22,11 +20,6 @@ VERIFIERS = {
     "cross-entropy": "from the truth of the claims it judged in a game's last turn; it accepts every edit",
     "both": "from its rewards and the truth of these claims",
 }
-CHOICES: Mapping[str, tuple[str, ...]] = {
-    **{name: UPDATE_CHOICES[name] for name in ("optimiser", "schedule", "advantages")},
-    "algorithm": tuple(ALGORITHMS),
-    "verifier": tuple(VERIFIERS),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,26 +30,17 @@ class GameRecipe(UpdateRecipe):
     same_statement: int = setting(16, "games per group; a group plays one statement at a time", 1)
     rollout: int = setting(4096, "turns per rollout, over all games", 1)
     held_out: float = setting(0.0, "fraction of training statements held out, for tuning", 0, 0.5)
-    algorithm: str = setting("shared", "which networks there are")
-    verifier: str = setting("both", "what the verifier learns from")
+    algorithm: str = setting("shared", "which networks there are", choices=ALGORITHMS)
+    verifier: str = setting("both", "what the verifier learns from", choices=VERIFIERS)
     mask: bool = setting(True, "mask the proposer's illegal actions in training and in play")
     width: int = setting(64, "width of the networks", 8, 1024)
     claim_steps: int = setting(8, "optimiser steps on remembered claims per rollout", 0)
     claim_memory: int = setting(100_000, "claims remembered", 1)
     claim_statements: int = setting(64, "statements in a step on claims, with up to as many claims of each", 1)
 
-    def __post_init__(self) -> None:
-        """Raises ValueError naming the setting, its value and its bounds or choices."""
-        UpdateRecipe.__post_init__(self)
-        for name in ("algorithm", "verifier"):
-            choose(option(name), getattr(self, name), dict.fromkeys(CHOICES[name]))
-
     @property
     def learns_claims(self) -> bool:
         return self.verifier != "ppo"
-
-
-DESCRIPTIONS: Mapping[str, str] = {each.name: each.metadata["description"] for each in fields(GameRecipe)}
 
 
 def make_recipe(configuration: str, **changes: Any) -> GameRecipe:

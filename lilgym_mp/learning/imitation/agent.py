@@ -11,7 +11,7 @@ import numpy as np
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError
+from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
@@ -25,10 +25,10 @@ from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.model_file import (
     ModelDescription,
-    ModelFileError,
     check_numbers,
     check_shapes,
     check_sizes,
+    described_network,
     load_model_of_kind,
     load_weights,
     save_model,
@@ -208,7 +208,7 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
     torch_device = select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
-    try:
+    with described_network(path):
         architecture = Architecture.from_json(description.details["network"])
         stop_rules = description.details["stop_rules"]
         rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}
@@ -219,9 +219,5 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
         check_numbers({name: rule.threshold for name, rule in rules.items()})
         check_shapes(architecture.network, tensors, path)
         network = architecture.network()
-    except ModelFileError:
-        raise
-    except (ValueError, TypeError, KeyError, VocabularyError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(network, tensors, path)
     return ImitationAgent(network.to(torch_device).eval(), architecture, rules, description)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.learning.recipes import check_bounds, setting
+from lilgym_mp.learning.recipes import Recipe, setting
 
 
 @dataclass(frozen=True, slots=True)
-class ImitationRecipe:
+class ImitationRecipe(Recipe):
     """Imitation of sets of optimal first actions; docs/imitation.md has ablations."""
 
     width: int = setting(128, "network width; a multiple of 8", 8)
@@ -53,17 +53,9 @@ class ImitationRecipe:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds."""
-        check_bounds(self)
+        Recipe.__post_init__(self)
         if self.width % 8:
             raise ValueError(f"width must be a multiple of 8, not {self.width}")
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> ImitationRecipe:
-        """Inverse of `to_json`. Raises ValueError, TypeError for unknown keys."""
-        return cls(**data)
 
 
 def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:

@@ -7,11 +7,9 @@ from __future__ import annotations
 
 import itertools
 import math
-import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
-from functools import partial
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +24,7 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
+from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.agent import KIND, Architecture, ImitationAgent, describe
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
@@ -35,12 +34,11 @@ from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, en
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
+from lilgym_mp.learning.training_run import TrainingError, begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.task import Task
 
-SAVE_SECONDS = 30.0  # CPU time between checkpoints
-REPORT_SECONDS = 10.0
 GEOMETRY_FRACTION = 0.2  # duration of geometry pretraining relative to text pretraining, in addition to it (Scatter)
 MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
@@ -54,27 +52,16 @@ class Progress(NamedTuple):
     cpu_seconds: float  # CPU time of this process and its children over the whole run
     exploring_seconds: float  # part of `cpu_seconds` spent on data collection
     sets: int  # expert queries since the run was started or resumed
-    text: float | None  # loss of writing programs, during text pretraining only
-    truth: float | None  # truth loss; None during pretraining, like the following
-    actions: float | None  # loss of the sets of optimal actions
-    truth_accuracy: float | None
+    text: float | None = None  # loss of writing programs, during text pretraining only
+    truth: float | None = None  # truth loss; None during pretraining, like the following
+    actions: float | None = None  # loss of the sets of optimal actions
+    truth_accuracy: float | None = None
 
 
 @dataclass
-class _TrainingState:
-    """The counters in a checkpoint; field names are part of its format."""
-
-    steps: int = 0
-    states: int = 0
-    cpu_seconds: float = 0.0
-    exploring_seconds: float = 0.0
+class _Counters(Counters):
+    states: int = 0  # labelled states trained on
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
-
-
-def cpu_seconds() -> float:
-    """CPU time of this process and its terminated children."""
-    times = os.times()
-    return times.user + times.system + times.children_user + times.children_system
 
 
 def train_imitation(
@@ -97,32 +84,30 @@ def train_imitation(
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """
-    if (minutes is None) == (steps is None):
-        raise ValueError("give a budget: either minutes or steps")
-    if not 0 < (minutes or steps or 0) < math.inf:
-        raise ValueError(f"the budget must be positive, not {minutes or steps}")
-    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume)
-    run.learn(on_progress)
+    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume)
+    run.learn()
     return run.finish()
 
 
-class _Run:
+class _Run(TimedRun[StepResult]):
+    counters: _Counters
+
     def __init__(
         self,
         settings: Settings,
         recipe: ImitationRecipe,
         out: Path,
-        minutes: float | None,
-        steps: int | None,
+        budget: Budget,
         seed: int,
         device: str,
+        on_progress: Callable[[Progress], object],
+        *,
         resume: bool,
     ) -> None:
-        self._start_cpu_seconds = cpu_seconds()
-        self._settings, self._recipe, self._seed = settings, recipe, seed
-        self._minutes, self._steps = minutes, steps
+        super().__init__(budget)
+        self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
-        self._state = _TrainingState()
+        self.counters = _Counters()
         tasks = settings.make("train").tasks
         self._excluded = held_out_digests(settings.corpus)
         identity = {
@@ -133,9 +118,8 @@ class _Run:
             "tasks_sha256": tasks.provenance.sha256,
             "held_out_sha256": digests_sha256(self._excluded),
         }
-        defaults = {"recipe": asdict(ImitationRecipe()), "held_out_sha256": identity["held_out_sha256"]}
-        self._run = begin_run(out, identity, resume=resume, defaults=defaults)
-        self._run.remember(minutes=minutes, steps=steps)
+        self.files = begin_run(out, identity, resume=resume)
+        self.files.remember(**budget._asdict())
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
         entries, held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
@@ -144,8 +128,8 @@ class _Run:
         self._architecture = Architecture.of(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
         self._imitation = self._new_imitation(entries)
-        if resume and self._run.has_checkpoint:
-            self._load_checkpoint()
+        if resume:
+            self.load(self._device)
 
     def _new_imitation(self, entries: Sequence[DatasetEntry]) -> Imitation:
         recipe, is_flipit = self._recipe, self._settings.start == FLIPIT
@@ -184,67 +168,36 @@ class _Run:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
-    # The budget
-
-    def _seconds(self) -> float:
-        return self._state.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
-
-    def _progress(self) -> float:
-        """The fraction of the budget spent."""
-        if self._steps is not None:
-            return self._state.steps / self._steps
-        assert self._minutes is not None
-        return self._seconds() / (60 * self._minutes)
-
     # Training
 
-    def learn(self, on_progress: Callable[[Progress], object]) -> None:
+    def learn(self) -> None:
         """Pretrains, then alternates data collection and optimiser steps until the budget is spent."""
-        state = self._state
-        recent: list[StepResult] = []
-        try:
-            self._pretrain_text(on_progress)
-            self._collect(self._imitation.collect_first)
-            if not state.begun_at:
+        with self.saved_on_interrupt():
+            self._pretrain_text()
+            with self.exploring():
+                self._imitation.collect_first()
+            if not self.counters.begun_at:
                 self._pretrain_geometry()
-                state.begun_at = self._progress()
-            saved = reported = self._seconds()
-            while (done := self._progress()) < 1:
-                if self._is_collection_due():
-                    self._collect(partial(self._imitation.collect_more, done))
-                recent.append(self._step())
-                now = self._seconds()
-                if now - reported > REPORT_SECONDS:
-                    self._report(recent, on_progress)
-                    recent, reported = [], now
-                if now - saved > SAVE_SECONDS:
-                    self._save()
-                    saved = now
-        except KeyboardInterrupt:
-            self._save()
-            raise
-        if recent:
-            self._report(recent, on_progress)
+                self.counters.begun_at = self.progress()
+            self.optimise()
 
-    def _step(self) -> StepResult:
-        state = self._state
+    def step(self) -> StepResult:
+        counters, done = self.counters, self.progress()
+        if self._is_collection_due():
+            with self.exploring():
+                self._imitation.collect_more(done)
         try:
-            result = self._imitation.step((self._progress() - state.begun_at) / (1 - state.begun_at))
+            result = self._imitation.step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
         except TrainingError as error:
-            raise self._not_finite(str(error)) from None
-        state.steps += 1
-        state.states += result.states
+            raise self.not_finite(str(error)) from None
+        counters.steps += 1
+        counters.states += result.states
         return result
 
     def _is_collection_due(self) -> bool:
-        if self._steps is not None:  # deterministic
-            return self._state.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
-        return self._state.exploring_seconds < self._recipe.exploring * self._seconds()
-
-    def _collect(self, collect: Callable[[], None]) -> None:
-        began = self._seconds()
-        collect()
-        self._state.exploring_seconds += self._seconds() - began
+        if self.budget.steps is not None:  # deterministic
+            return self.counters.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
+        return self.counters.exploring_seconds < self._recipe.exploring * self.seconds()
 
     def _pretrain_geometry(self) -> None:
         imitation, fraction = self._imitation, GEOMETRY_FRACTION * self._recipe.pretraining
@@ -252,15 +205,15 @@ class _Run:
         if heads is None or not fraction:
             return
         geometry = GeometryPretraining(heads.geometry, imitation.policy.table, self._recipe.warmup, imitation.rng)
-        first = self._progress()
-        while (done := (self._progress() - first) / fraction) < 1:
+        first = self.progress()
+        while (done := (self.progress() - first) / fraction) < 1:
             loss = geometry.step(done)
             self._check_finite(loss, f"legal edits {loss:g}")
-            self._state.steps += 1
+            self.counters.steps += 1
 
-    def _pretrain_text(self, on_progress: Callable[[Progress], object]) -> None:
+    def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining
-        if self._progress() >= fraction:
+        if self.progress() >= fraction:
             return
         text = TextPretraining(
             self._imitation.network,
@@ -272,72 +225,48 @@ class _Run:
             self._seed,
         )
         recent: list[float] = []
-        reported = self._seconds()
-        while (done := self._progress() / fraction) < 1:
+        reported = self.seconds()
+        while (done := self.progress() / fraction) < 1:
             recent.append(text.step(done))
             self._check_finite(recent[-1], f"text {recent[-1]:g}")
-            self._state.steps += 1
-            if self._seconds() - reported > REPORT_SECONDS:
-                self._report_progress(on_progress, text=round(float(np.mean(recent)), 4))
-                recent, reported = [], self._seconds()
-        self._save()
+            self.counters.steps += 1
+            if self.seconds() - reported > timed_run.REPORT_SECONDS:
+                self._report_progress(text=round(float(np.mean(recent)), 4))
+                recent, reported = [], self.seconds()
+        self.save()
 
     def _check_finite(self, loss: float, parts: str) -> None:
         if not math.isfinite(loss):
-            raise self._not_finite(parts)
-
-    def _not_finite(self, parts: str) -> TrainingError:
-        return TrainingError(
-            f"the loss is not finite at step {self._state.steps} ({parts});"
-            f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
-        )
+            raise self.not_finite(parts)
 
     # Files
 
-    def _report(self, recent: Sequence[StepResult], on_progress: Callable[[Progress], object]) -> None:
+    def report(self, recent: Sequence[StepResult]) -> None:
         truth, actions, truth_accuracy, _ = np.mean(recent, axis=0).round(4).tolist()
-        self._report_progress(on_progress, truth=truth, actions=actions, truth_accuracy=truth_accuracy)
+        self._report_progress(truth=truth, actions=actions, truth_accuracy=truth_accuracy)
 
-    def _report_progress(
-        self,
-        on_progress: Callable[[Progress], object],
-        *,
-        text: float | None = None,
-        truth: float | None = None,
-        actions: float | None = None,
-        truth_accuracy: float | None = None,
-    ) -> None:
-        state = self._state
+    def _report_progress(self, **losses: float) -> None:
+        counters = self.counters
         progress = Progress(
-            state.steps,
-            state.states,
-            round(self._seconds(), 1),
-            round(state.exploring_seconds, 1),
-            self._imitation.collector.expert_queries,
-            text,
-            truth,
-            actions,
-            truth_accuracy,
+            steps=counters.steps,
+            states=counters.states,
+            cpu_seconds=round(self.seconds(), 1),
+            exploring_seconds=round(counters.exploring_seconds, 1),
+            sets=self._imitation.collector.expert_queries,
+            **losses,
         )
-        self._run.record(progress._asdict())
-        on_progress(progress)
+        self.files.record(progress._asdict())
+        self._on_progress(progress)
 
-    def _save(self) -> None:
-        counters = {**vars(self._state), "cpu_seconds": self._seconds()}
-        self._run.save_checkpoint({**self._imitation.state(), "counters": counters})
+    def state(self) -> dict[str, Any]:
+        return self._imitation.state()
 
-    def _load_checkpoint(self) -> None:
-        state = self._run.load_checkpoint(self._device)
-        try:
-            self._state = _TrainingState(**state["counters"])
-            self._imitation.restore(state, np.random.default_rng([self._seed, self._state.steps]))
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
+    def restore(self, state: dict[str, Any]) -> None:
+        self._imitation.restore(state, np.random.default_rng([self._seed, self.counters.steps]))
 
     def finish(self) -> ImitationAgent:
         """Tunes the stop rules on the held-out statements, and saves the agent."""
-        self._save()
+        self.save()
         imitation = self._imitation
         imitation.policy.clear_cache()
         rules: dict[str, StopRule] = {}
@@ -349,16 +278,15 @@ class _Run:
                 rules[name], accuracies[name] = tune_stop_rule(imitation.policy, self._dynamics, chosen, imitation.rng)
         statistics = {
             "seed": self._seed,
-            "steps": self._state.steps,
-            "states": self._state.states,
-            "cpu_minutes": round(self._seconds() / 60, 2),
-            "exploring_cpu_minutes": round(self._state.exploring_seconds / 60, 2),
+            "steps": self.counters.steps,
+            "states": self.counters.states,
+            **self.statistics(),
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
             "held_out_accuracy": accuracies,
         }
         description = describe(self._settings, self._recipe, self._architecture, rules, statistics)
         agent = ImitationAgent(imitation.network.eval(), self._architecture, rules, description)
-        agent.save(self._run.agent_file)
+        agent.save(self.files.agent_file)
         return agent
 
 

@@ -17,9 +17,9 @@ from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.model_file import (
     ModelDescription,
-    ModelFileError,
     check_numbers,
     check_shapes,
+    described_network,
     load_model_of_kind,
     load_weights,
 )
@@ -135,13 +135,9 @@ def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     torch_device = select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
     details = description.details
-    try:
+    with described_network(path):
         check_shapes(lambda: Parser.from_details(details).network, tensors, path)
         parser = move(Parser.from_details(details), torch_device)
         check_numbers({"temperature": parser.temperature, **asdict(Calibration(**details["calibration"]))})
-    except ModelFileError:
-        raise
-    except (KeyError, TypeError, ValueError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error!r}") from None
     load_weights(parser.network, tensors, path)
     return ParseAndPlanAgent(description, parser)

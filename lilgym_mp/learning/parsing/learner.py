@@ -6,20 +6,11 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp import options
+from lilgym_mp.learning.commands import add_recipe, interrupted
 from lilgym_mp.learning.learners import Learner
-from lilgym_mp.learning.parsing.recipe import OBJECTIVES, RECIPE_DESCRIPTIONS, ParserRecipe
-from lilgym_mp.options import (
-    CORPUS_HELP,
-    INTERRUPTED,
-    RUNS,
-    add_device,
-    add_recipe,
-    add_run_directory,
-    add_save_every,
-    check_at_least,
-    fill_options,
-    given_options,
-)
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.options import given_options
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
@@ -29,11 +20,11 @@ NAME = "parse-and-plan"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--corpus", help=CORPUS_HELP)
-    add_run_directory(parser, NAME)
-    add_save_every(parser, 500)
-    add_device(parser)
-    add_recipe(parser, ParserRecipe, choices={"objective": OBJECTIVES})
+    parser.add_argument("--corpus", help=options.CORPUS_HELP)
+    options.add_run_directory(parser, NAME)
+    options.add_save_every(parser, 500)
+    options.add_device(parser)
+    add_recipe(parser, ParserRecipe)
 
 
 def train(args: argparse.Namespace) -> int:
@@ -42,10 +33,10 @@ def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.parsing.training import train_parser
     from lilgym_mp.learning.training_run import resumable_run
 
-    check_at_least(args, 1, "threads", "save_every")
+    options.check_at_least(args, 1, "threads", "save_every")
     torch.set_num_threads(args.threads)
-    directory = args.out or RUNS / NAME
-    given = given_options(args, list(RECIPE_DESCRIPTIONS))
+    directory = args.out or options.RUNS / NAME
+    given = given_options(args, ParserRecipe.names())
     saved: Mapping[str, Any] = {}
     if args.resume:
         required = {"learner": NAME, **given_options(args, ["corpus"]), "recipe": given}
@@ -53,8 +44,8 @@ def train(args: argparse.Namespace) -> int:
         saved = run.identity
     else:
         recipe = ParserRecipe(**given)
-    fill_options(args, saved, {"corpus": "builtin"})
-    with _Display(recipe.steps, resumed=args.resume) as display:
+    options.fill_options(args, saved, {"corpus": "builtin"})
+    with Progress(recipe.steps, "steps", done=None if args.resume else 0) as bar:
         done = train_parser(
             args.corpus,
             recipe,
@@ -62,11 +53,10 @@ def train(args: argparse.Namespace) -> int:
             device=args.device,
             resume=args.resume,
             save_every=args.save_every,
-            on_progress=display,
+            on_progress=lambda line: bar.reach(line.step, _note(line)),
         )
     if not done.agent_file.exists():
-        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}")
-        return INTERRUPTED
+        return interrupted(NAME, directory)
     print(
         f"saved {done.agent_file} ({done.agent_file.stat().st_size / 1e6:.1f} MB)\n"
         f"evaluate it with: lilgym-mp evaluate {directory} --corpus {args.corpus}\n"
@@ -75,21 +65,8 @@ def train(args: argparse.Namespace) -> int:
     return 0
 
 
-class _Display:
-    """Shows the progress of a parser's training. A context manager."""
-
-    def __init__(self, steps: int, *, resumed: bool) -> None:
-        self._progress = Progress(steps, "steps", done=None if resumed else 0)
-
-    def __enter__(self) -> _Display:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._progress.__exit__(*exception)
-
-    def __call__(self, progress: TrainingProgress) -> None:
-        note = f"loss {progress.loss:.3f}, {progress.cpu_seconds / 60:.1f} CPU minutes"
-        self._progress.reach(progress.step, note)
+def _note(progress: TrainingProgress) -> str:
+    return f"loss {progress.loss:.3f}, {progress.cpu_seconds / 60:.1f} CPU minutes"
 
 
 LEARNER = Learner(

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
-from lilgym_mp.choices import choose
-from lilgym_mp.learning.recipes import check_bounds, setting
+from lilgym_mp.learning.recipes import Recipe, setting
 
 OBJECTIVES = ("accuracy", "return")
 HEADS = 4  # attention heads; must divide the width
 
 
 @dataclass(frozen=True)
-class ParserRecipe:
+class ParserRecipe(Recipe):
     """Everything the parser's training depends on, except its corpus."""
 
     seed: int = setting(0, "seed of the network, the pairs and their order")
@@ -32,17 +30,15 @@ class ParserRecipe:
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
     width: int = setting(96, "network width", 1)
     objective: str = setting(
-        "accuracy", "what plans maximise: expected accuracy, or expected return, which edits reduce"
+        "accuracy",
+        "what plans maximise: expected accuracy, or expected return, which edits reduce",
+        choices=OBJECTIVES,
     )
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds."""
-        check_bounds(self, exempt=("objective",))
-        choose("objective", self.objective, dict.fromkeys(OBJECTIVES))
+        Recipe.__post_init__(self)
         if self.learning_rate <= 0:
             raise ValueError(f"learning-rate must be above 0, not {self.learning_rate}")
         if self.width % HEADS:
             raise ValueError(f"width must be a multiple of {HEADS}, not {self.width}")
-
-
-RECIPE_DESCRIPTIONS: dict[str, Any] = {each.name: each.metadata["description"] for each in fields(ParserRecipe)}

@@ -42,7 +42,7 @@ from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, tensors_of, truth
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
-from lilgym_mp.learning.training_run import TrainingError, TrainingRun, TrainingRunError, begin_run
+from lilgym_mp.learning.training_run import TrainingError, TrainingRun, begin_run
 from lilgym_mp.rules import Outcome
 
 KIND = "parse-and-plan"
@@ -101,8 +101,7 @@ def train_parser(
         "held_out_sha256": data.held_out_sha256,
         "recipe": asdict(recipe),
     }
-    defaults = {"recipe": asdict(ParserRecipe()), "held_out_sha256": data.held_out_sha256}
-    run = begin_run(out, identity, resume=resume, defaults=defaults)
+    run = begin_run(out, identity, resume=resume)
     torch.manual_seed(recipe.seed)
     sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
     network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(torch_device)
@@ -266,14 +265,10 @@ class _Trainer:
 
     def restore(self, run: TrainingRun) -> None:
         """Restores the run's checkpoint. Raises TrainingRunError."""
-        state = run.load_checkpoint()
-        try:
+        with run.checkpoint() as state:
             self.network.load_state_dict(state["network"])
             self._optimiser.load_state_dict(state["optimiser"])
             self.step, self.cpu_seconds = int(state["step"]), float(state["cpu_seconds"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {run.path} is not of this run: {reason}") from None
         self._rng.seed(f"batches {self.recipe.seed} {self.step}")
 
 

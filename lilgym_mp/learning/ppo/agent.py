@@ -12,22 +12,20 @@ import torch
 
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import VocabularyError
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.model_file import (
     ModelDescription,
-    ModelFileError,
     check_shapes,
+    described_network,
     load_model_of_kind,
     load_weights,
 )
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
-from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.learning.ppo.states import BoxImageTable
@@ -113,7 +111,7 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
     torch_device = select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
-    try:
+    with described_network(path):
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)
         appearance = make_appearance(settings.appearance, settings.grid)
@@ -124,9 +122,5 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
         if recipe.model not in TRANSFORMERS:  # their sizes are those of their pretrained weights
             check_shapes(make, tensors, path)
         model = make()
-    except (ModelFileError, WeightsError):
-        raise
-    except (KeyError, TypeError, ValueError, VocabularyError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(model, tensors, path)
     return PPOAgent(description, settings, model.to(torch_device).eval(), recipe.mask)

@@ -6,26 +6,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.choices import choose
+from lilgym_mp import options
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.learning.commands import add_recipe, interrupted, new_run, resumed_run
 from lilgym_mp.learning.learners import Learner
-from lilgym_mp.learning.ppo.recipe import CHOICES, DEFAULT_RECIPE, DESCRIPTIONS, RECIPES, PPORecipe, make_recipe
-from lilgym_mp.options import (
-    INTERRUPTED,
-    RUNS,
-    CommandError,
-    add_configuration,
-    add_device,
-    add_recipe,
-    add_run_directory,
-    add_save_every,
-    add_settings,
-    check_at_least,
-    fill_options,
-    given_options,
-    given_settings,
-)
+from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.options import given_options
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
@@ -36,8 +22,8 @@ DEFAULT_STEPS = 1_000_000
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    add_configuration(parser, nargs="?")
-    add_run_directory(parser, "CONFIGURATION")
+    options.add_configuration(parser, nargs="?")
+    options.add_run_directory(parser, "CONFIGURATION")
     parser.add_argument(
         "--steps", type=int, metavar="N", help=f"environment steps (default: the resumed run's, or {DEFAULT_STEPS})"
     )
@@ -52,25 +38,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="directory of pretrained weights: config.json, model.safetensors and tokenizer",
     )
-    add_save_every(parser, 100_000)
+    options.add_save_every(parser, 100_000)
     parser.add_argument(
         "--evaluate-every",
         type=int,
         metavar="N",
         help="steps between evaluations on dev, for learning curves (default: no evaluations)",
     )
-    add_device(parser)
-    add_settings(parser)
-    add_recipe(parser, PPORecipe, choices=CHOICES, defaults_of=DEFAULT_RECIPE)
+    options.add_device(parser)
+    options.add_settings(parser)
+    add_recipe(parser, PPORecipe, defaults_of=DEFAULT_RECIPE)
 
 
 def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.agents import AGENT_FILE
     from lilgym_mp.learning.ppo.training import train_ppo
 
-    check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
+    options.check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
-    fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "evaluate_every": None})
+    options.fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "evaluate_every": None})
     with _Display(args.steps, directory) as display:
         agent = train_ppo(
             out=directory,
@@ -87,8 +73,7 @@ def train(args: argparse.Namespace) -> int:
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
-        print(f"interrupted; resume with: lilgym-mp train ppo --resume --out {directory}")
-        return INTERRUPTED
+        return interrupted("ppo", directory)
     if details["validation_accuracy"] is not None:
         accuracy, steps = 100 * details["validation_accuracy"], details["validation_steps"]
         print(f"best checkpoint: after {steps:,} steps, with a validation accuracy of {accuracy:.1f} %")
@@ -97,31 +82,24 @@ def train(args: argparse.Namespace) -> int:
 
 
 def _new_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
-    if args.configuration is None:
-        raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
-    choose("configuration", args.configuration, CONFIGURATIONS)
+    directory, settings = new_run(args)
     name = args.recipe or DEFAULT_RECIPE
-    return args.out or RUNS / args.configuration, {
-        "settings": Settings(**given_settings(args)),
-        "recipe": make_recipe(name, args.configuration, **given_options(args, list(DESCRIPTIONS))),
-        "recipe_name": name,
-        "weights": args.weights,
-    }
+    recipe = make_recipe(name, args.configuration, **given_options(args, PPORecipe.names()))
+    return directory, {"settings": settings, "recipe": recipe, "recipe_name": name, "weights": args.weights}
 
 
 def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
-    from lilgym_mp.learning.ppo.training import saved_arguments
-
-    if args.out is None and args.configuration is None:
-        raise CommandError("name what to resume: --out DIR, or a configuration")
-    directory = args.out or RUNS / args.configuration
-    requested = {
-        **({"recipe_name": args.recipe} if args.recipe else {}),
-        **({"weights": str(args.weights)} if args.weights else {}),
-        "environment": given_settings(args),
-        "recipe": given_options(args, list(DESCRIPTIONS)),
+    given = {"recipe_name": args.recipe, "weights": args.weights and str(args.weights)}
+    required = {name: value for name, value in given.items() if value}
+    run, settings, recipe = resumed_run(args, "ppo", PPORecipe, **required)
+    weights = run.identity["weights"]
+    return run.path, {
+        "settings": settings,
+        "recipe": recipe,
+        "recipe_name": run.identity["recipe_name"],
+        "weights": weights and Path(weights),
+        "options": run.options,
     }
-    return directory, saved_arguments(directory, requested)
 
 
 class _Display:

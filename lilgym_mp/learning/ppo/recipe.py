@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.recipes import check_bounds, option, setting
+from lilgym_mp.learning.recipes import Recipe, option, setting
 
 MODELS = {
     "ours": "a transformer over boxes and words, nothing pretrained",
@@ -32,17 +32,10 @@ REPORTED_PARAMETERS = {  # parameter counts of the paper or the release
     "vilt": "the paper's: 87.4 million",
     "flava": "the paper's: 350 million",
 }
-CHOICES: Mapping[str, tuple[str, ...]] = {
-    "model": tuple(MODELS),
-    "critic": ("separate", "shared"),
-    "optimiser": ("adam", "adamw"),
-    "schedule": ("constant", "linear", "cosine"),
-    "advantages": ("normalised", "scaled"),
-}
 
 
 @dataclass(frozen=True, slots=True)
-class UpdateRecipe:
+class UpdateRecipe(Recipe):
     """Hyperparameters of tasks, rollouts and updates, also used by other learners; the defaults are those of `ours`."""
 
     seed: int = setting(0, "seed of the tasks, the network and the sampled actions", 0, 2**32 - 1)
@@ -61,18 +54,26 @@ class UpdateRecipe:
     batch_size: int = setting(1024, "mini-batch size", 1)
     microbatch: int = setting(0, "states per backward pass (gradient accumulation); 0: the whole mini-batch")
     epochs: int = setting(2, "epochs per rollout", 1)
-    optimiser: str = setting("adam", "adam or adamw")
+    optimiser: str = setting("adam", "optimiser", choices=("adam", "adamw"))
     epsilon: float = setting(1e-5, "epsilon of the optimiser", 0, 1)
     beta2: float = setting(0.999, "beta2 of the optimiser", 0, 1)
     weight_decay: float = setting(0.0, "weight decay of adamw")
     learning_rate: float = setting(1e-3, "peak learning rate", 0, 1)
-    schedule: str = setting("linear", "decay of the learning rate to 0 at the last step, or constant")
+    schedule: str = setting(
+        "linear",
+        "decay of the learning rate to 0 at the last step, or constant",
+        choices=("constant", "linear", "cosine"),
+    )
     warmup: float = setting(0.0, "fraction of the steps for linear warm-up", 0, 1)
     entropy: float = setting(0.08, "initial entropy coefficient")
     final_entropy: float = setting(0.01, "final entropy coefficient; linear in between")
     gamma: float = setting(0.99, "discount factor", 0, 1)
     gae_lambda: float = setting(0.95, "lambda of generalised advantage estimation", 0, 1)
-    advantages: str = setting("scaled", "normalised: zero mean, unit variance per rollout; scaled: not centred")
+    advantages: str = setting(
+        "scaled",
+        "normalised: zero mean, unit variance per rollout; scaled: not centred",
+        choices=("normalised", "scaled"),
+    )
     forced_baseline: bool = setting(
         False, "subtract the value baseline from the advantage of a forced STOP, too; else it is its return"
     )
@@ -85,9 +86,7 @@ class UpdateRecipe:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds or choices."""
-        for name in (each.name for each in fields(self) if each.name in CHOICES):
-            choose(option(name), getattr(self, name), {choice: choice for choice in CHOICES[name]})
-        check_bounds(self, exempt=[each.name for each in fields(self) if isinstance(each.default, str)])
+        Recipe.__post_init__(self)
         for whole, part in (("rollout", "envs"), ("envs", "same_statement")):
             if getattr(self, whole) % getattr(self, part):
                 raise ValueError(
@@ -97,30 +96,17 @@ class UpdateRecipe:
         if self.batch_size > self.rollout:
             raise ValueError(f"batch-size must be at most rollout, {self.rollout}, not {self.batch_size}")
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Self:
-        """Inverse of `to_json`. Raises ValueError naming an unknown setting, TypeError."""
-        cls.check_known(data)
-        return cls(**data)
-
-    @classmethod
-    def check_known(cls, data: Mapping[str, Any]) -> None:
-        """Raises ValueError for an unknown setting, naming the choices."""
-        names = [each.name for each in fields(cls)]
-        for name in data:
-            if name not in names:
-                raise ValueError(f"unknown setting {name!r} of a recipe; choose from {', '.join(names)}")
-
 
 @dataclass(frozen=True, slots=True)
 class PPORecipe(UpdateRecipe):
     """Hyperparameters, except the environment and the number of steps."""
 
-    model: str = setting(DEFAULT_MODEL, "the network")
-    critic: str = setting("shared", "value network: separate, or shared with the policy as the model defines")
+    model: str = setting(DEFAULT_MODEL, "the network", choices=MODELS)
+    critic: str = setting(
+        "shared",
+        "value network: separate, or shared with the policy as the model defines",
+        choices=("separate", "shared"),
+    )
     stop_forcing: bool = setting(False, "while training, force STOP wherever it succeeds (PPO+SF)")
     mask: bool = setting(False, "mask illegal actions in training and in play")
     nlvr_reward: bool = setting(False, "reward STOP only in scenes of the corpus (Scratch; the paper's ablation)")
@@ -136,9 +122,6 @@ class PPORecipe(UpdateRecipe):
             raise ValueError(
                 "nlvr-reward and recolour exclude each other: the corpus has no recoloured scenes; add --no-recolour"
             )
-
-
-DESCRIPTIONS: Mapping[str, str] = {each.name: each.metadata["description"] for each in fields(PPORecipe)}
 
 
 def _paper(configuration: str, model: str) -> dict[str, Any]:

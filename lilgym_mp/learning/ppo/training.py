@@ -43,7 +43,7 @@ from lilgym_mp.learning.ppo.update import (
     update,
 )
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 
 
 class Progress(NamedTuple):
@@ -147,11 +147,8 @@ class Run:
         settings.make(TRAINING_SPLIT)
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)
-        identity, defaults = (
-            _identity(settings, recipe, recipe_name, self.tasks, weights),
-            {"recipe": asdict(PPORecipe())},
-        )
-        self.files = begin_run(out, identity, resume=resume, defaults=defaults)
+        identity = _identity(settings, recipe, recipe_name, self.tasks, weights)
+        self.files = begin_run(out, identity, resume=resume)
         _to(self.model, self._device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
@@ -272,8 +269,7 @@ class Run:
         )
 
     def _load(self) -> None:
-        state = self.files.load_checkpoint(self._device)
-        try:
+        with self.files.checkpoint(self._device) as state:
             non_finite = [name for name, tensor in state["network"].items() if not torch.isfinite(tensor).all()]
             if non_finite:
                 raise ValueError(f"{non_finite[0]} holds non-finite values")
@@ -284,9 +280,6 @@ class Run:
             self.validation.best_weights = state["best"]
             self._rng.bit_generator.state = json.loads(state["random"])
             self._collector.restore_episodes(state["episodes"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
 
     def finish(self, stop: StopRequest) -> PPOAgent:
         """Saves the agent: with the best validated weights, or the current ones without validation."""
@@ -327,26 +320,6 @@ def _identity(
     }
 
 
-def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, recipe, recipe name and weights of the run in a directory, as arguments of `train_ppo`; its options.
-
-    `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
-    """
-    run, recipe = resumable_run(out, {"learner": KIND, **required}, PPORecipe)
-    identity = run.identity
-    try:
-        weights = identity["weights"]
-        return {
-            "settings": Settings.from_json(identity["environment"]),
-            "recipe": recipe,
-            "options": run.options,
-            "recipe_name": str(identity["recipe_name"]),
-            "weights": None if weights is None else Path(weights),
-        }
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None
-
-
 def _to(model: Model, device: torch.device) -> None:
     """Moves the model. Raises DeviceError with the memory needed if it does not fit."""
     if device.type == "cuda":
@@ -361,4 +334,4 @@ def _to(model: Model, device: torch.device) -> None:
     model.to(device)
 
 
-__all__ = ["Progress", "Run", "saved_arguments", "train_ppo"]
+__all__ = ["Progress", "Run", "train_ppo"]

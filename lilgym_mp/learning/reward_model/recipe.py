@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.learning.recipes import check_bounds, setting
+from lilgym_mp.learning.recipes import Recipe, setting
 
 
 @dataclass(frozen=True, slots=True)
-class RewardModelRecipe:
+class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
     width: int = setting(64, "network width; a multiple of 4", 4)
@@ -36,17 +36,9 @@ class RewardModelRecipe:
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the setting, its value and its bounds."""
-        check_bounds(self)
+        Recipe.__post_init__(self)
         if self.width % 4:
             raise ValueError(f"width must be a multiple of 4, not {self.width}")
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> RewardModelRecipe:
-        """Inverse of `to_json`. Raises ValueError, TypeError for unknown keys."""
-        return cls(**data)
 
 
 def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:

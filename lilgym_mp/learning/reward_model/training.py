@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,7 +22,6 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.batches import vocabulary_of
-from lilgym_mp.learning.imitation.training import cpu_seconds
 from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, breadth_of, describe, make_network
 from lilgym_mp.learning.reward_model.collection import (
     Collector,
@@ -38,6 +37,7 @@ from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import CountingNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
+from lilgym_mp.learning.timed_run import cpu_seconds
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
@@ -134,7 +134,7 @@ class _Run:
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
         }
-        self._run = begin_run(out, identity, resume=resume, defaults={"recipe": asdict(RewardModelRecipe())})
+        self._run = begin_run(out, identity, resume=resume)
         self._run.remember(minutes=minutes, steps=steps)
         self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
         self._rng = np.random.default_rng(seed)

@@ -9,6 +9,7 @@ import torch
 
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.imitation import training, update
 from lilgym_mp.learning.imitation.agent import ImitationAgent
@@ -108,7 +109,7 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
         raise KeyboardInterrupt
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "REPORT_SECONDS", 0.0)
+        patch.setattr(timed_run, "REPORT_SECONDS", 0.0)
         with pytest.raises(KeyboardInterrupt):
             train_imitation(settings, recipe, tmp_path, steps=20, on_progress=killed)
     assert not (tmp_path / AGENT_FILE).exists()
@@ -132,7 +133,7 @@ def test_resume__rejects_another_recipe_and_a_damaged_checkpoint(statements: str
 def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(training, "SAVE_SECONDS", 0.0)
+    monkeypatch.setattr(timed_run, "SAVE_SECONDS", 0.0)
     found = update.losses
 
     def broken(outputs: object, batch: object) -> object:

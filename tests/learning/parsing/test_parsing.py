@@ -544,7 +544,7 @@ def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
         (lambda d: dataclasses.replace(d, version=99), "version 99; must be 'parse-and-plan', version 1"),
         (lambda d: dataclasses.replace(d, details={**d.details, "tokens": ["x"]}), "program language has no"),
         (lambda d: dataclasses.replace(d, details={**d.details, "words": ["blue"]}), "its vocabulary"),
-        (lambda d: dataclasses.replace(d, details={}), "cannot be used: KeyError"),
+        (lambda d: dataclasses.replace(d, details={}), "cannot be used: it lacks"),
         (
             lambda d: dataclasses.replace(d, details={**d.details, "words": [*d.details["words"], "more"]}),
             "do not match the network",

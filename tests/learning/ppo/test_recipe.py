@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.ppo.recipe import DESCRIPTIONS, MODELS, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.recipe import MODELS, RECIPES, PPORecipe, make_recipe
 
 
 @pytest.mark.parametrize("name", sorted(RECIPES))
@@ -23,7 +23,7 @@ def test_recipe__each_supports_every_model_and_configuration(name: str, model: s
 @pytest.mark.parametrize("name", ["paper", "release"])
 def test_recipe__named_ones_set_every_relevant_value(name: str):
     chosen = {"seed", "model", "stop_forcing", "nlvr_reward", "microbatch", "reduced_precision"}
-    assert DESCRIPTIONS.keys() - RECIPES[name]("TowerScratch", "c3-bert").keys() == chosen
+    assert set(PPORecipe.names()) - RECIPES[name]("TowerScratch", "c3-bert").keys() == chosen
 
 
 @pytest.mark.parametrize(

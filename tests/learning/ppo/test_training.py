@@ -26,8 +26,8 @@ from lilgym_mp.learning.model_file import load_model
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
-from lilgym_mp.learning.ppo.training import Progress, saved_arguments, train_ppo
-from lilgym_mp.learning.training_run import TrainingRunError
+from lilgym_mp.learning.ppo.training import Progress, train_ppo
+from lilgym_mp.learning.training_run import TrainingRunError, resumable_run
 from lilgym_mp.scene import Scene, Shape
 from tests.own_corpus import write_own_corpus
 
@@ -416,9 +416,9 @@ def test_train__accumulated_gradient_equals_the_full_one(tmp_path: Path):
 )
 def test_resume__rejects_a_different_run_naming_both_values(begun_run: Path, required: dict[str, Any], error: str):
     with pytest.raises(TrainingRunError, match=error):
-        saved_arguments(begun_run, required)
-    arguments = saved_arguments(begun_run, {})
-    assert (arguments["settings"], arguments["recipe"]) == (TOWER, SMALL)
+        resumable_run(begun_run, required, PPORecipe)
+    run, recipe = resumable_run(begun_run, {}, PPORecipe)
+    assert (Settings.from_json(run.identity["environment"]), recipe) == (TOWER, SMALL)
 
 
 def test_resume__rejects_a_changed_corpus(tmp_path: Path):
