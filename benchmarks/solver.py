@@ -14,7 +14,7 @@ from time import perf_counter
 from lilgym_mp.cli.solve import replay
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.solver.demonstrations import arrays, demonstrations, write_npz
+from lilgym_mp.solver.demonstrations import arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_table
 
 SPLITS = ("train", "dev")
@@ -30,8 +30,8 @@ def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | Non
     env = settings.make("train")
     with TemporaryDirectory() as place:
         begin = perf_counter()
-        reports = solve_tasks(env.tasks, env.dynamics, jobs=jobs)
-        found = demonstrations(reports, env.dynamics, episodes)
+        tasks = env.tasks if episodes is None else drawn_tasks(env.tasks, episodes, seed=0)
+        found = demonstrations(solve_tasks(tasks, env.dynamics, jobs=jobs), env.dynamics)
         write_npz(Path(place) / "demos.npz", arrays(found, env.dynamics), {})
         return len(found) / (perf_counter() - begin)
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
-from lilgym_mp.corpus import TaskSet, load_all_tasks
+from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.rules import RULE_SETS
@@ -21,6 +21,7 @@ from lilgym_mp.task import Task
 
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
+PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named
 CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
 CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
 
@@ -128,6 +129,25 @@ def task_sets_with_id(sets: Sequence[TaskSet], corpus: str, task_id: str) -> lis
         examples = ", ".join(get_close_matches(task_id, ids) or ids[:3])
         raise CommandError(f"no task {task_id!r} in corpus {corpus!r}; tasks include {examples}")
     return matches
+
+
+def split_of(settings: Settings, split: str | None, *task_ids: str | None) -> str:
+    """`split` if given, else the first of dev, train and test that has the tasks; None stands for any task.
+
+    Raises CommandError naming the split of a task that is not in `split`, NoTasksError for a corpus without tasks.
+    """
+    wanted = {task_id for task_id in task_ids if task_id is not None}
+    ids: dict[str, set[str]] = {}  # by split
+    for name in ([split] if split else []) + PREFERRED_SPLITS:
+        try:
+            ids[name] = set(load_tasks(settings.corpus, settings.appearance, settings.start, name).ids)
+        except NoTasksError:
+            continue
+        if wanted <= ids[name]:
+            if split not in (None, name):
+                raise CommandError(f"{', '.join(sorted(wanted))} of {settings.configuration} is in {name}, not {split}")
+            return name
+    return split or next(iter(ids), PREFERRED_SPLITS[0])
 
 
 def given_environment(args: argparse.Namespace) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from lilgym_mp.cli import main
 from tests.documents import code_blocks
 
 TESTS = Path(__file__).parent
@@ -96,6 +97,24 @@ def test_sb3_ppo__learns_the_same_with_subprocesses_and_with_a_batch(run: Run, o
     returns = re.findall(r"PPO over (\w+) +32 steps .* episodes ([-+.\d]+)$", printed, re.MULTILINE)
     assert [backend for backend, _ in returns] == ["subproc", "batched"]
     assert returns[0][1] == returns[1][1]
+
+
+def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
+    _needs("ppo_single_file.py", "torch", "sb3")
+    last = run("ppo_single_file.py", "--steps", "4096", "--env", "lilgym_mp/TowerFlipIt-v0").splitlines()[-1]
+    assert re.fullmatch(r" +4,096 +\d+ +0\.\d{3}  0\.\d{3}", last)
+
+
+def test_behaviour_cloning__learns_from_a_dataset(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    _needs("behaviour_cloning.py", "minari", "minari")
+    _needs("behaviour_cloning.py", "torch", "sb3")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    monkeypatch.syspath_prepend(EXAMPLES)
+    options = ["--episodes", "30", "--jobs", "1", "--minari", "own-v0", "--observation", "structured"]
+    assert main(["demos", "TowerScratch", *options]) == 0
+    assert re.search(
+        r"dev after 0.02 CPU minutes: 0\.\d+$", run("behaviour_cloning.py", "own-v0", "--minutes", "0.02").strip()
+    )
 
 
 def test_train_language_model__reports_both_phases(run: Run) -> None:

@@ -25,9 +25,13 @@ MARGIN = 10  # pixels; the release's snapping may move an item slightly out of i
 class Items(SceneFormat):
     """The item array and a mask of its filled slots."""
 
-    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+    def __init__(self, description: EnvDescription, *, keep_image: bool, slots: int | None) -> None:
+        """Raises ValueError for fewer slots than a box can have items."""
         super().__init__(description, keep_image=keep_image)
-        self._shape = (BOX_COUNT, description.item_capacity)
+        needed = description.item_capacity
+        if slots is not None and slots < needed:
+            raise ValueError(f"slots must be at least {needed}, the most items a box can have here, not {slots}")
+        self._shape = (BOX_COUNT, slots or needed)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         low = self._fields([-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY])
@@ -40,6 +44,8 @@ class Items(SceneFormat):
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         items = state.items
+        if missing := self._shape[1] - items.shape[2]:
+            items = np.pad(items, ((0, 0), (0, 0), (0, missing), (0, 0)), constant_values=EMPTY)
         return {ITEMS: items, PRESENT: (items[..., -1] != EMPTY).astype(np.int8)}
 
 
@@ -48,13 +54,14 @@ class StructuredObservation(EnvWrapper[Items]):
 
     "item_array": int16 (3, C, 5), by box, left to right, each item's x, y (pixels from the box's top-left corner),
     shape, colour and size, in the order added, -1 in empty slots. C, the most items a box can have, depends on the
-    corpus and the horizon. "present": int8 (3, C), 1 for filled slots. `keep_image` keeps "image" as well.
+    split and the horizon; `slots` sets a larger one. "present": int8 (3, C), 1 for filled slots. `keep_image` keeps
+    "image" as well.
     """
 
     transformation_class = Items
 
-    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
-        super().__init__(env, keep_image=keep_image)
+    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
+        super().__init__(env, keep_image=keep_image, slots=slots)
 
 
 structured_observation_v0 = factory(StructuredObservation)

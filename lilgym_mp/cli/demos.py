@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
+
 from lilgym_mp import __version__
-from lilgym_mp.cli.solve import add_solving, solve_split
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.cli.solve import add_solving, solve_shown
+from lilgym_mp.corpus import NoTasksError, load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
 from lilgym_mp.extras import install
+from lilgym_mp.observation import ARRAYS, TEXT
 from lilgym_mp.options import (
     CommandError,
     add_configuration,
@@ -25,7 +29,14 @@ from lilgym_mp.options import (
     given_settings,
 )
 from lilgym_mp.solver.action_sets import explore, pack_action_sets, write_action_sets
-from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
+from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
+from lilgym_mp.task import Task
+from lilgym_mp.wrappers import StructuredObservation
+from lilgym_mp.wrappers.structured import PRESENT
+
+STRUCTURED = "structured"
+OBSERVATIONS = (TEXT, ARRAYS, STRUCTURED)
+EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari dataset names
 
 
 def add_parser(subparsers: Any) -> None:
@@ -40,6 +51,13 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--out", type=Path, metavar="FILE", help="npz file to write; docs/solver.md lists its arrays")
     parser.add_argument("--force", action="store_true", help="overwrite the file named by --out")
     parser.add_argument("--minari", metavar="NAME", help='Minari dataset to write, such as "lilgym/tower-expert-v0"')
+    parser.add_argument(
+        "--observation",
+        choices=list(OBSERVATIONS),
+        default=TEXT,
+        help="with --minari: statements as text, as arrays, or structured: as arrays, with items instead of images "
+        "(default: %(default)s)",
+    )
     parser.add_argument("--episodes", type=int, metavar="N", help="sample N tasks (default: each task once)")
     add_seed(parser, "of the sampling")
     parser.add_argument("--images", action="store_true", help="include images in the npz file (large)")
@@ -69,8 +87,13 @@ def run(args: argparse.Namespace) -> int:
     dynamics = settings.dynamics()
     if args.sets:
         return _run_sets(settings, args)
-    reports = solve_split(settings, args.split, args)
-    episodes = demonstrations(reports, dynamics, args.episodes, args.seed)
+    tasks: Sequence[Task] = load_tasks(settings.corpus, settings.appearance, settings.start, args.split)
+    if args.episodes is not None:
+        tasks = drawn_tasks(tasks, args.episodes, args.seed)
+    distinct = list({task.id: task for task in tasks}.values())
+    solved = {report.task.id: report for report in solve_shown(distinct, settings, args.split, args)}
+    reports = [solved[task.id] for task in tasks]
+    episodes = demonstrations(reports, dynamics)
     unsolved = sum(not report.solution.solved for report in reports)
     print(f"{len(episodes):,} demonstrations of {len(reports):,} tasks, {unsolved:,} of them without a solution")
     if args.out is not None:
@@ -136,8 +159,13 @@ def _metadata(settings: Settings, args: argparse.Namespace) -> dict[str, Any]:
 def _write_minari(episodes: Sequence[Demonstration], settings: Settings, args: argparse.Namespace) -> None:
     from lilgym_mp.solver.minari_dataset import write_minari
 
-    env = settings.make(args.split)
-    assert env.spec is not None
     metadata = ", ".join(f"{name} {value}" for name, value in _metadata(settings, args).items() if value is not None)
-    write_minari(args.minari, episodes, settings.dynamics(), env.spec, f"Shortest solutions. {metadata}")
-    env.close()
+    form = TEXT if args.observation == TEXT else ARRAYS
+    envs: list[gym.Env[Any, Any]] = []
+    for split in (args.split, EVALUATION_SPLIT):
+        with suppress(NoTasksError):
+            envs.append(gym.make(settings.id, observation=form, **settings.arguments(split)))
+    if args.observation == STRUCTURED:
+        slots = max(StructuredObservation(env).observation_space[PRESENT].shape[1] for env in envs)
+        envs = [StructuredObservation(env, slots=slots) for env in envs]
+    write_minari(args.minari, episodes, envs[0], envs[-1], f"Shortest solutions. {metadata}")

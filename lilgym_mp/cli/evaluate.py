@@ -55,7 +55,8 @@ def add_parser(subparsers: Any) -> None:
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="run directories written by `lilgym-mp train`, or model files",
+        help="run directories written by `lilgym-mp train`, model files, or names of shipped agents, such as "
+        "parse-and-plan",
     )
     parser.add_argument(
         "--policy",

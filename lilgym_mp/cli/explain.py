@@ -44,7 +44,8 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument(
         "--agent",
-        default=DEFAULT_AGENT,
+        type=Path,
+        default=Path(DEFAULT_AGENT),
         metavar="RUN",
         help=f"run directory, or name of a shipped agent (default: {DEFAULT_AGENT})",
     )
@@ -78,11 +79,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _agent(args: argparse.Namespace) -> ParseAndPlanAgent:
-    from lilgym_mp.learning.agents import load_agent, open_agent, shipped_agents
+    from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 
-    is_shipped = args.agent in shipped_agents() and not Path(args.agent).exists()
-    agent = load_agent(args.agent, args.device) if is_shipped else open_agent(Path(args.agent), args.device)
+    agent = open_agent(args.agent, args.device)
     if not isinstance(agent, ParseAndPlanAgent):
         raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
     return agent

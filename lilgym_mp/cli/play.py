@@ -10,11 +10,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import writable_file
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import add_configuration, add_settings, given_settings
+from lilgym_mp.options import add_configuration, add_settings, given_settings, split_of
 from lilgym_mp.terminal import shows_colours
 
 if TYPE_CHECKING:
@@ -39,18 +38,9 @@ def add_parser(subparsers: Any) -> None:
 
 def add_task_choice(parser: argparse.ArgumentParser) -> None:
     """Options for the first task to play."""
-    parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the first that has tasks)")
+    parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
     parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
     parser.add_argument("--seed", type=int, metavar="N", help="random seed (default: not seeded)")
-
-
-def first_split(settings: Settings) -> str:
-    """The first of train, dev and test that has tasks; train if none has, so that using it names the corpus."""
-    for split in SPLITS:
-        with suppress(NoTasksError):
-            settings.make(split)
-            return split
-    return next(iter(SPLITS))
 
 
 def run(args: argparse.Namespace) -> int:
@@ -59,7 +49,7 @@ def run(args: argparse.Namespace) -> int:
     if args.gif is not None:
         writable_file(args.gif)
     settings = Settings(**given_settings(args))
-    env = settings.make(args.split or first_split(settings))
+    env = settings.make(split_of(settings, args.split, args.task))
     session, converse = _windowed(env) if args.window else (Session(env, print, coloured=shows_colours()), _converse)
     try:
         session.begin(seed=args.seed, task_id=args.task)

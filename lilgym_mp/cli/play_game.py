@@ -10,10 +10,10 @@ import numpy as np
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.choices import choose
-from lilgym_mp.cli.play import add_task_choice, first_split, input_lines
+from lilgym_mp.cli.play import add_task_choice, input_lines
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import CommandError, add_configuration, add_settings, given_settings
+from lilgym_mp.options import CommandError, add_configuration, add_settings, given_settings, split_of
 from lilgym_mp.render import text
 from lilgym_mp.terminal import shows_colours
 
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
         appearance=settings.appearance,
         start=settings.start,
         protocol=args.protocol,
-        **settings.arguments(args.split or first_split(settings)),
+        **settings.arguments(split_of(settings, args.split, args.task)),
     )
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
     try:

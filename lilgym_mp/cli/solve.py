@@ -18,7 +18,14 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.options import CONFIGURATIONS_HELP, CommandError, add_settings, check_at_least, given_environment
+from lilgym_mp.options import (
+    CONFIGURATIONS_HELP,
+    CommandError,
+    add_settings,
+    check_at_least,
+    given_environment,
+    split_of,
+)
 from lilgym_mp.render import text
 from lilgym_mp.render.frames import frame
 from lilgym_mp.render.ruler import ruled
@@ -44,7 +51,7 @@ def add_parser(subparsers: Any) -> None:
         help=f"any of {CONFIGURATIONS_HELP} (default: all)",
     )
     parser.add_argument(
-        "--split", nargs="+", choices=list(SPLITS), default=["dev"], help="splits of the corpus (default: dev)"
+        "--split", nargs="+", choices=list(SPLITS), help="splits of the corpus (default: the tasks', else dev)"
     )
     parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
@@ -80,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     records: list[dict[str, Any]] = []
     unsolved: list[str] = []
     for settings in chosen:
-        for split in args.split:
+        for split in args.split or [split_of(settings, None)]:
             reports = solve_split(settings, split, args)
             name = f"{settings.configuration} {split}"
             summaries[name] = summarise(reports)
@@ -103,13 +110,14 @@ def run(args: argparse.Namespace) -> int:
 
 def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
     """Prints the solutions of the named tasks, action by action."""
-    if len(chosen) != 1 or len(args.split) != 1:
-        raise CommandError("--task needs exactly one CONFIGURATION and one --split")
+    if len(chosen) != 1 or len(args.split or ["one"]) != 1:
+        raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
     if args.out is not None or args.replay or args.limit is not None:
         raise CommandError("--task excludes --out, --replay and --limit")
     if args.gif is not None:
         fresh_file(args.gif, force=args.force)
-    (settings,), (split,) = chosen, args.split
+    (settings,) = chosen
+    split = split_of(settings, *(args.split or [None]), *args.task)
     dynamics = settings.dynamics()
     solver = Solver(dynamics, args.budget)
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
@@ -149,8 +157,12 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
 
 def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves the split's tasks, showing progress. Raises ValueError for invalid settings."""
-    tasks: Sequence[Any] = load_tasks(settings.corpus, settings.appearance, settings.start, split)
-    tasks = tasks[: args.limit] if getattr(args, "limit", None) else tasks
+    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+    return solve_shown(tasks[: args.limit], settings, split, args)
+
+
+def solve_shown(tasks: Sequence[Task], settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
+    """Solves tasks of the split, showing progress."""
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
         try:
             return solve_tasks(

@@ -50,7 +50,11 @@ class AgentError(ValueError):
 def agent_file(path: Path) -> Path:
     """The model file at `path`, which may be a run directory. Raises AgentError."""
     if not path.exists():
-        raise AgentError(f"no trained agent at {path}: there is no such file or directory")
+        shipped = ", ".join(shipped_agents())
+        raise AgentError(
+            f"no trained agent at {path}: there is no such file or directory; the agents that come with the package"
+            f" are {shipped}"
+        )
     if not path.is_dir():
         return path
     if not (path / AGENT_FILE).exists():
@@ -59,7 +63,12 @@ def agent_file(path: Path) -> Path:
 
 
 def open_agent(path: Path, device: str = "auto") -> Agent:
-    """The agent of a run directory or model file. Raises ValueError naming the file and what is wrong."""
+    """The agent of a run directory or model file, or else one shipped with the package, by its name.
+
+    Raises ValueError naming the file and what is wrong.
+    """
+    if str(path) in shipped_agents() and not path.exists():
+        return load_agent(str(path), device)
     path = agent_file(path)
     kind = read_description(path).kind
     if kind not in PACKAGES:

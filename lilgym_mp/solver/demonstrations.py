@@ -47,20 +47,16 @@ def demonstration(report: TaskReport, dynamics: Dynamics) -> Demonstration:
     return Demonstration(task, solution.actions, tuple(states), tuple(rewards), terminated, truncated, proven)
 
 
-def demonstrations(
-    reports: Sequence[TaskReport], dynamics: Dynamics, episodes: int | None = None, seed: int = 0
-) -> list[Demonstration]:
-    """A demonstration of each task in order or, given `episodes`, of that many tasks drawn uniformly with replacement.
+def demonstrations(reports: Iterable[TaskReport], dynamics: Dynamics) -> list[Demonstration]:
+    """A demonstration of each solved task, in order."""
+    return [demonstration(report, dynamics) for report in reports if report.solution.solved]
 
-    Unsolved tasks have none, so there may be fewer. Raises ValueError for fewer than one episode.
-    """
-    if episodes is not None and episodes < 1:
-        raise ValueError(f"episodes must be at least 1 or None, not {episodes}")
-    played = [demonstration(report, dynamics) if report.solution.solved else None for report in reports]
-    if episodes is not None:
-        drawn: list[int] = np.random.default_rng(seed).integers(len(played), size=episodes).tolist()
-        played = [played[index] for index in drawn]
-    return [episode for episode in played if episode is not None]
+
+def drawn_tasks(tasks: Sequence[Task], episodes: int, seed: int) -> list[Task]:
+    """`episodes` tasks drawn uniformly with replacement. Raises ValueError for fewer than one."""
+    if episodes < 1:
+        raise ValueError(f"episodes must be at least 1, not {episodes}")
+    return [tasks[index] for index in np.random.default_rng(seed).integers(len(tasks), size=episodes).tolist()]
 
 
 def arrays(episodes: Sequence[Demonstration], dynamics: Dynamics, *, images: bool = False) -> dict[str, Any]:

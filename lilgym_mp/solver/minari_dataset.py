@@ -4,31 +4,36 @@ from __future__ import annotations
 
 import shutil
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
+import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
-from gymnasium.envs.registration import EnvSpec
 
-from lilgym_mp.observation import observation_space
-from lilgym_mp.rules import Dynamics
-from lilgym_mp.solver.demonstrations import HALF_SIZE, Demonstration, images_of
+from lilgym_mp.solver.demonstrations import Demonstration
+
+if TYPE_CHECKING:
+    from lilgym_mp.envs.single import LilGymEnv
 
 ALGORITHM = "lilgym_mp expert"
 HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
 
 
 def write_minari(
-    dataset_id: str, episodes: Sequence[Demonstration], dynamics: Dynamics, env_spec: EnvSpec, description: str
+    dataset_id: str,
+    episodes: Sequence[Demonstration],
+    env: gym.Env[Any, Any],
+    eval_env: gym.Env[Any, Any],
+    description: str,
 ) -> None:
     """Writes the dataset to Minari's data directory; the infos contain each episode's task id and program.
 
-    Images are stored losslessly, in an HDF5 file compressed by gzip, which Minari can read and append to as usual. If
-    writing fails, no files remain. Raises ModuleNotFoundError without Minari, and ValueError for no episodes or a
-    dataset id that is invalid or in use.
+    Each episode is replayed in `env`, so that its observations are stored; `eval_env` is what
+    `recover_environment(eval_env=True)` makes again. The HDF5 file is compressed by gzip without loss, which Minari can
+    read and append to as usual. If writing fails, no files remain. Raises ModuleNotFoundError without Minari, and
+    ValueError for no episodes or a dataset id that is invalid or in use.
     """
     minari = import_module("minari")
     if not episodes:
@@ -41,11 +46,11 @@ def write_minari(
             warnings.simplefilter("ignore", UserWarning)  # warnings about missing authors and links
             dataset = minari.create_dataset_from_buffers(
                 dataset_id,
-                _buffers(episodes, dynamics),  # may be an iterator: it is consumed once
-                env=env_spec,
-                eval_env=env_spec,
-                observation_space=observation_space(HALF_SIZE, [episode.task for episode in episodes]),
-                action_space=spaces.Discrete(dynamics.appearance.action_count),
+                (_buffer(episode, env) for episode in episodes),
+                env=env.spec,
+                eval_env=eval_env.spec,
+                observation_space=env.observation_space,
+                action_space=env.action_space,
                 algorithm_name=ALGORITHM,
                 description=description,
                 jpeg_encoding=False,
@@ -57,26 +62,22 @@ def write_minari(
         raise
 
 
-def _buffers(episodes: Sequence[Demonstration], dynamics: Dynamics) -> Iterator[Any]:
-    buffer: Any = import_module("minari.data_collector").EpisodeBuffer
-    encode = dynamics.appearance.encode
-    for episode in episodes:
-        task = episode.task
-        count = len(episode.actions)
-        last = (False,) * (count - 1)
-        yield buffer(
-            options={"task": task.id},
-            observations={
-                "image": np.stack([*images_of((*episode.states, episode.states[-1]))]),  # STOP changes nothing
-                "statement": [task.statement] * (count + 1),
-                "target": np.full(count + 1, task.target, np.int64),
-            },
-            actions=np.array([encode(action) for action in episode.actions], np.int64),
-            rewards=np.array(episode.rewards, np.float64),
-            terminations=[*last, episode.terminated],
-            truncations=[*last, episode.truncated],
-            infos={"program": [task.program] * (count + 1), "task": [task.id] * (count + 1)},
-        )
+def _buffer(episode: Demonstration, env: gym.Env[Any, Any]) -> Any:
+    """The episode as the environment shows it."""
+    task, count = episode.task, len(episode.actions)
+    unwrapped = cast("LilGymEnv", env.unwrapped)
+    actions = [unwrapped.dynamics.appearance.encode(action) for action in episode.actions]
+    observed = [env.reset(options={"task": task.id})[0], *(env.step(action)[0] for action in actions)]
+    last = (False,) * (count - 1)
+    return import_module("minari.data_collector").EpisodeBuffer(
+        options={"task": task.id},
+        observations={name: [observation[name] for observation in observed] for name in observed[0]},
+        actions=np.array(actions, np.int64),
+        rewards=np.array(episode.rewards, np.float64),
+        terminations=[*last, episode.terminated],
+        truncations=[*last, episode.truncated],
+        infos={"program": [task.program] * (count + 1), "task": [task.id] * (count + 1)},
+    )
 
 
 def _compress(storage: Any) -> None:

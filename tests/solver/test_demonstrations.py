@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from lilgym_mp.appearances.tower import Tower
+from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.observation import item_array
-from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, write_npz
+from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.solver.reports import solve_tasks
 from tests.scenes import B, K, scene, tower
 from tests.solver.tasks import mdp, task
@@ -22,10 +23,10 @@ BLUE = "exist(filter_color(all_items, Color.BLUE))"
 NEVER = "count(all_items) == 99"
 
 
-def demonstrate(*programs: str, episodes: int | None = None, seed: int = 0) -> list[Demonstration]:
+def demonstrate(*programs: str) -> list[Demonstration]:
     start = scene(left=tower(K))
     reports = solve_tasks([task(program, start) for program in programs], mdp("tower"), budget=10_000)
-    return demonstrations(reports, mdp("tower"), episodes, seed)
+    return demonstrations(reports, mdp("tower"))
 
 
 def test_demonstration__has_the_state_before_each_action():
@@ -39,18 +40,14 @@ def test_demonstrations__omit_unsolved_tasks():
 
 
 def test_draws__depend_on_the_seed():
-    programs = [f"count(all_items) == {count}" for count in range(2, 8)]
-
-    def drawn(seed: int) -> list[str]:
-        return [episode.task.program for episode in demonstrate(*programs, episodes=9, seed=seed)]
-
-    assert len(drawn(1)) == 9
-    assert drawn(1) == drawn(1) != drawn(2)
+    tasks = load_tasks("builtin", "tower", "scratch", "dev")[:6]
+    assert len(drawn_tasks(tasks, 9, seed=1)) == 9
+    assert drawn_tasks(tasks, 9, seed=1) == drawn_tasks(tasks, 9, seed=1) != drawn_tasks(tasks, 9, seed=2)
 
 
 def test_draws__of_no_episode_are_refused():
-    with pytest.raises(ValueError, match="episodes must be at least 1 or None, not 0"):
-        demonstrate(BLUE, episodes=0)
+    with pytest.raises(ValueError, match="episodes must be at least 1, not 0"):
+        drawn_tasks(load_tasks("builtin", "tower", "scratch", "dev"), 0, seed=0)
 
 
 def test_arrays__concatenate_the_actions_of_the_episodes():
@@ -101,8 +98,7 @@ def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatc
     tasks = load_tasks("builtin", "tower", "flipit", "dev")[:3]
     episodes = demonstrations(solve_tasks(tasks, mdp("tower")), mdp("tower"))
     env = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev")
-    assert env.spec is not None
-    write_minari("lilgym/own-v0", episodes, mdp("tower"), env.spec, "Ours.")
+    write_minari("lilgym/own-v0", episodes, env, env, "Ours.")
     dataset = minari.load_dataset("lilgym/own-v0")
     env = dataset.recover_environment()
     for episode in dataset.iterate_episodes():
@@ -112,7 +108,7 @@ def test_minari__replays_in_the_recovered_environment(tmp_path: Path, monkeypatc
             observation, *_, info = env.step(int(action))
         assert info["is_success"]
     with pytest.raises(ValueError, match="already"):
-        write_minari("lilgym/own-v0", episodes, mdp("tower"), dataset.env_spec, "Ours.")
+        write_minari("lilgym/own-v0", episodes, env, env, "Ours.")
 
 
 def test_minari__is_compressed_and_extensible_and_records_its_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -124,9 +120,8 @@ def test_minari__is_compressed_and_extensible_and_records_its_size(tmp_path: Pat
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     tasks = load_tasks("builtin", "scatter", "scratch", "dev")[:20]
     episodes = demonstrations(solve_tasks(tasks, mdp("scatter")), mdp("scatter"))
-    spec = gym.make("lilgym_mp/ScatterScratch-v0", split="dev").spec
-    assert spec is not None
-    write_minari("own-v0", episodes, mdp("scatter"), spec, "Ours.")
+    env = gym.make("lilgym_mp/ScatterScratch-v0", split="dev")
+    write_minari("own-v0", episodes, env, env, "Ours.")
     dataset = minari.load_dataset("own-v0")
     (file,) = (tmp_path / "own-v0" / "data").glob("*.hdf5")
     images = sum(episode.observations["image"].nbytes for episode in dataset.iterate_episodes())
@@ -151,9 +146,32 @@ def test_minari__leaves_no_files_if_writing_fails(tmp_path: Path, monkeypatch: p
     from lilgym_mp.solver.minari_dataset import write_minari
 
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
-    spec = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev").spec
-    assert spec is not None
-    broken = [episode._replace(states=()) for episode in demonstrate(BLUE)]
-    with pytest.raises(IndexError):
-        write_minari("own-v0", broken, mdp("tower"), spec, "Ours.")
+    env = gym.make("lilgym_mp/TowerFlipIt-v0", split="dev")
+    with pytest.raises(ValueError, match="no task"):
+        write_minari("own-v0", demonstrate(BLUE), env, env, "Ours.")
     assert not (tmp_path / "own-v0").exists()
+
+
+@pytest.mark.parametrize(
+    ("observation", "parts"),
+    [("arrays", {"image", "statement", "target"}), ("structured", {"item_array", "present", "statement", "target"})],
+)
+def test_minari__stores_other_observations_with_dev_for_evaluation(
+    observation: str, parts: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    minari: Any = pytest.importorskip("minari")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    options = ["--episodes", "5", "--jobs", "1", "--minari", "own-v0", "--observation", observation]
+    assert main(["demos", "TowerFlipIt", *options]) == 0
+    dataset = minari.load_dataset("own-v0")
+    env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
+    assert (env.unwrapped.tasks.provenance.split, eval_env.unwrapped.tasks.provenance.split) == ("train", "dev")
+    assert env.observation_space == eval_env.observation_space == dataset.observation_space
+    assert dataset.total_episodes == 5
+    for episode in dataset.iterate_episodes():
+        observed, info = env.reset(options={"task": episode.infos["task"][0].decode()})
+        assert set(observed) == parts
+        for step, action in enumerate(episode.actions):
+            assert all(np.array_equal(observed[name], episode.observations[name][step]) for name in parts)
+            observed, *_, info = env.step(int(action))
+        assert info["is_success"]

@@ -46,6 +46,17 @@ def test_structured__has_capacity_for_every_item_that_can_be_added(make: Make):
     assert env.observation_space["item_array"].shape == (3, 2 + HORIZON, 5)
 
 
+def test_structured__pads_to_the_slots_asked_for(make: Make):
+    env = StructuredObservation(make("ScatterFlipIt"))
+    wider = StructuredObservation(make("ScatterFlipIt"), slots=30)
+    observation = observe(wider)
+    assert wider.observation_space.contains(observation)
+    capacity = env.observation_space["present"].shape[1]
+    assert np.array_equal(observation["item_array"][:, :capacity], observe(env)["item_array"])
+    with pytest.raises(ValueError, match=f"slots must be at least {capacity}"):
+        StructuredObservation(make("ScatterFlipIt"), slots=3)
+
+
 def test_structured__space_contains_items_that_the_release_snaps_outside_a_box(make: Make):
     env = StructuredObservation(make("ScatterScratch", rules="release", horizon=60))
     generator = np.random.default_rng(0)
