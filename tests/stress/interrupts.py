@@ -65,6 +65,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=21)
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # children of a shell's background job would ignore it
     for outcome, number in sorted(interrupts(args.count, args.seed).items()):
         print(f"{outcome}: {number}")
 
