@@ -120,10 +120,8 @@ class GameArrays:
 
     def _claims_holding(self, decision: Int64Array) -> Int64Array:
         """(N,) 1 where the judged claim holds and rewards or infos depend on that, otherwise 0."""
-        holds = np.zeros(len(decision), np.int64)
-        for index in self._tables.needs_truth[decision].nonzero()[0].tolist():
-            holds[index] = self._dynamics.goal_reached(self.mdp(index))
-        return holds
+        needed = self._tables.needs_truth[decision]
+        return (needed & self.goals_reached() if needed.any() else needed).astype(np.int64)
 
     def _step_mdps(self, mdp_move: Int64Array, proposal: Int64Array) -> Int64Array:
         """Steps the MDPs as decided. (N,) indices of step results, or `no_mdp_step`."""

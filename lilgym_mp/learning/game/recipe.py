@@ -26,9 +26,11 @@ VERIFIERS = {
 class GameRecipe(UpdateRecipe):
     """Hyperparameters, except the game and the budget."""
 
-    envs: int = setting(256, "games played side by side; they start anew with each rollout", 1)
-    same_statement: int = setting(16, "games per group; a group plays one statement at a time", 1)
-    rollout: int = setting(4096, "turns per rollout, over all games", 1)
+    envs: int = setting(512, "games played side by side; they start anew with each rollout", 1)
+    same_statement: int = setting(32, "games per group; a group plays one statement at a time", 1)
+    rollout: int = setting(8192, "turns per rollout, over all games", 1)
+    batch_size: int = setting(2048, "mini-batch size", 1)
+    warm: bool = setting(False, "in population rounds: a verifier continues from the last round's")
     held_out: float = setting(0.0, "fraction of training statements held out, for tuning", 0, 0.5)
     algorithm: str = setting("shared", "which networks there are", choices=ALGORITHMS)
     verifier: str = setting("both", "what the verifier learns from", choices=VERIFIERS)
