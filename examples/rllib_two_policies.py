@@ -1,7 +1,7 @@
 """Trains two RLlib policies at once, one for the proposer and one for the verifier, on a local Ray or a cluster.
 
 RLlib's default networks support neither masks nor nested observations, so both policies use a custom module: it encodes
-the structured scene and the statement, and gives illegal actions no probability.
+the scene's colours and the statement, and gives illegal actions no probability.
 Needs the extras `rllib` and `pettingzoo`. Run: python examples/rllib_two_policies.py --steps 20000 --runners 1
 On a cluster: add --address auto, see docs/distributed.md.
 """
@@ -13,9 +13,9 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
-
-from gymnasium import spaces
 
 os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # no usage reports to Ray's developers
 
@@ -32,44 +32,43 @@ try:
     from ray.tune.registry import register_env  # pyright: ignore[reportMissingImports]
     from torch import Tensor, nn
 
+    from lilgym_mp.corpus import write_corpus
     from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[rllib,pettingzoo]"')
 
-GAME: dict[str, Any] = {
-    "appearance": "tower",
-    "start": "scratch",
-    "protocol": "joint",
-    "rewards": "common",
-    "views": "structured",
+GAME: dict[str, Any] = {"protocol": "joint", "rewards": "common", "views": "structured"}
+STATEMENTS = {  # so few that some thousand games show that both agents learn
+    "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
+    "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
+    "There is a tower.": "exist(filter_obj(all_boxes, lambda b: count(b) >= 2))",
 }
 ILLEGAL = -1e8  # logit
-WORD_WIDTH = 32
+COLOURS = 5  # none, and the item array's numbers
 SAMPLE_SECONDS = 600  # RLlib's default timeout of 60 seconds is too short on a busy machine
 
 
 class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
-    """Policy and value over {"observation": {"statement": token ids, other parts}, "action_mask": mask}."""
+    """Policy and value over {"observation": {item_array, statement, target}, "action_mask": mask}."""
 
     def setup(self) -> None:
         parts, width = self.observation_space["observation"], self.model_config["width"]
-        self.others = {name: space for name, space in parts.items() if name != "statement"}
-        size = sum(spaces.flatdim(space) for space in self.others.values())
-        self.words = nn.Embedding(int(parts["statement"].high.max()) + 1, WORD_WIDTH, padding_idx=0)
-        self.statement = nn.GRU(WORD_WIDTH, width, batch_first=True)
-        self.scene = nn.Sequential(nn.Linear(size, width), nn.Tanh(), nn.Linear(width, width))
-        self.body = nn.Sequential(nn.Linear(2 * width, width), nn.Tanh())
+        boxes, items, _ = parts["item_array"].shape
+        self.words = nn.Embedding(int(parts["statement"].high.max()) + 1, width, padding_idx=0)
+        size = boxes * items * COLOURS + 2
+        self.scene = nn.Sequential(nn.Linear(size, width), nn.ReLU(), nn.Linear(width, width))
+        self.body = nn.Sequential(nn.Linear(2 * width, width), nn.ReLU())
         self.policy, self.value = nn.Linear(width, int(self.action_space.n)), nn.Linear(width, 1)
 
     def encode(self, observation: dict[str, Any]) -> Tensor:
         """(B, width)"""
-        statement = observation["observation"]["statement"].long()
-        states, _ = self.statement(self.words(statement))
-        read = states[torch.arange(len(states)), (statement > 0).sum(1).clamp(min=1) - 1]
-        scene = self.scene(
-            torch.cat([flatten(space, observation["observation"][name]) for name, space in self.others.items()], 1)
-        )
-        return self.body(torch.cat([scene * read, read], 1))
+        target = observation["observation"]["target"]
+        if target.ndim == 1:  # not yet one-hot
+            target = nn.functional.one_hot(target.long(), 2)
+        colours = nn.functional.one_hot(observation["observation"]["item_array"][..., 3].long() + 1, COLOURS)
+        scene = self.scene(torch.cat([colours.flatten(1).float(), target.float()], 1))
+        read = self.words(observation["observation"]["statement"].long()).sum(1)
+        return self.body(torch.cat([scene * read, scene], 1))
 
     def _forward(self, batch: dict[str, Any], **kwargs: Any) -> dict[str, Tensor]:
         logits = self.policy(self.encode(batch[Columns.OBS]))
@@ -79,18 +78,14 @@ class MaskedActorCritic(TorchRLModule, ValueFunctionAPI):
         return self.value(self.encode(batch[Columns.OBS])).squeeze(-1)
 
 
-def flatten(space: spaces.Space[Any], values: Tensor) -> Tensor:
-    """(B, n) an observation part in -1 .. 1: scaled by its bounds, or one-hot if Discrete."""
-    if isinstance(space, spaces.Discrete):
-        if values.ndim == 1:
-            values = nn.functional.one_hot(values.long(), int(space.n))
-        return values.float()
-    assert isinstance(space, spaces.Box)
-    return (values.float() / float(max(abs(space.low.min()), space.high.max()))).flatten(1)
-
-
 def make_game(config: dict[str, Any]) -> ParallelPettingZooEnv:
-    return ParallelPettingZooEnv(parallel_env(**config))
+    common = {"appearance": "tower", "split": "train", "starts": []}
+    rows = enumerate(STATEMENTS.items())
+    entries = [{"id": f"{n}", "statement": said, "program": program, **common} for n, (said, program) in rows]
+    with TemporaryDirectory() as directory:
+        corpus = Path(directory) / "three.jsonl"
+        write_corpus(corpus, "three", "MIT", entries)
+        return ParallelPettingZooEnv(parallel_env(corpus=str(corpus), **config))
 
 
 def learner(args: argparse.Namespace) -> Any:
