@@ -157,6 +157,8 @@ def _learner_runs(
         budget, recipe = _checked_options(checker, prefix, learner, configuration, options)
         played = _played_configurations(configuration, recipe, all_configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played, *evaluation)
+        if learner.evaluate != "evaluate":
+            evaluate = (learner.evaluate, *environment[:2])
         for seed in seeds:
             train = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed), *training]
             yield PlannedRun(

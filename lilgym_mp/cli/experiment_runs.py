@@ -110,9 +110,11 @@ class Attempt:
         self.status = RunStatus.EVALUATING
         run, episodes = (str(self.results / parent / self.planned.name) for parent in (RUNS, EPISODES))
         agent = [run, "--alone", "--threads", str(self.threads)] if self.planned.train else []
-        for words in self.planned.evaluate:
-            first, *rest = words
-            self._call([first, *agent[:1], *rest, *agent[1:], "--record", episodes, "--force"])
+        for first, *rest in self.planned.evaluate:
+            if first == "evaluate-game":
+                self._call([first, run, *rest, "--json", f"{episodes}-{rest[-1]}.json", "--force"])
+            else:
+                self._call([first, *agent[:1], *rest, *agent[1:], "--record", episodes, "--force"])
 
     def _call(self, words: Sequence[str]) -> None:
         """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""

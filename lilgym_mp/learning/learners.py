@@ -40,6 +40,7 @@ class Learner:
     numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])  # options besides the recipe, with defaults
     texts: Sequence[str] = ()  # further options, with text values
     plays_everything: bool = False  # one agent plays all configurations, so the command takes none
+    evaluate: str = "evaluate"  # the command that evaluates its runs
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
 
 

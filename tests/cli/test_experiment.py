@@ -165,6 +165,21 @@ def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest
     assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
 
 
+def test_experiment__trains_the_game_and_measures_it_with_evaluate_game(tmp_path: Path):
+    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nminutes = 0.001\n'
+    small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"
+    text = 'configurations = ["TowerScratch"]\n' + game.format("joint") + small + game.format("audit") + small
+    partners = 'verifiers = "always-accept"\n'
+    file = write_file(tmp_path / "game.toml", text + partners)
+    place = tmp_path / "results"
+    assert main(["experiment", str(file), "--out", str(place), "--only", "audit-TowerScratch-0"]) == 0
+    results = json.loads((place / "episodes" / "audit-TowerScratch-0-dev.json").read_text())["results"]
+    assert {(one["verifier"], one["protocol"]) for one in results} >= {("oracle", "audit"), ("target-only", "audit")}
+    wrong = write_file(tmp_path / "wrong.toml", text.replace('protocol = "joint"', 'protocol = "poker"'))
+    with pytest.raises(CommandError, match=r"learners\[0\]: unknown protocol 'poker'; choose from"):
+        read_plan(wrong)
+
+
 class Script(Attempt):
     """Replaces the commands by a fast success or a failure."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
@@ -12,16 +13,17 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agents import AgentError
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.game.network import GameNetwork
-from lilgym_mp.learning.game.policies import Categorical, ChoicePolicy
+from lilgym_mp.learning.game.policies import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations
@@ -81,15 +83,14 @@ class SeatPartner:
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) legal actions. Raises AgentError for a game with other actions."""
-        reader = self._reader_for(turn.game)
-        situations = reader.read(turn.games, self.role, turn.indices)
-        tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
-        legal = proposer_choices(turn.games, turn.indices) if self.role is Role.PROPOSER and self._mask else None
-        targets = np.array([task.target for task in tasks], np.int64)
-        draws = _Draws(turn.uniform) if self._sampled else None
-        actions = self._act(situations, [task.statement for task in tasks], targets, legal, draws)
+        actions = self._act(self._policy(turn), turn.uniform)
         is_legal = turn.action_mask[np.arange(len(actions)), actions]
         return np.where(is_legal, actions, turn.action_mask.argmax(1))
+
+    def acceptance(self, turn: BatchTurn) -> Float32Array:
+        """(k,) a verifier's probabilities of accepting, without verdict bins."""
+        with torch.no_grad():
+            return self._policy(turn).choice.log_prob(torch.full((len(turn.indices),), ACCEPT)).exp().cpu().numpy()
 
     def __call__(self, turn: PartnerTurn) -> int:
         """A legal action. Raises AgentError for a game with other actions."""
@@ -100,8 +101,8 @@ class SeatPartner:
             sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
             legal = turn.action_mask[None, : choices * sizes : sizes].astype(np.bool_)
         task = state.mdp.task
-        draws = _Draws(lambda: turn.rng.random(1)) if self._sampled else None
-        action = int(self._act(situations, [task.statement], np.array([int(task.target)]), legal, draws)[0])
+        policy = self._read(situations, [task.statement], np.array([int(task.target)]), legal)
+        action = int(self._act(policy, lambda: turn.rng.random(1))[0])
         return action if turn.action_mask[action] else int(turn.action_mask.argmax())
 
     def _reader_for(self, game: Game) -> SituationReader:
@@ -115,38 +116,28 @@ class SeatPartner:
             self._reader = SituationReader(self.settings.setup())
         return self._reader
 
-    def _act(
-        self,
-        situations: Situations,
-        statements: Sequence[str],
-        targets: Int64Array,
-        legal: BoolArray | None,
-        draws: _Draws | None,
-    ) -> Int64Array:
+    def _policy(self, turn: BatchTurn) -> AgentPolicy:
+        situations = self._reader_for(turn.game).read(turn.games, self.role, turn.indices)
+        tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
+        legal = proposer_choices(turn.games, turn.indices) if self.role is Role.PROPOSER and self._mask else None
+        targets = np.array([task.target for task in tasks], np.int64)
+        return self._read(situations, [task.statement for task in tasks], targets, legal)
+
+    def _read(
+        self, situations: Situations, statements: Sequence[str], targets: Int64Array, legal: BoolArray | None
+    ) -> AgentPolicy:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
         indices: dict[str, int] = {}
         statement_of = np.array([indices.setdefault(statement, len(indices)) for statement in statements], np.int64)
-        boxes_of = self._table.item_indices(situations.items)
-        states = self._table.states(tuple(indices), statement_of, boxes_of, targets)
+        states = self._table.states(tuple(indices), statement_of, self._table.item_indices(situations.items), targets)
         with torch.no_grad():
-            policy, _ = self._network.policy(self.role, self._network.encode(states), situations.context, legal)
-        rng = cast("np.random.Generator", draws)
+            return self._network.policy(self.role, self._network.encode(states), situations.context, legal)[0]
 
-        def draw(part: ChoicePolicy | Categorical) -> Int64Array:
-            return part.greedy() if draws is None else part.sample(rng)
-
-        return policy.act(draw)
-
-
-class _Draws:
-    """Stands in for a generator: a uniform number for each game, from that game's own generator."""
-
-    def __init__(self, uniform: Any) -> None:
-        self._uniform = uniform
-
-    def random(self, count: int) -> Any:
-        return self._uniform()
+    def _act(self, policy: AgentPolicy, uniform: Callable[[], Float64Array]) -> Int64Array:
+        """(k,) actions; `uniform` draws a number for each game, from that game's own generator."""
+        rng = cast("np.random.Generator", SimpleNamespace(random=lambda count: uniform()))
+        return policy.act(lambda part: part.sample(rng) if self._sampled else part.greedy())
 
 
 def make_network(

@@ -12,6 +12,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.commands import add_recipe
 from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
@@ -46,7 +47,8 @@ _NUMBERS = {  # options of the game, with their types and help
     "verdict_bins": (int, "audit: probabilities to choose from (default: true or false)"),
     "exchanges": (int, "critique: rejections in a round before a proposal needs no answer (default: 3)"),
 }
-_SETTINGS = ("protocol", "ending", "rewards", *_NUMBERS, "corpus", "rules", "horizon", "grid")
+_GAME = ("protocol", "ending", "rewards")
+_SETTINGS = (*_GAME, *_NUMBERS, "corpus", "rules", "horizon", "grid")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -57,12 +59,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--steps", type=int, metavar="N", help="turns of games (default: as many as time allows)")
     for name, role in PARTNERS.items():
+        others = f", or: {', '.join(SCRIPTED_VERIFIERS)}" if role is Role.VERIFIER else ""
         parser.add_argument(
             f"--{name}",
             type=Path,
             nargs="+",
             metavar="RUN",
-            help=f"train only {AGENTS[role.other]}, against these runs' trained {name}",
+            help=f"train only {AGENTS[role.other]}, against these runs' trained {name}{others}",
         )
     parser.add_argument(
         "--start-from", type=Path, metavar="RUN", help="start with the weights of a run of `ppo` or `game`"
@@ -74,7 +77,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="population rounds: a verifier learns against --proposers and all earlier sneaks, then a sneaky best "
         "response to it joins them; each has the budget to itself",
     )
-    parser.add_argument("--warm", action="store_true", help="with --rounds: a verifier continues from the last round's")
     add_device(parser)
     options = parser.add_argument_group("game")
     options.add_argument("--protocol", choices=list(PROTOCOLS), help="(default: veto)")
@@ -136,7 +138,6 @@ def _train_rounds(args: argparse.Namespace) -> int:
         directory,
         first,
         rounds=args.rounds,
-        warm=args.warm,
         on_round=report,
         **_budget(args),
     )
@@ -158,6 +159,11 @@ def _given_game(args: argparse.Namespace) -> dict[str, Any]:
     if args.configuration is not None:
         appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
         given |= {"appearance": appearance, "start": start}
+    return _with_rewards(given)
+
+
+def _with_rewards(given: dict[str, Any]) -> dict[str, Any]:
+    """The game's settings with rewards read from JSON."""
     if str(given.get("rewards", "")).startswith("{"):
         try:
             given["rewards"] = json.loads(given["rewards"])
@@ -215,6 +221,14 @@ class _Display:
         self._progress.reach(round(100 * min(1.0, done)), note)
 
 
+def _planned_recipe(configuration: str, options: dict[str, Any]) -> GameRecipe:
+    """The recipe of an experiment's run, whose game is checked too. Raises ValueError."""
+    appearance, start = choose("configuration", configuration, CONFIGURATIONS)
+    game = {name: options[name] for name in _GAME if name in options}
+    GameSettings.of(appearance=appearance, start=start, **_with_rewards(game)).setup()
+    return make_recipe(configuration, **{name: options[name] for name in GameRecipe.names() if name in options})
+
+
 LEARNER = Learner(
     summary="both agents of the proposer-verifier game",
     description="Trains one or both agents of the proposer-verifier game. Ctrl-C saves a checkpoint and exits.",
@@ -222,8 +236,10 @@ LEARNER = Learner(
     train=train,
     load_agent="lilgym_mp.learning.game.agent:load_agent",
     recipe=GameRecipe,
-    make_recipe=lambda configuration, options: make_recipe(configuration, **options),
+    make_recipe=_planned_recipe,
     budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
     progress=("success", "success rate of training games"),
-    numbers={"minutes": DEFAULT_MINUTES},
+    numbers={"minutes": DEFAULT_MINUTES, "rounds": None},
+    texts=(*_GAME, *PARTNERS, "start_from"),
+    evaluate="evaluate-game",
 )

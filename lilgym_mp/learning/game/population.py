@@ -63,15 +63,14 @@ def train_rounds(
     first: Sequence[Path],
     *,
     rounds: int,
-    warm: bool = False,
     on_round: Callable[[int, Path], object] = lambda index, path: None,
     **options: Any,
 ) -> list[Path]:
     """The proposers' run directories after `rounds` rounds: `first`, then each round's sneaky best response.
 
-    Each round trains `out`/verifier-N against all proposers so far, anew or, if `warm`, from the last round's, then
-    `out`/sneak-N against it; each with the budget and other `options` of `train_game`. Runs that are finished are kept,
-    and interrupted ones resumed; it ends with an interrupted one.
+    Each round trains `out`/verifier-N against all proposers so far, anew or, with a `warm` recipe, from the last
+    round's, then `out`/sneak-N against it; each with the budget and other `options` of `train_game`. Runs that are
+    finished are kept, and interrupted ones resumed; it ends with an interrupted one.
     """
     proposers = list(first)
     for path in proposers:
@@ -80,7 +79,7 @@ def train_rounds(
     fair = replace(settings, rewards={AGENTS[Role.PROPOSER]: SNEAKY, AGENTS[Role.VERIFIER]: FAIR})
     for index in range(rounds):
         verifier, sneak = out / f"verifier-{index}", out / f"sneak-{index}"
-        earlier = out / f"verifier-{index - 1}" if warm and index else None
+        earlier = out / f"verifier-{index - 1}" if recipe.warm and index else None
         seeded = replace(recipe, seed=recipe.seed + index)
         against = {Role.PROPOSER: proposers}
         if not _learn(fair, seeded, verifier, partners=against, start_from=earlier, **options):

@@ -18,6 +18,7 @@ from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.views import with_tasks
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.agents import AgentError, agent_file
 from lilgym_mp.learning.clock import TrainingClock
 from lilgym_mp.learning.devices import select_device, torch_threads
@@ -469,9 +470,11 @@ def judgement_rates(judged: Mapping[tuple[bool, bool, bool], int]) -> tuple[floa
 
 
 def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:
-    """A partner of a run directory: a proposer samples its actions, a verifier takes the most probable ones."""
+    """A scripted partner by name, or that of a run: a proposer samples, a verifier takes the most probable actions."""
     if not isinstance(given, Path):
         return given
+    if str(given) in SCRIPTED_VERIFIERS and role is Role.VERIFIER:
+        return SCRIPTED_VERIFIERS[str(given)]
     agent = load_agent(agent_file(given), device)
     own, wanted = agent.settings, settings
     for name in ("appearance", "protocol", "grid"):
@@ -519,7 +522,9 @@ def _identity(
 
 
 def _partner_identity(partner: Path | Partner) -> str:
-    return f"{partner}: {weights_digest(agent_file(partner))}" if isinstance(partner, Path) else repr(partner)
+    if not isinstance(partner, Path):
+        return repr(partner)
+    return str(partner) if str(partner) in SCRIPTED_VERIFIERS else f"{partner}: {weights_digest(agent_file(partner))}"
 
 
 def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:

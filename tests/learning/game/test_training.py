@@ -272,6 +272,10 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
     with pytest.raises(AgentError, match="no trained proposer_0"):
         trained(tmp_path / "third", partners={Role.PROPOSER: [tmp_path / "alone"]})
     veto = GameSettings.of(protocol="veto")
+    trained(tmp_path / "scripted", settings=veto, partners={Role.VERIFIER: [Path("always-accept")]})
+    identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
+    assert identity["partners"] == {"verifier": ["always-accept"]}
+    assert saved_arguments(tmp_path / "scripted", {})["partners"] == {Role.VERIFIER: [Path("always-accept")]}
     with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):
         trained(tmp_path / "fourth", settings=veto, partners={Role.PROPOSER: [tmp_path / "both"]})
     with pytest.raises(ValueError, match="no agent is left to learn"):
@@ -292,7 +296,12 @@ def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Pa
 
     def play(rounds: int) -> list[Path]:
         return train_rounds(
-            settings, SMALL, tmp_path / "rounds", [tmp_path / "first"], rounds=rounds, warm=True, steps=128
+            settings,
+            replace(SMALL, warm=True),
+            tmp_path / "rounds",
+            [tmp_path / "first"],
+            rounds=rounds,
+            steps=128,
         )
 
     assert [path.name for path in play(1)] == ["first", "sneak-0"]
