@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 from lilgym_mp.options import CORPUS_HELP, CommandError, add_corpus, add_seed, check_at_least, task_sets_with_id
-from lilgym_mp.terminal import DownloadBar, Progress, table
+from lilgym_mp.terminal import Progress, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
@@ -164,8 +164,7 @@ def _download(args: argparse.Namespace) -> int:
         print(f"already installed from {installed.source}: {target} (--force downloads it again)")
         return 0
     try:
-        with DownloadBar() as bar:
-            installation = download_official(source, names, target, bar.show)
+        installation = download_official(source, names, target, _downloaded)
     except InterruptionError as error:
         raise CommandError(
             f"{error}. Nothing was installed; run the same command again. Without a network, "
@@ -173,6 +172,10 @@ def _download(args: argparse.Namespace) -> int:
         ) from None
     _print_installation(installation)
     return 0
+
+
+def _downloaded(name: str, size: int) -> None:
+    print(f"{name}: {size:,} bytes", file=sys.stderr, flush=True)
 
 
 def _import(args: argparse.Namespace) -> int:
