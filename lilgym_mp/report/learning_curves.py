@@ -45,25 +45,49 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
     if not panels:
         yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
         return
-    note = (
-        "Sampled actions, illegal ones masked. With the program reward, STOP is right if the program says so; with the"
-        " NLVR reward, only in a scene that the corpus has for the statement; 'by program' evaluates that agent by the"
-        " program. As in the paper, Scratch tasks without such a scene are excluded. Lines are means over seeds, bands"
-        " the sample standard deviation."
-    )
-    yield Chart(ITEM, ON_DEV, line_chart(panels), note)
+    yield Chart(ITEM, ON_DEV, line_chart(panels), caption(evaluated))
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
 
 
+def caption(evaluated: Sequence[TrainingCurve]) -> str:
+    """What the curves show, from the recipes and evaluations of their runs."""
+    masks = {curve.recipe.get("mask") for curve in evaluated}
+    if None in masks:
+        mask = "it is not recorded whether masked"
+    elif len(masks) > 1:
+        mask = "masked for some runs alone"
+    else:
+        mask = "illegal ones masked" if True in masks else "no mask of legal actions"
+    parts = [f"Sampled actions, {mask}."]
+    if any(curve.recipe.get(REWARD_KEY) for curve in evaluated):
+        parts.append(
+            "With the program reward, STOP is right if the program says so; with the NLVR reward, only in a scene that"
+            " the corpus has for the statement; 'by program' evaluates that agent by the program."
+        )
+    if any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations):
+        parts.append("As in the paper, Scratch tasks without a scene in the corpus are excluded.")
+    if any(curve.recipe.get("stop_forcing") for curve in evaluated):
+        parts.append("PPO+SF: STOP was forced in training, never in these evaluations.")
+    return " ".join([*parts, "Lines are means over seeds, bands the sample standard deviation."])
+
+
+def method(curve: TrainingCurve) -> str:
+    """The learner, or for PPO its variant as in the paper."""
+    if curve.learner != "ppo":
+        return curve.learner
+    return "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"
+
+
 def _group_by_recipe(curves: Sequence[TrainingCurve]) -> dict[str, list[TrainingCurve]]:
     """The runs by learner, reward and any other differing settings of their recipes except the seed."""
-    keys = [key for key in differing_keys([curve.recipe for curve in curves]) if key != REWARD_KEY]
+    named = (REWARD_KEY, "stop_forcing")  # settings that lines name in words
+    keys = [key for key in differing_keys([curve.recipe for curve in curves]) if key not in named]
     groups: dict[str, list[TrainingCurve]] = {}
     for curve in curves:
         reward = "NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"
         settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys]
-        groups.setdefault(", ".join([curve.learner, *settings, reward]), []).append(curve)
+        groups.setdefault(", ".join([method(curve), *settings, reward]), []).append(curve)
     return groups
 
 
@@ -90,15 +114,15 @@ def _percent(share: MeanStd) -> MeanStd:
 
 def progress_curves(data: ReportData) -> Item:
     """One panel per learner and configuration, one line per run."""
-    panels: dict[tuple[str, str], list[Line]] = {}
+    panels: dict[tuple[str, str, str], list[Line]] = {}
     for curve in data.curves:
         if (line := _line(curve)) is not None:
-            panels.setdefault((curve.learner, curve.configuration), []).append(line)
+            panels.setdefault((curve.learner, method(curve), curve.configuration), []).append(line)
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
     drawn = [
-        (f"{learner} {configuration}".strip(), "steps", find_learner(learner).progress[1], found_lines)
-        for (learner, configuration), found_lines in panels.items()
+        (f"{name} {configuration}".strip(), "steps", find_learner(learner).progress[1], found_lines)
+        for (learner, name, configuration), found_lines in panels.items()
     ]
     return Chart(ITEM, TITLE, line_chart(drawn), "Training progress, on training tasks.")
 

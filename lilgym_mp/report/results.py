@@ -9,10 +9,18 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, accuracy, accuracy_where, aggregate_runs, average
+from lilgym_mp.report.aggregation import (
+    INTERVAL_NOTE,
+    MeanStd,
+    accuracy,
+    accuracy_interval,
+    accuracy_where,
+    aggregate_runs,
+    average,
+)
 from lilgym_mp.report.charts import BarPanel, bar_chart
 from lilgym_mp.report.items import MISSING, Cell, Chart, Item, MissingItem, table
-from lilgym_mp.report.report_data import AgentResults, ReportData
+from lilgym_mp.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 
 PAPER_NOTE = (
     f"Rows marked † are from the paper ({paper.SOURCE}), on the official corpus: trained from rewards alone, sampled"
@@ -26,6 +34,7 @@ def results_items(data: ReportData) -> Iterator[Item]:
     yield from figure_3(data)
     yield from figure_5(data)
     yield basis(data)
+    yield training_runs(data)
     yield provenance(data)
     yield table_1(data)
 
@@ -40,14 +49,31 @@ def basis(data: ReportData) -> Item:
                 if entry is not None:
                     rows.append(_basis_row(entry))
     note = (
-        "Accuracy is the share of successful episodes, with one episode per start scene and pass. Rows of one learner"
-        " may differ in their seeds."
+        "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
+        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
     )
     columns = (
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
-        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision"),
+        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
     )
     return table("Basis", "Runs behind the numbers", columns, rows, note)
+
+
+def training_runs(data: ReportData) -> Item:
+    """What each training run in the directories learnt from, with its whole recipe."""
+    title = "Training runs and their recipes"
+    if not data.curves:
+        return MissingItem("Basis", title, "the directories contain no training run; add one")
+    columns = ("run", "learner", "configuration", "trained on", "checksum", "commit", "recipe")
+    note = "Checksum: the first digits of the SHA-256 of the training tasks' file. Commit: of the code that trained."
+    rows = [
+        [
+            *(curve.run.name, curve.learner, curve.configuration or "all", curve.corpus, curve.checksum, curve.commit),
+            ", ".join(f"{key} {format_setting(value)}" for key, value in curve.recipe.items()),
+        ]
+        for curve in data.curves
+    ]
+    return table("Basis", title, columns, rows, note)
 
 
 def provenance(data: ReportData) -> Item:
@@ -81,12 +107,14 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
     }
     return [
         *(entry.agent, entry.configuration, entry.split, len(headers), ", ".join(seeds) or None),
-        ", ".join(dict.fromkeys(str(one.seed) for one in headers)),
+        ", ".join(map(str, entry.evaluation_seeds)),
         *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
         "yes" if header.mask else "no",
         round(totals["steps"]) if "steps" in totals else None,
         totals.get("cpu_minutes"),
         header.supervision,
+        header.tasks_sha256[:CHECKSUM_DIGITS],
+        ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
     ]
 
 
@@ -169,17 +197,21 @@ def figure_5(data: ReportData) -> Iterator[Item]:
             ]
             starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]
             published = paper.START_SCENES_BY_TARGET.get(configuration, (None, None))
-            for index, target in enumerate(("True", "False")):
-                cells = (
-                    entry.agent,
-                    configuration,
-                    target,
-                    starts[index],
-                    published[index],
-                    values[entry.agent][index],
-                )
-                rows.append(list(cells))
+            for index, target in enumerate((True, False)):
+                counts = starts[index], published[index], values[entry.agent][index]
+                interval = accuracy_interval(entry.runs, target) or (None, None)
+                rows.append([entry.agent, configuration, str(target), *counts, *interval])
         panels.append(BarPanel(configuration, ["target True", "target False"], values))
     yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", top=109))
-    columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
-    yield table("Figure 5", f"{title}, numbers", columns, rows, f"† dev split of the paper ({paper.SOURCE}).")
+    columns = (
+        "agent",
+        "configuration",
+        "target",
+        "start scenes",
+        "start scenes †",
+        "accuracy (%)",
+        "from (%)",
+        "to (%)",
+    )
+    note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
+    yield table("Figure 5", f"{title}, numbers", columns, rows, note)

@@ -23,20 +23,22 @@ from lilgym_mp.report import ReportError, html_report, make_report
 from lilgym_mp.report.aggregation import (
     MeanStd,
     accuracy,
+    accuracy_interval,
     aggregate_runs,
+    count_successes,
+    holm,
     mean_std,
     paired_difference,
-    successes_by_statement,
 )
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
-from lilgym_mp.report.difficulty import _regret, calibration_line, edits_category
+from lilgym_mp.report.difficulty import _regret, calibration_line, comparison_items, edits_category
 from lilgym_mp.report.html_report import chapters
 from lilgym_mp.report.items import Chart, MissingItem, Table
 from lilgym_mp.report.language import accuracy_by_novelty, accuracy_by_phenomenon, read_tags
 from lilgym_mp.report.learning_curves import dev_curves, mean_line
 from lilgym_mp.report.markdown_report import commits_text
 from lilgym_mp.report.report_data import ReportData, load_report_data
-from lilgym_mp.report.results import figure_5, mean_reward, provenance, table_2
+from lilgym_mp.report.results import basis, figure_5, mean_reward, provenance, table_2, training_runs
 from lilgym_mp.scene import Scene
 
 SCATTER = Settings("ScatterFlipIt")
@@ -245,23 +247,77 @@ def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path
     assert line.ys == [0.0, 1.0]
 
 
-def test_bootstrap__resamples_statements(data: ReportData, tmp_path: Path):
-    assert successes_by_statement(runs(data)) == {
-        "There is a blue item.": (1, 1),
-        "No blue.": (1, 1),
-        "B": (0, 2),
-        "C": (0, 2),
-    }
-    solved = [episode("success", "STOP", statement=kept.statement) for kept in EPISODES]
-    written(tmp_path / "other", solved, agent="other")
-    other = load_report_data([tmp_path / "other"]).entries[0].runs
-    difference = paired_difference(other, runs(data))
+def test_counts__are_by_run_and_statement(data: ReportData):
+    counts = count_successes(runs(data))
+    assert counts.statements == ("There is a blue item.", "No blue.", "B", "C")
+    assert counts.successes.tolist() == [[1, 1, 0, 0]]
+    assert count_successes(runs(data), target=True).episodes.tolist() == [[1, 1]]  # of B and C
+
+
+def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
+    """Episodes of statements "0", "1", ...: successes (1) and failures (0) of each."""
+    return tuple(
+        episode("success" if outcome else "wrong_stop", "STOP", statement=str(index), task=f"{index}-{number}")
+        for index, outcomes in enumerate(by_statement)
+        for number, outcome in enumerate(outcomes)
+    )
+
+
+def recordings(directory: Path, *of_runs: Sequence[RecordedEpisode], agent: str = "mine") -> tuple[Recording, ...]:
+    for seed, kept in enumerate(of_runs):
+        written(directory, kept, training_seed=seed, agent=agent)
+    return load_report_data([directory]).entries[0].runs
+
+
+def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
+    half = accuracies(*[[1], [0]] * 50)
+    alike = accuracy_interval(recordings(tmp_path / "alike", half))
+    assert alike == (pytest.approx(40, abs=1.5), pytest.approx(60, abs=1.5))  # 50 +- 1.96 * 50 / sqrt(100)
+    all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
+    assert accuracy_interval(all_or_nothing) == (0, 100)
+    one_statement = accuracies([1, 0] * 50)
+    assert accuracy_interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
+    assert accuracy_interval(all_or_nothing, target=True) is None
+
+
+def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
+    hard = [[1]] * 60 + [[0]] * 40
+    first = recordings(tmp_path / "first", accuracies(*hard))
+    better = recordings(tmp_path / "better", accuracies(*[[1]] * 70, *[[0]] * 30))
+    difference = paired_difference(better, first)
     assert difference is not None
-    assert difference.points == pytest.approx(200 / 3)
-    assert 0 <= difference.low <= difference.points <= difference.high <= 100
-    same = paired_difference(other, other)
-    assert same is not None
-    assert (same.points, same.low, same.high, same.p_value) == (0, 0, 0, 1)
+    assert difference[:3] == (pytest.approx(10), pytest.approx(4.5, abs=1.5), pytest.approx(16, abs=1.5))
+    assert difference.p_value == pytest.approx(0.001, abs=0.001)  # z = 10 / 3
+    assert paired_difference(first, first) == (0, 0, 0, 1)
+    none = recordings(tmp_path / "none", accuracies(*[[0]] * 5))
+    all_five = recordings(tmp_path / "all", accuracies(*[[1]] * 5))
+    assert paired_difference(all_five, none) == (100, 100, 100, 2**-4)
+
+
+def test_holm__corrects_p_values_for_their_number():
+    assert holm([0.01, 0.04, 0.03, 0.6]) == pytest.approx([0.04, 0.09, 0.09, 0.6])
+    assert holm([]) == []
+
+
+def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path):
+    for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
+        written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
+    data = load_report_data([tmp_path])
+    (table,) = comparison_items(data)
+    difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
+    assert difference is not None
+    three_times = f"{3 * difference.p_value:.4f}"
+    assert [row[-1] for row in rows(table)] == ["1.0000", three_times, three_times]
+    assert "corrected for the 3 tests" in table.note
+
+
+def test_evaluation_seeds__of_a_trained_agent_are_one_run(tmp_path: Path):
+    for evaluation_seed, outcomes in enumerate(([1, 1], [0, 1])):
+        written(tmp_path, accuracies(outcomes), seed=evaluation_seed, actions="sampled", training_seed=0)
+    (entry,) = load_report_data([tmp_path]).entries
+    assert entry.evaluation_seeds == (0, 1)
+    assert [(len(run.episodes), run.header.passes) for run in entry.runs] == [(4, 2)]
+    assert aggregate_runs(entry.runs, accuracy) == MeanStd(75.0, None, 1)
 
 
 def test_chapters__name_every_item_as_the_paper_does(data: ReportData):
@@ -413,10 +469,64 @@ def test_figure_4__averages_dev_accuracy_over_seeds_by_reward(tmp_path: Path):
     chart, table = dev_curves(found.curves)
     assert isinstance(chart, Chart)
     assert rows(table) == [
-        ("ppo, program reward", "TowerScratch", 2, 32, MeanStd(pytest.approx(80), pytest.approx(200**0.5), 2)),
-        ("ppo, NLVR reward", "TowerScratch", 1, 32, MeanStd(25.0, None, 1)),
-        ("ppo, NLVR reward, by program", "TowerScratch", 1, 32, MeanStd(40.0, None, 1)),
+        ("PPO, program reward", "TowerScratch", 2, 32, MeanStd(pytest.approx(80), pytest.approx(200**0.5), 2)),
+        ("PPO, NLVR reward", "TowerScratch", 1, 32, MeanStd(25.0, None, 1)),
+        ("PPO, NLVR reward, by program", "TowerScratch", 1, 32, MeanStd(40.0, None, 1)),
     ]
+
+
+@pytest.mark.parametrize(
+    ("recipes", "expected", "absent"),
+    [
+        ([{"mask": False}], "no mask of legal actions", "illegal ones masked"),
+        ([{"mask": True}], "illegal ones masked", "no mask"),
+        ([{"mask": False}, {"mask": True}], "masked for some runs alone", "no mask"),
+        ([{}], "not recorded whether masked", "illegal ones"),
+        ([{"mask": False, "stop_forcing": True}], "STOP was forced in training", "NLVR"),
+        ([{"mask": False, "nlvr_reward": True}], "with the NLVR reward", "forced"),
+    ],
+)
+def test_figure_4__caption_says_what_the_recipes_say(
+    tmp_path: Path, recipes: list[dict[str, bool]], expected: str, absent: str
+):
+    written(tmp_path)
+    for seed, recipe in enumerate(recipes):
+        trained(tmp_path / str(seed), seed, [(0.5, 0.5, 0.5)], **recipe)
+    chart, _ = dev_curves(load_report_data([tmp_path]).curves)
+    assert expected in chart.note
+    assert absent not in chart.note
+
+
+def test_figure_4__lines_name_stop_forcing(tmp_path: Path):
+    written(tmp_path)
+    for seed, forced in enumerate((False, True)):
+        trained(tmp_path / str(seed), seed, [(0.5, None, None)], stop_forcing=forced)
+    _, table = dev_curves(load_report_data([tmp_path]).curves)
+    assert [row[0] for row in rows(table)] == ["PPO, program reward", "PPO+SF, program reward"]
+
+
+def test_training_runs__name_corpus_checksum_commit_and_the_whole_recipe(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 3, [(0.5, None, None)], mask=False, gamma=0.99)
+    file = tmp_path / "a" / "run.json"
+    described = json.loads(file.read_text())
+    described["identity"] |= {
+        "environment": {"configuration": "TowerScratch", "corpus": "own"},
+        "tasks_sha256": "e" * 64,
+    }
+    file.write_text(json.dumps({**described, "made": {"commit": "abc"}}))
+    table = training_runs(load_report_data([tmp_path]))
+    assert rows(table) == [("a", "ppo", "TowerScratch", "own", "e" * 10, "abc", "seed 3, mask off, gamma 0.99")]
+
+
+def test_basis__every_row_names_seeds_tasks_supervision_actions_and_commit(tmp_path: Path):
+    recording = written(tmp_path, training_seed=5, seed=7)
+    RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
+    table = basis(load_report_data([tmp_path]))
+    (row,) = (dict(zip(table.columns, row, strict=True)) for row in rows(table))
+    assert (row["training seeds"], row["evaluation seeds"], row["runs"], row["episodes"]) == ("5", "7", 1, 6)
+    assert (row["actions"], row["supervision"]) == ("greedy", "rewards alone")
+    assert (row["tasks"], row["commit"]) == ("f" * 10, "abc")
 
 
 def test_figure_4__uses_all_flipit_tasks_and_explains_missing_evaluations(tmp_path: Path):
