@@ -24,7 +24,7 @@ from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.spelling import normalised_words
-from lilgym_mp.perception import image_size_of, read_scene, recoloured
+from lilgym_mp.perception import image_size_of, read_scene
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.syntax import Call, Member, Node, Slice, Subscript, WordName, children
 from lilgym_mp.render import draw
@@ -191,19 +191,9 @@ class Augmentation:
     def image(self, image: UInt8Array) -> UInt8Array:
         """The image of the augmented scene, from the image of the scene: uint8 (50, 190, 3) or (100, 380, 3).
 
-        When mirrored (a triangle's pixels are not symmetric) or with other shapes, the scene is reconstructed and
-        redrawn. Raises PerceptionError for an image that shows no scene.
+        The scene is reconstructed and redrawn. Raises PerceptionError for an image that shows no scene.
         """
-        if self.mirrored or self.shapes != IDENTITY.shapes:
-            return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
-        changed = recoloured(image, self.colours)
-        columns = [_box_columns(image.shape[1], index) for index in range(BOX_COUNT)]
-        if self.boxes == IDENTITY.boxes:
-            return changed
-        moved = changed.copy()
-        for new, old in enumerate(self.boxes):
-            moved[:, columns[new]] = changed[:, columns[old]]
-        return moved
+        return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
 
     # Actions
 
@@ -282,11 +272,6 @@ def _action_indices(augmentation: Augmentation, appearance: Appearance) -> NDArr
     indices = np.fromiter(map(appearance.encode, actions), np.int64, appearance.action_count)
     indices.flags.writeable = False
     return indices
-
-
-def _box_columns(width: int, index: int) -> slice:
-    first = index * BOX_PITCH * width // IMAGE_WIDTH
-    return slice(first, first + BOX_SIDE * width // IMAGE_WIDTH)
 
 
 def _with_case_of(old: str, new: str) -> str:

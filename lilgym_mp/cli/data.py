@@ -74,7 +74,6 @@ def _add_list(actions: Any) -> None:
 def _add_stats(actions: Any) -> None:
     parser = _add_action(actions, "stats", "count tasks, words, sentence forms, phenomena and program words")
     _add_corpus_argument(parser)
-    parser.add_argument("--charts", type=Path, metavar="DIR", help="write charts to DIR as SVG")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
     parser.set_defaults(run=_stats)
 
@@ -219,23 +218,17 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _stats(args: argparse.Namespace) -> int:
-    from lilgym_mp.analysis.charts import write_charts
     from lilgym_mp.analysis.statistics import corpus_statistics
     from lilgym_mp.cli.data_report import statistics_json, statistics_text
 
     statistics = corpus_statistics(args.corpus)
     print(statistics_text(statistics))
-    try:
-        written = write_charts(statistics, args.charts) if args.charts else []
-        if args.json:
+    if args.json:
+        try:
             args.json.write_text(json.dumps(statistics_json(statistics), indent=1) + "\n", encoding="utf-8")
-            written.append(args.json)
-    except ImportError as missing:
-        raise CommandError(str(missing)) from None
-    except OSError as error:
-        raise _cannot_write(error) from None
-    for path in written:
-        print(f"wrote {path}")
+        except OSError as error:
+            raise _cannot_write(error) from None
+        print(f"wrote {args.json}")
     return 0
 
 
