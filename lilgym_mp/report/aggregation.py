@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from math import erfc, sqrt
 from statistics import mean, stdev
 from typing import NamedTuple
@@ -18,17 +19,44 @@ INTERVAL_NOTE = (
     f" {RESAMPLES:,} times. With one run they express the choice of statements alone; with three they underestimate the"
     " spread between runs by up to a fifth."
 )
+Predicate = Callable[[RecordedEpisode], bool]
+Value = Callable[[RecordedEpisode], float]
 
 
 class MeanStd(NamedTuple):
-    """Mean and standard deviation of a metric over runs."""
+    """Mean and standard deviation of a metric over runs, with its 95 % interval if that was computed."""
 
     mean: float
     deviation: float | None  # sample standard deviation (n - 1); None for a single run
     runs: int
+    low: float | None = None
+    high: float | None = None
+    episodes: int | None = None  # of a run, if known
 
-    def __str__(self) -> str:
-        return f"{self.mean:.2f}" if self.deviation is None else f"{self.mean:.2f} ± {self.deviation:.2f}"
+    @property
+    def spread(self) -> tuple[float, float]:
+        """Ends of the error bar: of the interval, or one standard deviation from the mean."""
+        if self.low is not None and self.high is not None:
+            return self.low, self.high
+        return self.mean - (self.deviation or 0), self.mean + (self.deviation or 0)
+
+    def text(self, places: int = 2) -> str:
+        """The mean, the deviation and the interval, as far as they are known."""
+        deviation = "" if self.deviation is None else f" ± {self.deviation:.{places}f}"
+        interval = "" if self.low is None else f" [{self.low:.{places}f}, {self.high:.{places}f}]"
+        return f"{self.mean:.{places}f}{deviation}{interval}"
+
+    __str__ = text
+
+
+def every(episode: RecordedEpisode) -> bool:
+    """The predicate that all episodes satisfy."""
+    return True
+
+
+def success(episode: RecordedEpisode) -> float:
+    """In per cent."""
+    return 100.0 * episode.is_success
 
 
 def mean_std(values: Sequence[float]) -> MeanStd | None:
@@ -50,9 +78,19 @@ def accuracy(episodes: Sequence[RecordedEpisode]) -> float | None:
     return share(episodes, lambda episode: episode.is_success)
 
 
-def accuracy_where(runs: Iterable[Recording], predicate: Callable[[RecordedEpisode], bool]) -> MeanStd | None:
-    """Accuracy over runs on the episodes that satisfy a predicate."""
-    return aggregate_runs(runs, lambda episodes: accuracy(list(filter(predicate, episodes))))
+def accuracy_where(runs: Iterable[Recording], predicate: Predicate = every) -> MeanStd | None:
+    """Accuracy over runs in per cent on the episodes that satisfy a predicate, with its interval."""
+    return mean_where(runs, success, predicate)
+
+
+def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate = every) -> MeanStd | None:
+    """Mean over runs of a value of the episodes that satisfy a predicate, with its interval."""
+    kept = [chosen for run in runs if (chosen := list(filter(predicate, run.episodes)))]
+    found = mean_std([mean(map(value, episodes)) for episodes in kept])
+    if found is None:
+        return None
+    low, high = _percentile_interval(_resampled_means(add_up(kept, value)))
+    return found._replace(low=low, high=high, episodes=min(map(len, kept)))
 
 
 def share(episodes: Sequence[RecordedEpisode], holds: Callable[[RecordedEpisode], bool]) -> float | None:
@@ -73,42 +111,22 @@ class Difference(NamedTuple):
     p_value: float  # two-sided; null hypothesis: no difference
 
 
-class Counts(NamedTuple):
-    """Successes and episodes by run and statement."""
+class Totals(NamedTuple):
+    """Sums of a value, and numbers of episodes, by run and statement."""
 
     statements: tuple[str, ...]
-    successes: np.ndarray  # (runs, statements)
+    values: np.ndarray  # (runs, statements)
     episodes: np.ndarray  # (runs, statements)
 
 
-def count_successes(runs: Iterable[Recording], target: bool | None = None) -> Counts:
-    """`target`: count only episodes with this target value."""
-    counts: dict[tuple[int, str], list[int]] = {}
-    runs = list(runs)
-    for index, run in enumerate(runs):
-        for episode in run.episodes:
-            if target is None or episode.target == target:
-                cell = counts.setdefault((index, episode.statement), [0, 0])
-                cell[0] += episode.is_success
-                cell[1] += 1
-    statements = tuple(dict.fromkeys(statement for _, statement in counts))
+def add_up(runs: Sequence[Sequence[RecordedEpisode]], value: Value) -> Totals:
+    statements = tuple(dict.fromkeys(episode.statement for episodes in runs for episode in episodes))
     column = {statement: index for index, statement in enumerate(statements)}
-    arrays = np.zeros((2, len(runs), len(statements)))
-    for (row, statement), cell in counts.items():
-        arrays[:, row, column[statement]] = cell
-    return Counts(statements, *arrays)
-
-
-def accuracy_interval(runs: Iterable[Recording], target: bool | None = None) -> tuple[float, float] | None:
-    """The 95 % interval of the accuracy in per cent by a hierarchical bootstrap; None without episodes.
-
-    Both the training runs and the statements, with all of their episodes, are resampled.
-    """
-    counts = count_successes(runs, target)
-    if not counts.statements:
-        return None
-    rng = np.random.default_rng(0)
-    return _percentile_interval(_resampled_accuracies(counts, _resampled(rng, len(counts.statements)), rng))
+    totals = np.zeros((2, len(runs), len(statements)))
+    for row, episodes in enumerate(runs):
+        for episode in episodes:
+            totals[:, row, column[episode.statement]] += value(episode), 1
+    return Totals(statements, *totals)
 
 
 def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -> Difference | None:
@@ -117,15 +135,13 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
     Each resample draws one set of statements for both agents, and runs for each. p is that of a normal distribution
     with the resamples' standard deviation; if they are all equal, that of the sign test.
     """
-    counts = [count_successes(first), count_successes(second)]
-    shared = [statement for statement in counts[0].statements if statement in set(counts[1].statements)]
+    one, other = (add_up([run.episodes for run in runs], success) for runs in (first, second))
+    shared = [statement for statement in one.statements if statement in set(other.statements)]
     if not shared:
         return None
-    kept = [_of_statements(each, shared) for each in counts]
-    points = float(np.subtract(*(100 * each.successes.sum() / each.episodes.sum() for each in kept)))
-    rng = np.random.default_rng(0)
-    weights = _resampled(rng, len(shared))
-    differences = np.subtract(*(_resampled_accuracies(each, weights, rng) for each in kept))
+    kept = [_of_statements(each, shared) for each in (one, other)]
+    points = float(np.subtract(*(each.values.sum() / each.episodes.sum() for each in kept)))
+    differences = np.subtract(*(_resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
     deviation = float(differences.std())
     if deviation > 0:
         p_value = erfc(abs(points) / deviation / sqrt(2))
@@ -144,22 +160,24 @@ def holm(p_values: Sequence[float]) -> list[float]:
     return corrected
 
 
-def _of_statements(counts: Counts, statements: Sequence[str]) -> Counts:
-    column = {statement: index for index, statement in enumerate(counts.statements)}
+def _of_statements(totals: Totals, statements: Sequence[str]) -> Totals:
+    column = {statement: index for index, statement in enumerate(totals.statements)}
     chosen = [column[statement] for statement in statements]
-    return Counts(tuple(statements), counts.successes[:, chosen], counts.episodes[:, chosen])
+    return Totals(tuple(statements), totals.values[:, chosen], totals.episodes[:, chosen])
 
 
-def _resampled(rng: np.random.Generator, count: int) -> np.ndarray:
+def _resampled_means(totals: Totals, run_seed: int = 1) -> np.ndarray:
+    """(RESAMPLES,) means by a hierarchical bootstrap: of the runs, and of the statements with all of their episodes."""
+    by_run = (_resampled(len(totals.statements), 0) @ each.T for each in totals[1:])
+    values, episodes = ((each * _resampled(len(totals.values), run_seed)).sum(1) for each in by_run)
+    return values / np.maximum(episodes, 1)
+
+
+@lru_cache(maxsize=16)
+def _resampled(count: int, seed: int) -> np.ndarray:
     """(RESAMPLES, count) how often each is drawn, with replacement."""
-    return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES)
-
-
-def _resampled_accuracies(counts: Counts, statement_weights: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(RESAMPLES,) accuracies in per cent."""
-    run_weights = _resampled(rng, len(counts.successes))
-    successes, episodes = ((run_weights @ each * statement_weights).sum(1) for each in counts[1:])
-    return 100 * successes / np.maximum(episodes, 1)
+    rng = np.random.default_rng(seed)
+    return rng.multinomial(count, np.full(count, 1 / count), RESAMPLES).astype(float)
 
 
 def _percentile_interval(values: np.ndarray) -> tuple[float, float]:

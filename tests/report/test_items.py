@@ -20,25 +20,27 @@ from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.report import ReportError, html_report, make_report
+from lilgym_mp.report import items as report_items
 from lilgym_mp.report.aggregation import (
     MeanStd,
-    accuracy,
-    accuracy_interval,
+    accuracy_where,
+    add_up,
     aggregate_runs,
-    count_successes,
     holm,
     mean_std,
+    mean_where,
     paired_difference,
+    success,
 )
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
 from lilgym_mp.report.difficulty import _regret, calibration_line, comparison_items, edits_category
 from lilgym_mp.report.html_report import chapters
-from lilgym_mp.report.items import Chart, MissingItem, Table
+from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
 from lilgym_mp.report.language import accuracy_by_novelty, accuracy_by_phenomenon, read_tags
-from lilgym_mp.report.learning_curves import dev_curves, mean_line
+from lilgym_mp.report.learning_curves import dev_curves, mean_line, progress_curves
 from lilgym_mp.report.markdown_report import commits_text
 from lilgym_mp.report.report_data import ReportData, load_report_data
-from lilgym_mp.report.results import basis, figure_5, mean_reward, provenance, table_2, training_runs
+from lilgym_mp.report.results import basis, figure_5, provenance, table_2, training_runs
 from lilgym_mp.scene import Scene
 
 SCATTER = Settings("ScatterFlipIt")
@@ -120,9 +122,14 @@ def runs(data: ReportData) -> tuple[Recording, ...]:
     return data.entries[0].runs
 
 
+def plain(cell: Any) -> Any:
+    """Without the interval."""
+    return MeanStd(*cell[:3]) if isinstance(cell, MeanStd) else cell
+
+
 def rows(table: Any) -> list[tuple[Any, ...]]:
     assert isinstance(table, Table)
-    return list(table.rows)
+    return [tuple(map(plain, row)) for row in table.rows]
 
 
 def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
@@ -135,8 +142,9 @@ def test_mean_std__of_one_run_has_no_deviation_and_of_none_is_none():
 
 
 def test_accuracy__and_reward_are_counted_by_episode(data: ReportData):
-    assert aggregate_runs(runs(data), accuracy) == MeanStd(pytest.approx(100 / 3), None, 1)
-    assert mean_reward(EPISODES) == pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6)
+    assert plain(accuracy_where(runs(data))) == MeanStd(pytest.approx(100 / 3), None, 1)
+    reward = mean_where(runs(data), lambda episode: episode.reward)
+    assert plain(reward) == MeanStd(pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6), None, 1)
 
 
 def test_table_2__aggregates_seeds_next_to_the_papers_rows(tmp_path: Path):
@@ -145,10 +153,12 @@ def test_table_2__aggregates_seeds_next_to_the_papers_rows(tmp_path: Path):
     table = table_2(load_report_data([tmp_path]))
     (ours, *published) = rows(table)
     assert isinstance(table, Table)
-    dev = table.columns.index("ScatterFlipIt dev")
-    assert ours[dev] == MeanStd(pytest.approx(400 / 9), pytest.approx(50.917508), 3)
-    assert ours[table.columns.index("TowerScratch dev")] is None
-    assert str(published[0][table.columns.index("ScatterFlipIt test")]) == "0.06 ± 0.10"
+    assert table.columns == ("agent", "supervision", "actions", "runs", "ScatterFlipIt dev, n = 6")  # those played
+    assert ours == ("mine", "rewards alone", "greedy", 3, MeanStd(pytest.approx(400 / 9), pytest.approx(50.917508), 3))
+    assert table.texts()[0][-1] == "44 ± 51 [0, 100]"  # of six episodes
+    assert table.texts()[3][1:] == ["rewards alone", "sampled", "3", "13.3 ± 6.9"]
+    assert published[2][0] == "PPO ViLT †"
+    assert "ScatterFlipIt dev, n = 6 low" in table.csv()
 
 
 def test_figure_5__splits_by_target(data: ReportData):
@@ -247,11 +257,11 @@ def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path
     assert line.ys == [0.0, 1.0]
 
 
-def test_counts__are_by_run_and_statement(data: ReportData):
-    counts = count_successes(runs(data))
-    assert counts.statements == ("There is a blue item.", "No blue.", "B", "C")
-    assert counts.successes.tolist() == [[1, 1, 0, 0]]
-    assert count_successes(runs(data), target=True).episodes.tolist() == [[1, 1]]  # of B and C
+def test_totals__are_by_run_and_statement(data: ReportData):
+    totals = add_up([run.episodes for run in runs(data)], success)
+    assert totals.statements == ("There is a blue item.", "No blue.", "B", "C")
+    assert totals.values.tolist() == [[100, 100, 0, 0]]
+    assert totals.episodes.tolist() == [[1, 1, 2, 2]]
 
 
 def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
@@ -269,15 +279,21 @@ def recordings(directory: Path, *of_runs: Sequence[RecordedEpisode], agent: str 
     return load_report_data([directory]).entries[0].runs
 
 
+def interval(of: Sequence[Recording]) -> tuple[float, float]:
+    found = accuracy_where(of)
+    assert found is not None
+    return found.spread
+
+
 def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
     half = accuracies(*[[1], [0]] * 50)
-    alike = accuracy_interval(recordings(tmp_path / "alike", half))
+    alike = interval(recordings(tmp_path / "alike", half))
     assert alike == (pytest.approx(40, abs=1.5), pytest.approx(60, abs=1.5))  # 50 +- 1.96 * 50 / sqrt(100)
     all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
-    assert accuracy_interval(all_or_nothing) == (0, 100)
+    assert interval(all_or_nothing) == (0, 100)
     one_statement = accuracies([1, 0] * 50)
-    assert accuracy_interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
-    assert accuracy_interval(all_or_nothing, target=True) is None
+    assert interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
+    assert accuracy_where(all_or_nothing, lambda episode: episode.target) is None
 
 
 def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
@@ -317,7 +333,7 @@ def test_evaluation_seeds__of_a_trained_agent_are_one_run(tmp_path: Path):
     (entry,) = load_report_data([tmp_path]).entries
     assert entry.evaluation_seeds == (0, 1)
     assert [(len(run.episodes), run.header.passes) for run in entry.runs] == [(4, 2)]
-    assert aggregate_runs(entry.runs, accuracy) == MeanStd(75.0, None, 1)
+    assert plain(accuracy_where(entry.runs)) == MeanStd(75.0, None, 1)
 
 
 def test_chapters__name_every_item_as_the_paper_does(data: ReportData):
@@ -529,6 +545,33 @@ def test_basis__every_row_names_seeds_tasks_supervision_actions_and_commit(tmp_p
     assert (row["tasks"], row["commit"]) == ("f" * 10, "abc")
 
 
+def test_learning_curves__are_means_over_the_runs_of_a_recipe(tmp_path: Path):
+    written(tmp_path)
+    for seed, rates in enumerate(([0.2, 0.4], [0.4, 0.8, 0.9])):
+        trained(tmp_path / str(seed), seed, [(0, 0.1, 0)])
+        lines = [json.dumps({"steps": 10 * (step + 1), "accuracy": rate}) for step, rate in enumerate(rates)]
+        (tmp_path / str(seed) / "progress.jsonl").write_text("\n".join(lines))
+    chart = progress_curves(load_report_data([tmp_path]))
+    assert isinstance(chart, Chart)
+    (axes,) = chart.figure.axes
+    (line,) = axes.lines
+    assert list(line.get_xdata()) == [10, 20]  # to the end of the first run
+    assert list(line.get_ydata()) == pytest.approx([0.3, 0.6])
+    assert axes.get_title(loc="left") == "ppo TowerScratch"
+    assert len(axes.collections) == 1  # the band
+
+
+def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
+    half = MeanStd(2 / 3, None, 3)
+    cells = [("own", 200 / 3, None, half), ("paper †", 1.0, 2.0, None)]
+    made = report_items.table("Table", "Shares", ("a", "b (%)", "c", "d"), cells)
+    assert made.columns == ("a", "b (%)", "d")
+    assert made.texts() == [["own", "66.7", "0.67"], ["paper †", "1.0", "–"]]
+    few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
+    shown = [format_cell(cell, places=1) for cell in (few, few._replace(episodes=100))]
+    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.2 [60.0, 70.1]"]
+
+
 def test_figure_4__uses_all_flipit_tasks_and_explains_missing_evaluations(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
@@ -623,8 +666,9 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
         assert entry is not None
-        assert aggregate_runs(entry.runs, accuracy) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
-        assert aggregate_runs(entry.runs, mean_reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
+        assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
+        reward = mean_where(entry.runs, lambda episode: episode.reward)
+        assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
         invalid = aggregate_runs(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
