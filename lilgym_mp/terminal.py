@@ -8,10 +8,11 @@ import threading
 import time
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
+    from rich.progress import ProgressColumn
 
 LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
@@ -33,7 +34,7 @@ def shows_colours() -> bool:
 @contextmanager
 def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
     """Prints a line on stderr if the block takes longer."""
-    timer = threading.Timer(seconds, lambda: _write(f"{note} ..."))
+    timer = threading.Timer(seconds, lambda: _write(f"{note} ...", sys.stderr))
     timer.daemon = True
     timer.start()
     try:
@@ -90,7 +91,7 @@ class Progress:
                 self._bar.refresh()
         elif self._lines(self._begin) > lines_before:
             parts = [f"{done:,} of {self._total:,} {self._unit}", note, self._time_left(self._begin)]
-            _write(", ".join(filter(None, parts)))
+            _write(", ".join(filter(None, parts)), sys.stderr)
 
     def _time_left(self, begin: int) -> str:
         """The estimated time left, from the mean rate so far; empty if done or unknown."""
@@ -106,25 +107,74 @@ class Progress:
 
 
 def _bar(redraws_by_itself: bool) -> RichProgress:
+    from rich.progress import MofNCompleteColumn, TextColumn
+
+    columns = MofNCompleteColumn(), TextColumn("{task.description}")
+    return _rich_progress(sys.stderr, *columns, note=True, auto_refresh=redraws_by_itself)
+
+
+class DownloadBar:
+    """`with DownloadBar() as bar: bar.show(name, bytes_so_far, total_bytes)`; without a terminal, one line per file."""
+
+    def __init__(self, stream: TextIO | None = None) -> None:
+        """`stream`: standard error by default."""
+        self._stream = stream or sys.stderr
+        self._bar: RichProgress | None = None  # set on a terminal by the first `show`
+
+    def show(self, name: str, have: int, total: int | None) -> None:
+        """Updates the bar. `total` is None if unknown."""
+        if not self._stream.isatty():
+            if have == total:
+                _write(f"{name}: {have:,} bytes", self._stream)
+            return
+        if self._bar is None:
+            self._bar = _download_bar(self._stream)
+            self._bar.start()
+        elif self._bar.tasks[-1].description != name:
+            self._bar.remove_task(self._bar.task_ids[-1])
+        if not self._bar.tasks:
+            self._bar.add_task(name, total=total)
+        self._bar.update(self._bar.task_ids[-1], completed=have, total=total)
+
+    def __enter__(self) -> DownloadBar:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+def _download_bar(stream: TextIO) -> RichProgress:
+    from rich.progress import DownloadColumn, TextColumn, TransferSpeedColumn
+
+    columns = DownloadColumn(), TransferSpeedColumn(), TextColumn("{task.description}")
+    return _rich_progress(stream, *columns, transient=True)
+
+
+def _rich_progress(
+    stream: TextIO, *columns: ProgressColumn, note: bool = False, transient: bool = False, auto_refresh: bool = True
+) -> RichProgress:
+    """A bar with `columns`, the time left, and last, if `note`, the task's note."""
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
 
+    last = [TextColumn("{task.fields[note]}")] if note else []
     return RichProgress(
         BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.description}"),
+        *columns,
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
-        console=Console(file=sys.stderr),
-        auto_refresh=redraws_by_itself,
+        *last,
+        console=Console(file=stream),
+        auto_refresh=auto_refresh,
+        transient=transient,
         redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
     )
 
 
-def _write(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-    sys.stderr.flush()
+def _write(line: str, stream: TextIO) -> None:
+    stream.write(f"{line}\n")
+    stream.flush()
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

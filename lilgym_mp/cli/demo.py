@@ -18,7 +18,7 @@ from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, tr
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table
+from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import RUNS, CommandError, add_seed, check_at_least
@@ -185,7 +185,7 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
 def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
     """Writes and prints the results."""
     explanation = _explanation(directory, plan.settings)
-    summary = "\n\n".join([str(plan), table(results), supervision_table(results), LEGEND])
+    summary = "\n\n".join([str(plan), table(results), supervision_table(results), legend(results)])
     write_json(directory / "results.json", results_json(results, with_episodes=True))
     write_text(directory / "results.md", f"{summary}\n")
     write_text(directory / "explanation.txt", f"{explanation}\n")

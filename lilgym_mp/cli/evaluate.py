@@ -19,7 +19,7 @@ from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN_POLICIES, Na
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.report import LEGEND, results_json, supervision_table, table, terminal_tables
+from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.options import (
@@ -138,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
     if sys.stdout.isatty():
         print(f"\n{terminal_tables(results, get_terminal_size().columns)}")
     else:
-        print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{LEGEND}")
+        print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{legend(results)}")
     for warning in warnings(results):
         print(warning)
     if args.json is not None:

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.evaluation.episodes import SUFFIX, read_header
+from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
 from lilgym_mp.options import CommandError, add_split
 
 AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
@@ -43,6 +43,11 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument(
         "--corpus", metavar="NAME", help="corpus to evaluate runs on (default: the one they were trained on)"
     )
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="first play all recorded actions again; end at the first difference in tasks, rewards or outcomes",
+    )
     add_split(parser, "dev")
     parser.set_defaults(run=run)
 
@@ -58,6 +63,8 @@ def run(args: argparse.Namespace) -> int:
     runs = [path for path in args.paths if is_unrecorded_run(path)]
     paths = [path for path in args.paths if path not in runs]
     recorded = recorded_runs(paths)
+    if args.check:
+        _check(paths)
     unrecorded = [path for path in runs if path.resolve() not in recorded]
     try:
         with tempfile.TemporaryDirectory() as recordings:
@@ -81,9 +88,23 @@ def is_unrecorded_run(path: Path) -> bool:
 
 def recorded_runs(paths: Sequence[Path]) -> set[Path]:
     """The run directories of the recorded agents. Raises EpisodesError."""
-    files = [file for path in paths if path.is_dir() for file in sorted(path.rglob(f"*{SUFFIX}"))]
-    headers = map(read_header, [*files, *(path for path in paths if path.is_file())])
+    headers = map(read_header, _recordings(paths))
     return {Path(header.run).resolve() for header in headers if header is not None and header.run is not None}
+
+
+def _recordings(paths: Sequence[Path]) -> list[Path]:
+    files = [file for path in paths if path.is_dir() for file in sorted(path.rglob(f"*{SUFFIX}"))]
+    return [*files, *(path for path in paths if path.is_file())]
+
+
+def _check(paths: Sequence[Path]) -> None:
+    """Plays the recordings again. Raises EpisodesError naming the first file with a difference."""
+    from lilgym_mp.evaluation.replay import check_recording
+
+    files = _recordings(paths)
+    for file in files:
+        check_recording(read_episodes(file))
+    print(f"checked: {len(files)} recordings, every action played again")
 
 
 def _evaluate(paths: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:

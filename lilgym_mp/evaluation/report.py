@@ -19,8 +19,14 @@ VERSION = 2
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 LEGEND = (
     "accuracy: tasks completed. seen, unseen: accuracy and number of episodes with statements that occur, or do not"
-    " occur, verbatim in the training tasks. No mask and no stop forcing unless a policy's name says so."
+    " occur, verbatim in the training tasks. STOP is never forced."
 )
+
+
+def legend(results: Sequence[Result]) -> str:
+    """LEGEND, and which policies had a mask of legal actions."""
+    masked = dict.fromkeys(result.name for result in results if result.mask)
+    return f"{LEGEND} With a mask of legal actions: {', '.join(masked) or 'none'}."
 
 
 def table(results: Sequence[Result]) -> str:
@@ -45,7 +51,7 @@ def terminal_tables(results: Sequence[Result], width: int) -> str:
             parts.append(aligned(heads, [row[: len(heads)] for row in rows]))
             parts.append(aligned(("policy", *failures), [(row[0], *row[len(heads) :]) for row in rows]))
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
-    notes = [*(f"{name}: learnt from {text}" for name, text in supervision), LEGEND]
+    notes = [*(f"{name}: learnt from {text}" for name, text in supervision), legend(results)]
     return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
 
 

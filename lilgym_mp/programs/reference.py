@@ -10,8 +10,27 @@ import operator
 from collections.abc import Callable, Sequence
 from typing import Any, cast
 
-from lilgym_mp.programs import costs, syntax
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError, StepLimitError
+from lilgym_mp.programs.syntax import (
+    METHODS,
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Slice,
+    Subscript,
+    Variable,
+    WordName,
+    own_size,
+)
 from lilgym_mp.programs.values import BoxView, Color, ItemView, SceneView, Shape, Side, Size
 from lilgym_mp.programs.words import FunctionValue, Word, describe
 from lilgym_mp.scene import Scene
@@ -110,37 +129,37 @@ Variables = dict[str, Any]
 Closure = Callable[[Evaluation, Variables], Any]
 
 
-def build_closure(node: syntax.Node) -> Closure:
+def build_closure(node: Node) -> Closure:
     """Compiles a node to a closure from the evaluation state and the enclosing variables to the node's value."""
     match node:
-        case syntax.Constant(value=value):
+        case Constant(value=value):
             return lambda evaluation, variables: value
-        case syntax.SceneName(name="all_boxes"):
+        case SceneName(name="all_boxes"):
             return lambda evaluation, variables: list(evaluation.view.boxes)
-        case syntax.SceneName():
+        case SceneName():
             return _all_items
-        case syntax.Variable(name=name):
+        case Variable(name=name):
             return lambda evaluation, variables: variables[name]
-        case syntax.WordName(word=word):
+        case WordName(word=word):
             return lambda evaluation, variables: _word_value(evaluation, word)
-        case syntax.Lambda():
+        case Lambda():
             return _lambda(node)
-        case syntax.Call():
+        case Call():
             return _call(node)
-        case syntax.Member():
+        case Member():
             return _member(node)
-        case syntax.Logic():
+        case Logic():
             return _logic(node)
-        case syntax.Not(operand=operand):
+        case Not(operand=operand):
             closure = build_closure(operand)
             return lambda evaluation, variables: not closure(evaluation, variables)
-        case syntax.Comparison():
+        case Comparison():
             return _comparison(node)
-        case syntax.Arithmetic():
+        case Arithmetic():
             return _arithmetic(node)
-        case syntax.Subscript() | syntax.Slice():
+        case Subscript() | Slice():
             return _subscript(node)
-        case syntax.Display():
+        case Display():
             return _display(node)
 
 
@@ -176,9 +195,9 @@ def _word_value(evaluation: Evaluation, word: Word) -> FunctionValue:
     return found
 
 
-def _lambda(node: syntax.Lambda) -> Closure:
+def _lambda(node: Lambda) -> Closure:
     parameter, body = node.parameter, build_closure(node.body)
-    steps = costs.LAMBDA + costs.NODE * syntax.own_size(node.body)
+    steps = costs.LAMBDA + costs.NODE * own_size(node.body)
 
     def closure(evaluation: Evaluation, variables: Variables) -> Any:
         def call(value: Any) -> Any:
@@ -194,7 +213,7 @@ def _lambda(node: syntax.Lambda) -> Closure:
     return closure
 
 
-def _call(node: syntax.Call) -> Closure:
+def _call(node: Call) -> Closure:
     word = node.word
     closures = [None if argument is None else build_closure(argument) for argument in node.arguments]
     defaults = [parameter.default for parameter in word.parameters]
@@ -219,9 +238,9 @@ def _constant(value: Any) -> Closure:
     return lambda evaluation, variables: value
 
 
-def _member(node: syntax.Member) -> Closure:
+def _member(node: Member) -> Closure:
     of, name = build_closure(node.of), node.name
-    owner, owner_name = (BoxView, "a box") if name in syntax.METHODS else (ItemView, "an item")
+    owner, owner_name = (BoxView, "a box") if name in METHODS else (ItemView, "an item")
 
     def read(evaluation: Evaluation, variables: Variables) -> Any:
         value = of(evaluation, variables)
@@ -236,7 +255,7 @@ def _member(node: syntax.Member) -> Closure:
     return call if node.called else read
 
 
-def _logic(node: syntax.Logic) -> Closure:
+def _logic(node: Logic) -> Closure:
     closures = [build_closure(operand) for operand in node.operands]
     stop_at = node.operator == "or"
 
@@ -263,7 +282,7 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
 }
 
 
-def _comparison(node: syntax.Comparison) -> Closure:
+def _comparison(node: Comparison) -> Closure:
     left_closure = build_closure(node.left)
     steps = [(name, build_closure(right)) for name, right in zip(node.operators, node.rights, strict=True)]
 
@@ -295,7 +314,7 @@ def _operate(
         raise ProgramRuntimeError(f"{name}: the right side is 0") from None
 
 
-def _arithmetic(node: syntax.Arithmetic) -> Closure:
+def _arithmetic(node: Arithmetic) -> Closure:
     closures = (build_closure(node.left), build_closure(node.right))
     name, operation = node.operator, {"+": operator.add, "%": operator.mod}[node.operator]
 
@@ -308,9 +327,9 @@ def _arithmetic(node: syntax.Arithmetic) -> Closure:
     return closure
 
 
-def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
+def _subscript(node: Subscript | Slice) -> Closure:
     of = build_closure(node.of)
-    if isinstance(node, syntax.Subscript):
+    if isinstance(node, Subscript):
         parts = [build_closure(node.index)]
     else:
         parts = [part and build_closure(part) for part in (node.start, node.stop, node.step)]
@@ -328,7 +347,7 @@ def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
                 raise ProgramRuntimeError(f"[ ]: an index must be an int, not {describe(index)}")
         sequence = cast("list[Any]", value)
         evaluation.charge(costs.OPERATION + len(sequence))
-        if isinstance(node, syntax.Slice):
+        if isinstance(node, Slice):
             if indices[2] == 0:
                 raise ProgramRuntimeError("[ ]: the step of a slice cannot be 0")
             return sequence[slice(*indices)]
@@ -340,7 +359,7 @@ def _subscript(node: syntax.Subscript | syntax.Slice) -> Closure:
     return closure
 
 
-def _display(node: syntax.Display) -> Closure:
+def _display(node: Display) -> Closure:
     closures = [build_closure(element) for element in node.elements]
     kind = node.kind
 

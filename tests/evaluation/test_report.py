@@ -11,7 +11,15 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.metrics import SuccessCount
 from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import LEGEND, markdown_table, results_json, supervision_table, table, terminal_tables
+from lilgym_mp.evaluation.report import (
+    LEGEND,
+    legend,
+    markdown_table,
+    results_json,
+    supervision_table,
+    table,
+    terminal_tables,
+)
 
 EPISODES = [
     Episode("a", "Known.", True, "success", 0.8, (1, 2, 0)),
@@ -77,6 +85,12 @@ def test_terminal_tables__fit_the_terminal_and_split_no_word(width: int):
     for words in ("wrong stop", "invalid action", "horizon", "imitation, seed 0", *LEGEND.split()):
         assert words in text
     assert text.count("\npolicy ") == (2 if width == 80 else 1)
+
+
+def test_legend__names_the_policies_with_a_mask():
+    masked = replace(result(), named=replace(result().named, name="masked one"), mask=True)
+    assert legend([result(), masked]).endswith("With a mask of legal actions: masked one.")
+    assert legend([result()]).endswith("With a mask of legal actions: none.")
 
 
 def test_markdown_table__aligns_the_first_column_left_and_others_right():

@@ -1,0 +1,64 @@
+"""Recordings are checked by playing them again."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.actions import STOP
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.replay import check_recording
+from tests.own_corpus import write_own_corpus
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    directory = tmp_path_factory.mktemp("kept")
+    write_own_corpus(directory / "own.jsonl")
+    options = ["--corpus", str(directory / "own.jsonl"), "--configuration", "TowerScratch", "--passes", "2"]
+    assert main(["evaluate", "--policy", "random-legal", *options, "--record", str(directory)]) == 0
+    return read_episodes(next(directory.glob(f"*{SUFFIX}")))
+
+
+def test_check__accepts_what_evaluate_records(recording: Recording):
+    check_recording(recording)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            lambda it: replace(it, header=replace(it.header, tasks_sha256="0" * 64)),
+            "its tasks have the checksum 000000",
+        ),
+        (lambda it: replace(it, episodes=it.episodes[1:]), "must be played 2 times"),
+        (lambda it: replace(it, episodes=(*it.episodes, replace(it.episodes[0], task="x"))), "has no task x"),
+        (lambda it: replace(it, header=replace(it.header, stop_forcing=True)), "STOP was forced"),
+        (lambda it: _first(it, rewards=(1.0,) * len(it.episodes[0].actions)), "when played again"),
+        (lambda it: _first(it, outcome="success", rewards=(1.0,), actions=(STOP,)), "when played again"),
+        (lambda it: _first(it, target=False), "its statement, program, target or start scene is not the task's"),
+    ],
+)
+def test_check__names_what_is_false(recording: Recording, change: Callable[[Recording], Recording], message: str):
+    with pytest.raises(EpisodesError, match=message) as error:
+        check_recording(change(recording))
+    assert str(recording.path) in str(error.value)
+
+
+def _first(recording: Recording, **changes: object) -> Recording:
+    return replace(recording, episodes=(replace(recording.episodes[0], **changes), *recording.episodes[1:]))
+
+
+def test_report__check_stops_before_the_report(
+    recording: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    false = _first(recording, outcome="success", rewards=(1.0,), actions=(STOP,))
+    (tmp_path / "kept").mkdir()
+    write_episodes(tmp_path / "kept" / f"false{SUFFIX}", false.header, false.episodes)
+    assert main(["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--check"]) == USAGE_ERROR
+    assert "when played again" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,129 @@
+"""Figures of the documents that can be computed in seconds are what the files, recipes and corpora say."""
+
+from __future__ import annotations
+
+import gzip
+import importlib.util
+import json
+import re
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.learning.model_file import read_description
+from lilgym_mp.learning.parsing.recipe import ParserRecipe
+
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+ROUNDING = 0.051  # README rounds two decimals to one
+
+
+def flat(name: str) -> str:
+    """A document's text without line breaks."""
+    return " ".join((DOCS / name).read_text(encoding="utf-8").split())
+
+
+def table_rows(text: str) -> list[list[str]]:
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+
+
+def numbers(cell: str) -> list[float]:
+    return [float(number) for number in re.findall(r"\d+\.\d+", cell)]
+
+
+def test_agents__recipes_are_those_of_the_code_and_of_the_shipped_file() -> None:
+    text, shipped = flat("agents.md"), read_description(ROOT / "data" / "agent-parse-and-plan.safetensors").recipe
+    steps, dropout, held_out = re.findall(r"current recipe \(([\d,]+) steps, dropout ([\d.]+), (\d+) train", text)[0]
+    now = ParserRecipe()
+    assert (int(steps.replace(",", "")), float(dropout), int(held_out)) == (now.steps, now.dropout, now.held_out)
+    recipe_a = re.findall(r"\*recipe A\* \(`--steps (\d+) --dropout ([\d.]+) --held-out (\d+)`\)", text)[0]
+    assert tuple(map(float, recipe_a)) == (shipped["steps"], shipped["dropout"], shipped["held_out"])
+    (generated,) = re.findall(r"and (\d+) % generated pairs at first", text)
+    assert int(generated) == round(100 * shipped["generated"])
+
+
+def test_imitation__shipped_networks_are_described_as_their_files_say() -> None:
+    rows = {row[0].strip("`"): row for row in table_rows((DOCS / "imitation.md").read_text(encoding="utf-8"))}
+    for appearance in ("tower", "scatter"):
+        details = read_description(ROOT / "data" / f"agent-imitation-{appearance}.safetensors").details
+        assert (details["corpus"], details["seed"]) == ("builtin", 0)
+        assert round(details["cpu_minutes"]) == int(rows[f"imitation-{appearance}"][1])
+
+
+def test_results__commands_are_those_of_the_experiment(official_data: Path) -> None:
+    listed = re.findall(r"^lilgym-mp (train .*)$", (DOCS / "results.md").read_text(encoding="utf-8"), re.MULTILINE)
+    planned = [planned.train for planned in read_plan(ROOT / "experiments" / "official.toml") if planned.train]
+    assert {_options(line.split()) for line in listed} == {_options(words) for words in planned}
+
+
+def _options(words: list[str] | tuple[str, ...]) -> frozenset[str]:
+    """Options with values, without --evaluate-every, which does not affect training."""
+    return frozenset(part for part in " ".join(words).split(" --") if not part.startswith("evaluate-every"))
+
+
+def test_results__have_no_row_of_a_run_too_short_to_mean_anything() -> None:
+    rows = table_rows((DOCS / "results.md").read_text(encoding="utf-8"))
+    head = next(index for index, row in enumerate(rows) if "training seeds" in row)
+    steps = rows[head].index("steps")
+    basis = [row for row in rows[head + 2 :] if len(row) == len(rows[head])]
+    found = {row[0]: int(row[steps].replace(",", "")) for row in basis if row[0].startswith("ppo")}
+    assert found
+    assert min(found.values()) >= 1_000_000
+
+
+def test_readme__rows_are_those_of_the_results_page() -> None:
+    results = {
+        row[0]: row[1::2] for row in table_rows((DOCS / "results.md").read_text(encoding="utf-8")) if len(row) == 9
+    }
+    readme = table_rows((ROOT / "README.md").read_text(encoding="utf-8"))
+    rows = [row for row in readme if len(row) == 6 and row[1].startswith(("rewards ¹", "programs", "the builtin"))]
+    names = ("ppo+sf (sampled)", "ppo+sf (greedy)", "imitation", "parse-and-plan", "parse-and-plan-builtin")
+    assert len(rows) == len(names)
+    for name, row in zip(names, rows, strict=True):
+        for shown, exact in zip(row[2:], results[name], strict=True):
+            assert numbers(shown) == pytest.approx(numbers(exact), abs=ROUNDING), name
+
+
+def test_counts_of_official_tasks(official_data: Path) -> None:
+    train = {a: load_tasks("lilgym", a, "flipit", "train") for a in ("tower", "scatter")}
+    dev = {a: load_tasks("lilgym", a, "flipit", "dev") for a in ("tower", "scatter")}
+    assert f"{sum(map(len, train.values())):,}" in flat("fidelity.md")
+    assert f"dev | {sum(map(len, dev.values()))} |" in flat("fidelity.md")
+    statements = len({task.statement for task in dev["tower"]})
+    assert f"{len(dev['tower'])} tasks of {statements} statements" in flat("agents.md")
+
+
+def test_datasheet__counts_are_those_of_the_file() -> None:
+    lines = gzip.decompress((ROOT / "data" / "builtin.jsonl.gz").read_bytes()).decode().splitlines()
+    entries = [json.loads(line) for line in lines[1:]]
+    hand_written = sum("hand-written" in entry["tags"] for entry in entries)
+    text = flat("datasheet.md")
+    assert f"{len(entries):,} English statements" in text
+    assert f"| {hand_written} | for this project" in text
+    assert f"| {len(entries) - hand_written:,} | by a grammar" in text
+    splits = Counter(entry["split"] for entry in entries if entry["appearance"] == "tower")
+    assert f"({splits['train']:,} train, {splits['dev']} dev, {splits['test']} test)" in text
+
+
+def test_croissant__describes_the_corpus_file() -> None:
+    path = ROOT / "scripts" / "write_croissant.py"
+    spec = importlib.util.spec_from_file_location("write_croissant", path)
+    assert spec is not None
+    assert spec.loader is not None
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    written = (ROOT / "data" / "croissant.json").read_text(encoding="utf-8")
+    assert written == script.text(), "run scripts/write_croissant.py"
+
+
+def test_croissant__is_valid_and_can_be_read() -> None:
+    mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
+    dataset = mlcroissant.Dataset(jsonld=str(ROOT / "data" / "croissant.json"))
+    assert not dataset.metadata.ctx.issues.errors
+    assert not dataset.metadata.ctx.issues.warnings
+    _, *entries = dataset.records("entries")  # the first is the header
+    assert len(entries) == 2_900
+    assert entries[0]["entries/statement"].startswith(b"There should be")
