@@ -105,9 +105,18 @@ def train(args: argparse.Namespace) -> int:
 
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
     fill_options(args, arguments.pop("options", {}), {"minutes": None, "steps": None})
-    with _Display(directory) as display:
+    with Progress(100, "% of the budget", done=None) as bar:
+
+        def show(update: TrainingProgress, done: float) -> None:
+            success, j = (
+                "-" if share is None else f"{100 * share:.0f}{unit}"
+                for share, unit in ((update.success, " %"), (update.j, ""))
+            )
+            note = f"{update.steps:,} turns, {update.turns_per_second:,.0f}/s, success {success}, J {j}"
+            bar.reach(round(100 * min(1.0, done)), note)
+
         agent = train_game(
-            out=directory, resume=args.resume, on_begin=display.begin, on_progress=display, **_budget(args), **arguments
+            out=directory, resume=args.resume, on_begin=_introduce, on_progress=show, **_budget(args), **arguments
         )
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} turns, {details['cpu_minutes']:g} CPU minutes")
@@ -190,35 +199,17 @@ def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     return directory, saved_arguments(directory, requested)
 
 
-class _Display:
-    """Prints the run's settings when it begins, then shows its progress. A context manager."""
-
-    def __init__(self, directory: Path) -> None:
-        self._directory = directory
-        self._progress = Progress(100, "% of the budget", done=None)
-
-    def __enter__(self) -> _Display:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._progress.__exit__(*exception)
-
-    def begin(self, run: Run) -> None:
-        settings, recipe = run.settings, run.recipe
-        learning = " and ".join(AGENTS[role] for role in run.roles)
-        print(
-            f"{settings.protocol}, rewards {settings.rewards}, corpus {settings.corpus}, {len(run.tasks.tasks):,}"
-            f" training tasks; {learning} learn{'s' * (len(run.roles) == 1)}, {recipe.algorithm}, verifier by"
-            f" {recipe.verifier}\n"
-            f"{run.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {self._directory}",
-            flush=True,
-        )
-
-    def __call__(self, update: TrainingProgress, done: float) -> None:
-        success = "-" if update.success is None else f"{100 * update.success:.0f} %"
-        j = "-" if update.j is None else f"{100 * update.j:.0f}"
-        note = f"{update.steps:,} turns, {update.turns_per_second:,.0f}/s, success {success}, J {j}"
-        self._progress.reach(round(100 * min(1.0, done)), note)
+def _introduce(run: Run) -> None:
+    """Prints the run's settings."""
+    settings, recipe = run.settings, run.recipe
+    learning = " and ".join(AGENTS[role] for role in run.roles)
+    print(
+        f"{settings.protocol}, rewards {settings.rewards}, corpus {settings.corpus}, {len(run.tasks.tasks):,}"
+        f" training tasks; {learning} learn{'s' * (len(run.roles) == 1)}, {recipe.algorithm}, verifier by"
+        f" {recipe.verifier}\n"
+        f"{run.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {run.files.path}",
+        flush=True,
+    )
 
 
 def _planned_recipe(configuration: str, options: dict[str, Any]) -> GameRecipe:

@@ -152,12 +152,14 @@ class Run:
         setup = with_tasks(settings.setup(), self.tasks.tasks)
         opened = {role: [_partner(one, role, settings, device) for one in given] for role, given in partners.items()}
         torch.manual_seed(recipe.seed)
-        self.networks = self._make_networks(start_from, setup.game)
+        actors, critic = self._make_networks(start_from, setup.game)
+        self._actors, self._critic = actors, critic
+        self.networks = nn.ModuleDict({**actors, **({} if critic is None else {CRITIC: critic})}).to(self._device)
         self.files = begin_run(out, _identity(settings, recipe, self.tasks.sha256, partners, start_from), resume=resume)
         self._network_of = network_names(self.roles, recipe)
         self._optimisers = {
-            name: make_optimiser(nn.ModuleList([network, *([self._critic] if self._critic else [])]), recipe)
-            for name, network in self._actor_networks.items()
+            name: make_optimiser(nn.ModuleList([network, *([critic] if critic else [])]), recipe)
+            for name, network in actors.items()
         }
         self._rng = np.random.default_rng(recipe.seed)
         self._counters = _Counters()
@@ -167,7 +169,8 @@ class Run:
             self._load()
         self.clock = TrainingClock(self._counters.seconds, self._counters.cpu_seconds)
 
-    def _make_networks(self, start_from: Path | None, game: Any) -> nn.ModuleDict:
+    def _make_networks(self, start_from: Path | None, game: Any) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
+        """The agents' networks by name, and the central critic."""
         recipe, words = self.recipe, None
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         weights: dict[str, dict[str, Tensor]] = {}
@@ -181,20 +184,7 @@ class Run:
         networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in names}
         for name, tensors in weights.items():
             networks[name].load_state_dict(tensors, strict=False)
-        return nn.ModuleDict(networks).to(self._device)
-
-    @property
-    def _actor_networks(self) -> dict[str, GameNetwork]:
-        return {name: self._network(name) for name in self.networks if name != CRITIC}
-
-    @property
-    def _critic(self) -> GameNetwork | None:
-        return self._network(CRITIC) if CRITIC in self.networks else None
-
-    def _network(self, name: str) -> GameNetwork:
-        network = self.networks[name]
-        assert isinstance(network, GameNetwork)
-        return network
+        return networks, networks.pop(CRITIC, None)
 
     @property
     def steps(self) -> int:
@@ -234,10 +224,9 @@ class Run:
         legal: BoolArray | None,
     ) -> tuple[AgentPolicy, Tensor]:
         """The policy and values of an agent in the states' `rows` (None: all)."""
-        encoded = self._network(self._network_of[role]).encode(states)
-        policy, values = self._network(self._network_of[role]).policy(
-            role, encoded if rows is None else encoded.rows(rows), context, legal
-        )
+        network = self._actors[self._network_of[role]]
+        encoded = network.encode(states)
+        policy, values = network.policy(role, encoded if rows is None else encoded.rows(rows), context, legal)
         if self._critic is not None:
             encoded = self._critic.encode(states)
             values = self._critic.critic(encoded if rows is None else encoded.rows(rows), facts)
@@ -254,9 +243,7 @@ class Run:
         self.networks.eval()
         rollout = self._player.play(self, self._rng)
         self.networks.train()
-        for network in self.networks.children():
-            assert isinstance(network, GameNetwork)
-            network.clear_cache()
+        self._clear_caches()
         losses: dict[str, Losses] = {}
         try:
             for name, optimiser in self._optimisers.items():
@@ -271,6 +258,11 @@ class Run:
             ) from None
         self._counters.steps += self.recipe.rollout
         return self._report(rollout, losses, claim_losses, start)
+
+    def _clear_caches(self) -> None:
+        for network in (*self._actors.values(), self._critic):
+            if network is not None:
+                network.clear_cache()
 
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
         """What the agents of a network did; None if its verifier learns from claims alone."""
@@ -336,7 +328,7 @@ class Run:
         if Role.VERIFIER not in self.roles or not self.recipe.learns_claims:
             return []
         name = self._network_of[Role.VERIFIER]
-        network, optimiser = self._network(name), self._optimisers[name]
+        network, optimiser = self._actors[name], self._optimisers[name]
         self._memory.add(rollout.claims)
         found: list[tuple[float, float]] = []
         for claims in self._memory.batches(self._rng):
@@ -415,7 +407,7 @@ class Run:
 
     def finish(self, stop: StopRequest) -> GameAgent:
         """Saves the agents."""
-        counters, actors = self._counters, self._actor_networks
+        counters, actors = self._counters, self._actors
         statistics = {
             "steps": counters.steps,
             "games": counters.games,
@@ -431,8 +423,7 @@ class Run:
         }
         self.files.save_agent(description, tensors)
         self.networks.eval()
-        for network in actors.values():
-            network.clear_cache()
+        self._clear_caches()
         networks = {role: actors[name] for role, name in self._network_of.items()}
         return GameAgent(description, self.settings, self.recipe, networks)
 
