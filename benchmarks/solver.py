@@ -13,9 +13,10 @@ from time import perf_counter
 
 from lilgym_mp.cli.solve import replay
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver.demonstrations import arrays, demonstrations, drawn_tasks, write_npz
-from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_table
+from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_rows
 
 SPLITS = ("train", "dev")
 
@@ -49,7 +50,7 @@ def report_on(corpus: str, rules: str, jobs: int) -> None:
             for task, solution, _ in reports:
                 if not solution.solved:
                     print(f"  {name} {task.id}: {solution.status}, {solution.reason}")
-    print(f"\ncorpus {corpus}, rules {rules}\n\n{summary_table(summaries)}\n")
+    print(f"\ncorpus {corpus}, rules {rules}\n\n{markdown_table(summary_rows(summaries))}\n")
     played, successes = (sum(counts) for counts in zip(*replays.values(), strict=True))
     print(f"replayed in the environment: {successes:,} of {played:,} succeed\n", flush=True)
 

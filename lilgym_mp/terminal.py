@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import threading
 import time
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
 
 LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
+LINE_SECONDS = 1.0  # least time between them
+GAP = 2  # blanks between the columns of a table
+RULED = "\n".join(["    "] * 2 + ["----"] + ["    "] * 5)  # a line under the header, in the form of `rich.box`
+NUMBER = re.compile(r"[-+]?\d[\d.,]*( ?%.*| \(.*)?|-")  # with its share, or of how many
 
 
 def printable(text: str) -> str:
@@ -62,11 +68,11 @@ class Progress:
         self._begin = done
         self._line_count = lines
         self._done = done or 0
-        self._since = time.monotonic()
+        self._since = self._printed = time.monotonic()
         self._bar = _bar(redraws_by_itself) if sys.stderr.isatty() else None
         if self._bar is not None:
             self._bar.start()
-            self._bar.add_task(unit, total=total, completed=self._done, note="")
+            self._bar.add_task(unit, total=total, completed=self._done, note="", end=None)
 
     def __enter__(self) -> Progress:
         return self
@@ -85,32 +91,45 @@ class Progress:
             self._begin, self._done, self._since = min(done, self._total), done, time.monotonic()
         lines_before = self._lines(self._begin)
         self._done = done
+        now = time.monotonic()
         if self._bar is not None:
-            self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note)
+            end = self._end(self._begin, now)
+            self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note, end=end)
             if not self._bar.live.auto_refresh:
                 self._bar.refresh()
-        elif self._lines(self._begin) > lines_before:
-            parts = [f"{done:,} of {self._total:,} {self._unit}", note, self._time_left(self._begin)]
-            _write(", ".join(filter(None, parts)), sys.stderr)
+        elif self._lines(self._begin) > lines_before and (now - self._printed > LINE_SECONDS or done >= self._total):
+            self._printed = now
+            left = "" if done >= self._total else time_left(self._end(self._begin, now))
+            _write(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])), sys.stderr)
 
-    def _time_left(self, begin: int) -> str:
-        """The estimated time left, from the mean rate so far; empty if done or unknown."""
-        left = self._total - self._done
-        if left <= 0 or self._done <= begin:
-            return ""
-        seconds = round((time.monotonic() - self._since) * left / (self._done - begin))
-        return f"{seconds // 60}:{seconds % 60:02} left"
+    def _end(self, begin: int, now: float) -> float | None:
+        """When all will be done, from the mean rate so far; None if unknown."""
+        done = self._done - begin
+        return now + (now - self._since) * max(0, self._total - self._done) / done if done > 0 else None
 
     def _lines(self, begin: int) -> int:
         """Number of lines that should have been printed by now."""
         return (self._done - begin) * self._line_count // max(1, self._total - begin)
 
 
-def _bar(redraws_by_itself: bool) -> RichProgress:
-    from rich.progress import MofNCompleteColumn, TextColumn
+def time_left(end: float | None) -> str:
+    """The time from now to `end`, which counts down between two estimates; empty if unknown."""
+    if end is None:
+        return ""
+    seconds = max(0, round(end - time.monotonic()))
+    return f"{seconds // 60}:{seconds % 60:02} left"
 
-    columns = MofNCompleteColumn(), TextColumn("{task.description}")
-    return _rich_progress(sys.stderr, *columns, note=True, auto_refresh=redraws_by_itself)
+
+def _bar(redraws_by_itself: bool) -> RichProgress:
+    from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TextColumn
+    from rich.text import Text
+
+    class TimeLeft(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            return Text(time_left(task.fields["end"]), "progress.remaining")
+
+    columns = MofNCompleteColumn(), TextColumn("{task.description}"), TimeLeft(), TextColumn("{task.fields[note]}")
+    return _rich_progress(sys.stderr, *columns, auto_refresh=redraws_by_itself)
 
 
 class DownloadBar:
@@ -145,26 +164,22 @@ class DownloadBar:
 
 
 def _download_bar(stream: TextIO) -> RichProgress:
-    from rich.progress import DownloadColumn, TextColumn, TransferSpeedColumn
+    from rich.progress import DownloadColumn, TextColumn, TimeRemainingColumn, TransferSpeedColumn
 
-    columns = DownloadColumn(), TransferSpeedColumn(), TextColumn("{task.description}")
+    columns = DownloadColumn(), TransferSpeedColumn(), TextColumn("{task.description}"), TimeRemainingColumn()
     return _rich_progress(stream, *columns, transient=True)
 
 
 def _rich_progress(
-    stream: TextIO, *columns: ProgressColumn, note: bool = False, transient: bool = False, auto_refresh: bool = True
+    stream: TextIO, *columns: ProgressColumn, transient: bool = False, auto_refresh: bool = True
 ) -> RichProgress:
-    """A bar with `columns`, the time left, and last, if `note`, the task's note."""
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import BarColumn
     from rich.progress import Progress as RichProgress
 
-    last = [TextColumn("{task.fields[note]}")] if note else []
     return RichProgress(
         BarColumn(),
         *columns,
-        TimeRemainingColumn(),
-        *last,
         console=Console(file=stream),
         auto_refresh=auto_refresh,
         transient=transient,
@@ -177,20 +192,53 @@ def _write(line: str, stream: TextIO) -> None:
     stream.flush()
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Lines with aligned columns: numbers right-aligned with thousands separators, text left-aligned."""
+def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None) -> str:
+    """Lines with aligned columns: numbers right-aligned with thousands separators, text left-aligned.
+
+    `width`: columns of the terminal, by default that of standard output if it is one. What does not fit follows as
+    further tables with the same first column; words are never split.
+    """
     cells = [[_cell(value) for value in row] for row in rows]
-    right = [bool(cells) and all(row[column][1] for row in cells) for column in range(len(header))]
-    texts = [list(header), *([text for text, _ in row] for row in cells)]
-    widths = [max(len(row[column]) for row in texts) for column in range(len(header))]
-    lines = [
-        "  ".join(
-            text.rjust(width) if to_right else text.ljust(width)
-            for text, width, to_right in zip(row, widths, right, strict=True)
-        ).rstrip()
-        for row in texts
-    ]
-    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]])
+    widths = [max(len(name), *(len(row[column][0]) for row in cells), 0) for column, name in enumerate(header)]
+    if width is None:
+        width = get_terminal_size().columns if sys.stdout.isatty() else sum(widths) + GAP * len(header)
+    blocks = [[0]]
+    for column in range(1, len(header)):
+        if sum(widths[other] + GAP for other in blocks[-1]) + widths[column] > width and len(blocks[-1]) > 1:
+            blocks.append([0])
+        blocks[-1].append(column)
+    return "\n\n".join(_rendered(header, cells, block, max(width, 1)) for block in blocks)
+
+
+def _rendered(
+    header: Sequence[str], cells: Sequence[Sequence[tuple[str, bool]]], columns: list[int], width: int
+) -> str:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(box=box.Box(RULED), show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
+    for column in columns:
+        right = bool(cells) and all(row[column][1] for row in cells)
+        drawn.add_column(header[column], justify="right" if right else "left")
+    for row in cells:
+        drawn.add_row(*(Text(row[column][0]) for column in columns))
+    console = Console(width=width, color_system=None)
+    with console.capture() as captured:
+        console.print(drawn)
+    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+
+
+def show_markdown(text: str) -> None:
+    """Prints Markdown, laid out for the width of a terminal."""
+    if not sys.stdout.isatty():
+        _write(text, sys.stdout)
+        return
+    from rich.console import Console
+    from rich.markdown import Markdown
+
+    Console(no_color=not shows_colours()).print(Markdown(text))
 
 
 def _cell(value: object) -> tuple[str, bool]:
@@ -201,4 +249,5 @@ def _cell(value: object) -> tuple[str, bool]:
         return f"{value:,.1f}", True
     if isinstance(value, int):
         return f"{value:,}", True
-    return str(value), False
+    text = str(value)
+    return text, NUMBER.fullmatch(text) is not None

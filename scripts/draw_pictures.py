@@ -10,7 +10,9 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Sequence
+from html import escape
 from pathlib import Path
 
 import gymnasium as gym
@@ -18,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 import lilgym_mp
+from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
@@ -34,15 +37,23 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
 from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.render.drawing import COLOUR_RGB
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.solver import Solver
 
 ROOT = Path(__file__).resolve().parent.parent
 PICTURES = ROOT / "docs" / "pictures"
 AGENT, SPLIT = "parse-and-plan", "dev"
-# numbers of actions, and of characters in the statement, that suit a film
-ACTIONS, CHARACTERS = range(3, 7), range(30, 75)
+SHOWN = {  # tasks for the films
+    "TowerScratch": "tower-dev-048",
+    "TowerFlipIt": "tower-dev-144-e",
+    "ScatterScratch": "scatter-dev-093",
+    "ScatterFlipIt": "scatter-dev-040-d",
+}
 PROPOSERS = {"critique": SNEAKY_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
 GAME_SEED = 2
+LOGO_PITCH = 110  # pixels between the boxes of the logo
+BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
@@ -57,29 +68,14 @@ ELSEWHERE = {  # pictures made by other commands
 
 
 def shown_episode(configuration: str) -> Episode:
-    """The most colourful of the dev episodes of suitable length that end in success without a needless action."""
+    """The agent's episode of the task in SHOWN, which must succeed without a needless action."""
     settings = Settings(configuration)
     policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
-    dynamics, tasks = settings.dynamics(), settings.make(SPLIT).tasks
-    solver = Solver(dynamics)
-
-    def item_types(episode: Episode) -> int:
-        """Number of colours and shapes in the last scene, each counted with the other."""
-        state = dynamics.start(tasks.by_id(episode.task_id))
-        for action in episode.actions:
-            state = dynamics.step(state, dynamics.appearance.decode(action)).state
-        return len({(item.colour, item.shape) for box in state.scene.boxes for item in box.items})
-
-    fitting = [
-        episode
-        for episode in evaluate(policy, settings, SPLIT)
-        if episode.is_success and len(episode.actions) in ACTIONS and len(episode.statement) in CHARACTERS
-    ]
-    return next(
-        episode
-        for episode in sorted(fitting, key=item_types, reverse=True)
-        if solver.solve(tasks.by_id(episode.task_id)).steps == len(episode.actions)
-    )
+    (episode,) = (one for one in evaluate(policy, settings, SPLIT) if one.task_id == SHOWN[configuration])
+    task = settings.make(SPLIT).tasks.by_id(episode.task_id)
+    assert episode.is_success
+    assert len(episode.actions) == Solver(settings.dynamics()).solve(task).steps
+    return episode
 
 
 def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
@@ -143,6 +139,74 @@ def draw_architecture() -> None:
     _run("scripts/draw_architecture.py", str(PICTURES / "architecture.svg"))
 
 
+def logo() -> str:
+    """A scene of Scatter as SVG."""
+    scene = Scene.of(
+        [Item(10, 58, Shape.CIRCLE, Colour.YELLOW, Size.LARGE), Item(60, 64, Shape.SQUARE, Colour.BLUE, Size.MEDIUM)],
+        [Item(35, 12, Shape.TRIANGLE, Colour.BLACK, Size.LARGE), Item(35, 55, Shape.SQUARE, Colour.YELLOW, Size.LARGE)],
+        [Item(16, 20, Shape.CIRCLE, Colour.BLUE, Size.MEDIUM), Item(54, 54, Shape.TRIANGLE, Colour.BLUE, Size.LARGE)],
+    )
+    make_appearance("scatter").check_scene(scene)
+    parts: list[str] = []
+    for index, box in enumerate(scene.boxes):
+        parts.append(f'<rect x="{index * LOGO_PITCH + 1}" y="1" width="100" height="100" rx="10" fill="#f0f0ec"/>')
+        parts += [_svg(item, index * LOGO_PITCH + 1 + item.x, 1 + item.y) for item in box.items]
+    width = 2 * LOGO_PITCH + 102
+    return _svg_file(width, 102, "lilgym_mp", parts)
+
+
+def _svg(item: Item, x: int, y: int) -> str:
+    """The item at (x, y)."""
+    side, fill = item.side, "#{:02x}{:02x}{:02x}".format(*COLOUR_RGB[item.colour])
+    match item.shape:
+        case Shape.CIRCLE:
+            form = f'circle cx="{x + side / 2:g}" cy="{y + side / 2:g}" r="{side / 2:g}"'
+        case Shape.SQUARE:
+            form = f'rect x="{x}" y="{y}" width="{side}" height="{side}"'
+        case Shape.TRIANGLE:
+            form = f'path d="M{x + side / 2:g} {y}l{side / 2:g} {side}h{-side}z"'
+    return f'<{form} fill="{fill}" stroke="#555" stroke-width=".8"/>'
+
+
+def badges() -> str:
+    """Versions and licence, as pyproject.toml states them, as one SVG."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    facts = {"python": project["requires-python"], "licence": project["license"]}
+    needed = [
+        *project["dependencies"],
+        *(one for extra in ("sb3", "pettingzoo") for one in project["optional-dependencies"][extra]),
+    ]
+    for name in ("gymnasium", "pettingzoo", "stable-baselines3"):
+        facts[name] = next(text.removeprefix(name) for text in needed if text.startswith(name))
+    parts, x = list[str](), 0.0
+    for name, value in facts.items():
+        for text, fill in ((name, "#555"), (value.replace(">=", "≥ "), "#0a7d43")):
+            width = BADGE_CHARACTER * len(text) + 12
+            parts.append(f'<rect x="{x:g}" width="{width:g}" height="20" fill="{fill}"/>')
+            parts.append(f'<text x="{x + 6:g}" y="14" textLength="{width - 12:g}">{text}</text>')
+            x += width
+        x += 6
+    style = "<style>text{font:11px Verdana,DejaVu Sans,sans-serif;fill:#fff}</style>"
+    return _svg_file(x - 6, 20, ", ".join(f"{name} {value}" for name, value in facts.items()), [style, *parts])
+
+
+def _svg_file(width: float, height: int, title: str, parts: Sequence[str]) -> str:
+    size = f'width="{width:g}" height="{height}" viewBox="0 0 {width:g} {height}"'
+    return "\n".join(
+        [
+            f'<svg xmlns="http://www.w3.org/2000/svg" {size} role="img"><title>{escape(title)}</title>',
+            *parts,
+            "</svg>\n",
+        ]
+    )
+
+
+def draw_signs() -> None:
+    """The logo and the badges."""
+    (PICTURES / "logo.svg").write_text(logo())
+    (PICTURES / "badges.svg").write_text(badges())
+
+
 def _run(*command: str) -> None:
     subprocess.run([sys.executable, *command], cwd=ROOT, check=True)
 
@@ -152,6 +216,7 @@ DRAWN: dict[str, Callable[[], None]] = {
     "games": draw_games,
     "episode": draw_episode,
     "architecture": draw_architecture,
+    "signs": draw_signs,
 }
 FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
@@ -159,6 +224,8 @@ FILES = [  # made by DRAWN
     "agent.gif",
     "episode.png",
     "architecture.svg",
+    "logo.svg",
+    "badges.svg",
 ]
 
 

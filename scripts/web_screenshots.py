@@ -20,19 +20,30 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import uvicorn
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportMissingImports]
 
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
+from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.web import ServeOptions, create_app
 from lilgym_mp.web.authentication import add_person, issue_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
 SCATTER_TASK = "scatter-dev-025-a"
+FILM_TASK = "scatter-dev-029"  # "All three colors can be seen in the picture."
+FILM_ITEMS = (
+    (1, 2, "CIRCLE", "LARGE", "YELLOW"),
+    (9, 1, "SQUARE", "LARGE", "BLUE"),
+    (16, 3, "TRIANGLE", "LARGE", "BLACK"),
+)
+FILM_CLIP: Any = {"x": 30, "y": 200, "width": 690, "height": 560}
+FILM = "play-film"
 COLOURS = 96  # palette size: enough for these pages
 
 
@@ -261,6 +272,33 @@ def take(page: Page, url: str, shot: Shot, path: Path, data: ExampleData) -> Non
         image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
+def film(page: Page, url: str, path: Path) -> None:
+    """A played task as a GIF: items are chosen and put into the scene by mouse, then STOP."""
+    page.goto(f"{url}/play", wait_until="networkidle")
+    _begin(page, "ScatterScratch", FILM_TASK)
+    frames: list[UInt8Array] = []
+
+    def show() -> None:
+        page.wait_for_timeout(250)
+        picture = Image.open(io.BytesIO(page.screenshot(clip=FILM_CLIP, animations="disabled"))).convert("RGB")
+        frames.append(np.asarray(picture))
+
+    show()
+    for column, row, *item in FILM_ITEMS:
+        for name, value in zip(("shape", "size", "colour"), item, strict=True):
+            page.click(f"[data-choice={name}] [data-value={value}]")
+        cell = page.locator(f".cells [data-column='{column}'][data-row='{row}']")
+        cell.hover()
+        show()
+        cell.click()
+        page.wait_for_selector(".cells:not([aria-busy=true])")
+        show()
+    page.click("#stop")
+    page.wait_for_selector("#end:not([hidden])")
+    show()
+    save_gif(path, frames)
+
+
 def overflow(page: Page) -> int:
     """The page's width beyond that of its window, in pixels."""
     return int(page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth"))
@@ -280,7 +318,10 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=PICTURES)
     parser.add_argument("--all", action="store_true", help="in light and dark, 1200 and 360 pixels wide")
     parser.add_argument(
-        "--only", nargs="+", metavar="NAME", help="take only these: " + ", ".join(shot.name for shot in SHOTS)
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        help="take only these: " + ", ".join([FILM, *(shot.name for shot in SHOTS)]),
     )
     parser.add_argument("--axe", type=Path, metavar="axe.min.js", help="also report accessibility violations")
     parser.add_argument("--runs", type=Path, help="a directory with recorded episodes")
@@ -295,7 +336,10 @@ def main() -> int:
         runs = args.runs or record_agents(Path(name) / "runs")
         url, app = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
-        data = create_example_data(browser.new_context().new_page(), url, app, Path(name))
+        first = browser.new_context(viewport={"width": THEMES[0].width, "height": THEMES[0].height}).new_page()
+        data = create_example_data(first, url, app, Path(name))
+        if not args.only or FILM in args.only:
+            film(first, url, args.out / f"{FILM}.gif")
         for theme in THEMES if args.all else THEMES[:1]:
             context = browser.new_context(
                 viewport={"width": theme.width, "height": theme.height},

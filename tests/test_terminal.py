@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.terminal import DownloadBar, Progress, table
+from lilgym_mp.terminal import DownloadBar, Progress, table, time_left
 
 
 class _Terminal(StringIO):
@@ -108,7 +108,7 @@ def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command: str, mon
     monkeypatch.setattr("sys.stderr", terminal)
     assert main(command.split()) == 0
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
-    assert "0:00:00" in terminal.getvalue()
+    assert "0:00 left" in terminal.getvalue()
 
 
 def test_download_bar__without_a_terminal_prints_a_line_per_file(capsys: pytest.CaptureFixture[str]):
@@ -121,8 +121,23 @@ def test_download_bar__without_a_terminal_prints_a_line_per_file(capsys: pytest.
 def test_table__aligns_numbers_right_and_text_left():
     assert table(["name", "count"], [("a", 1_000), ("long", None), ("b", 2.5)]).splitlines() == [
         "name  count",
-        "----  -----",
+        "-----------",
         "a     1,000",
         "long      -",
         "b       2.5",
     ]
+
+
+@pytest.mark.parametrize("width", [30, 80, 120])
+def test_table__continues_below_what_does_not_fit(width: int):
+    names = ["mean reward", "wrong stop", "invalid action", "horizon", "words", "seen"]
+    text = table(["policy", *names], [("imitation", *[1_000] * 6), ("expert", *["94.7 % of 150"] * 6)], width)
+    lines = text.splitlines()
+    assert max(map(len, lines)) <= width
+    assert all(f" {name}" in text for name in names)
+    assert sum(line.startswith("expert ") for line in lines) == {30: 6, 80: 2, 120: 1}[width]
+
+
+def test_progress__counts_the_time_left_down_between_two_steps(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("time.monotonic", lambda: 100.0)
+    assert (time_left(190.4), time_left(20.0), time_left(None)) == ("1:30 left", "0:00 left", "")

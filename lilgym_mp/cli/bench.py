@@ -12,7 +12,7 @@ from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json, write_text
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, CommandError, add_corpus
-from lilgym_mp.terminal import Progress
+from lilgym_mp.terminal import Progress, show_markdown
 
 OUTPUT = RUNS / "bench"
 QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
@@ -79,7 +79,7 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
     from lilgym_mp.plotting import save
 
     text = report_text(bench)
-    print(text)
+    show_markdown(text)
     write_text(output / "bench.md", text + "\n")
     write_json(output / "bench.json", report_json(bench))
     try:

@@ -12,13 +12,14 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import NamedTuple
 
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table
+from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import RUNS, CommandError, add_seed, check_at_least
@@ -193,6 +194,8 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
         (result,) = (result for result in results if result.name == name)
         film_grid(film, plan.settings, plan.split, _to_film(result.episodes), columns=2)
+    if sys.stdout.isatty():
+        summary = f"{plan}\n\n{terminal_tables(results, get_terminal_size().columns)}"
     print(
         f"\n{summary}\n\n{explanation}\n\n"
         f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"

@@ -31,9 +31,9 @@ from lilgym_mp.render.frames import frame
 from lilgym_mp.render.ruler import ruled
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver import Solver, Status
-from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_table
+from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows
 from lilgym_mp.task import Task
-from lilgym_mp.terminal import Progress, shows_colours
+from lilgym_mp.terminal import Progress, shows_colours, table
 
 MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
 
@@ -100,7 +100,8 @@ def run(args: argparse.Namespace) -> int:
             records.extend({**source, **report_json(report, dynamics)} for report in reports)
     first = chosen[0]
     print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {_grid(first)}\n")
-    print(summary_table(summaries))
+    header, *rows = summary_rows(summaries)
+    print(table(header, rows))
     _print_unsolved(unsolved)
     if args.out is not None:
         write_json(args.out, {"summaries": {name: s._asdict() for name, s in summaries.items()}, "tasks": records})

@@ -18,7 +18,8 @@ from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
 
-FRAME_SECONDS = 0.7
+FIRST_FRAME_SECONDS = 1.8
+FRAME_SECONDS = 1.0
 LAST_FRAME_SECONDS = 3.0
 
 FONT_PIXELS = 14
@@ -27,9 +28,11 @@ STATEMENT_LINES = 2
 MARGIN = 8
 BORDER = 4
 TILE_WIDTH = IMAGE_WIDTH + 2 * MARGIN
-TILE_HEIGHT = IMAGE_HEIGHT + (STATEMENT_LINES + 2) * LINE_HEIGHT + 2 * MARGIN
+TILE_HEIGHT = IMAGE_HEIGHT + (STATEMENT_LINES + 2) * LINE_HEIGHT + 3 * MARGIN
 PAPER_RGB, INK_RGB = (255, 255, 255), (30, 30, 30)
-PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (190, 190, 190), (0, 140, 60), (200, 40, 30)
+GOAL_WIDTH = 90  # pixels
+MISSED_RGB = (200, 90, 0)
+PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (222, 222, 222), (0, 140, 60), (200, 40, 30)
 
 
 class FilmFrame(NamedTuple):
@@ -39,21 +42,28 @@ class FilmFrame(NamedTuple):
     task: str  # statement and target as text
     caption: str  # last action, and the outcome at the end
     rgb: tuple[int, int, int]  # colour of caption and border
+    truth: bool | None = None  # of the statement in the picture
+    target: bool | None = None
 
 
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     """A frame for the start and one for each action of an episode, by replaying it."""
     env.reset(options={"task": episode.task_id})
-    appearance = env.dynamics.appearance
-    task = f'"{episode.statement}" Make it {str(episode.target).lower()}.'
-    yield FilmFrame(smooth_picture(env.scene, 1), task, "start", PENDING_RGB)
+    appearance, target = env.dynamics.appearance, episode.target
+    task = f'"{episode.statement}"'
+
+    def frame(caption: str, rgb: tuple[int, int, int]) -> FilmFrame:
+        truth = target if env.goal_reached() else not target
+        return FilmFrame(smooth_picture(env.scene, 1, light=True), task, caption, rgb, truth, target)
+
+    yield frame("", PENDING_RGB)
     for step, action in enumerate(episode.actions, start=1):
         _, _, terminated, truncated, info = env.step(action)
         caption, rgb = f"{step}. {describe(appearance.decode(action))}", PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
-            caption += f": {info['outcome'].replace('_', ' ')}, reward {episode.reward:+.1f}"
-        yield FilmFrame(smooth_picture(env.scene, 1), task, caption, rgb)
+            caption += f": {info['outcome'].replace('_', ' ')}, return {episode.reward:+.1f}"
+        yield frame(caption, rgb)
 
 
 def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int) -> None:
@@ -81,14 +91,21 @@ def _tile(frame: FilmFrame) -> Image.Image:
     tile = Image.new("RGB", (TILE_WIDTH, TILE_HEIGHT), PAPER_RGB)
     pen = ImageDraw.Draw(tile)
     font = ImageFont.load_default(FONT_PIXELS)
-    for index, line in enumerate(wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]):
-        pen.text((MARGIN, MARGIN + index * LINE_HEIGHT), line, fill=INK_RGB, font=font)
+    lines = wrap_text(frame.task, IMAGE_WIDTH, pen, font)[:STATEMENT_LINES]
+    for row, line in enumerate(lines, STATEMENT_LINES - len(lines)):
+        pen.text((MARGIN, MARGIN + row * LINE_HEIGHT), line, fill=INK_RGB, font=font)
     top = MARGIN + STATEMENT_LINES * LINE_HEIGHT + BORDER
     border = (MARGIN - BORDER, top - BORDER, MARGIN + IMAGE_WIDTH + BORDER - 1, top + IMAGE_HEIGHT + BORDER - 1)
     pen.rectangle(border, fill=frame.rgb)
     tile.paste(Image.fromarray(frame.picture), (MARGIN, top))
     ink = INK_RGB if frame.rgb == PENDING_RGB else frame.rgb
-    pen.text((MARGIN, top + IMAGE_HEIGHT + BORDER + 2), frame.caption, fill=ink, font=font)
+    bottom = top + IMAGE_HEIGHT + BORDER + 2
+    pen.text((MARGIN, bottom), frame.caption, fill=ink, font=font)
+    if frame.truth is not None:
+        goal, now = f"goal: {str(frame.target).lower()}", f"now: {str(frame.truth).lower()}"
+        rgb = SUCCESS_RGB if frame.truth == frame.target else MISSED_RGB
+        pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=INK_RGB, font=font)
+        pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=rgb, font=font)
     return tile
 
 
@@ -109,8 +126,8 @@ def wrap_text(
 def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
     """Writes a looping GIF atomically; `frames` are (height, width, 3) of one size, and the last is shown longer."""
     images = [Image.fromarray(frame).quantize(64, dither=Image.Dither.NONE) for frame in frames]
-    seconds = [FRAME_SECONDS] * (len(images) - 1) + [LAST_FRAME_SECONDS]
     first, *rest = images
+    seconds = [*[FIRST_FRAME_SECONDS, *[FRAME_SECONDS] * len(rest)][: len(rest)], LAST_FRAME_SECONDS]
     write_atomically(
         path,
         lambda temporary: first.save(

@@ -17,6 +17,7 @@ from lilgym_mp.terminal import table as aligned
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
+FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
 LEGEND = (
     "accuracy: tasks completed. seen, unseen: accuracy and number of episodes with statements that occur, or do not"
     " occur, verbatim in the training tasks. STOP is never forced."
@@ -32,31 +33,20 @@ def legend(results: Sequence[Result]) -> str:
 def table(results: Sequence[Result]) -> str:
     """A Markdown table with a row for each result."""
     heads = ("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length")
-    failures = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
-    return markdown_table([(*heads, *failures), *(_row(result) for result in results)])
+    return markdown_table([(*heads, *FAILURES), *(_row(result) for result in results)])
 
 
 def terminal_tables(results: Sequence[Result], width: int) -> str:
-    """The same for a terminal of this many columns: a table for each configuration, failures apart if it is narrow."""
+    """The same for a terminal of this many columns: a table for each configuration, in parts if it is narrow."""
     parts: list[str] = []
+    heads = ("policy", "accuracy", "seen", "unseen", "reward", "length", *FAILURES)
     for configuration in dict.fromkeys(result.plan.settings.configuration for result in results):
         rows = [(row[0], *row[3:]) for result in results if (row := _row(result))[1] == configuration]
         episodes = next(r.summary.all.episodes for r in results if r.plan.settings.configuration == configuration)
-        failures = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
-        heads = ("policy", "accuracy", "seen", "unseen", "reward", "length")
-        parts.append(f"{configuration}, {episodes:,} episodes")
-        if _widest(whole := aligned((*heads, *failures), rows)) <= width:
-            parts.append(whole)
-        else:
-            parts.append(aligned(heads, [row[: len(heads)] for row in rows]))
-            parts.append(aligned(("policy", *failures), [(row[0], *row[len(heads) :]) for row in rows]))
+        parts += [f"{configuration}, {episodes:,} episodes", aligned(heads, rows, width)]
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"{name}: learnt from {text}" for name, text in supervision), legend(results)]
     return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
-
-
-def _widest(text: str) -> int:
-    return max(map(len, text.splitlines()))
 
 
 def supervision_table(results: Sequence[Result]) -> str:

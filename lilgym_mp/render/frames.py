@@ -29,6 +29,7 @@ MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only som
 LINE_PIXELS = FONT_PIXELS + 8
 PAPER_RGB, INK_RGB, MARK_RGB = (255, 255, 255), (30, 30, 30), (90, 90, 90)
 OUTLINE_RGB = (80, 80, 80)
+LIGHT: tuple[RGB, RGB] = (PAPER_RGB, (240, 240, 236))  # separators and boxes of light pictures
 CELL_RGB = (180, 180, 180)
 
 
@@ -62,9 +63,13 @@ def caption_font() -> Font:
     return ImageFont.load_default(FONT_PIXELS)
 
 
-def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None) -> UInt8Array:
-    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines."""
-    image = _drawn(scene, scale * SUPERSAMPLING, grid).reduce(SUPERSAMPLING)
+def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None, *, light: bool = False) -> UInt8Array:
+    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines.
+
+    `light`: in boxes of a lighter grey than those of observations, with nothing between them.
+    """
+    image = _drawn(scene, scale * SUPERSAMPLING, grid, LIGHT if light else (SEPARATOR_RGB, BOX_RGB))
+    image = image.reduce(SUPERSAMPLING)
     _outline_boxes(ImageDraw.Draw(image), scale, 0)
     return np.asarray(image)
 
@@ -76,12 +81,14 @@ def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
         pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)
 
 
-def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Image:
-    image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), SEPARATOR_RGB)
+def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None, ground: tuple[RGB, RGB]) -> Image.Image:
+    """`ground`: the colours of separators and boxes."""
+    separator, empty = ground
+    image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), separator)
     pen = ImageDraw.Draw(image)
     for index, box in enumerate(scene.boxes):
         left = index * BOX_PITCH
-        pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=BOX_RGB)
+        pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=empty)
         if grid is not None:
             for line in _cell_lines(left, grid):
                 pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)

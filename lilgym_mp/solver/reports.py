@@ -153,9 +153,9 @@ COLUMNS = (
 )
 
 
-def summary_table(summaries: Mapping[str, Summary]) -> str:
-    """A Markdown table with a row for each named summary."""
-    rows = [("", *COLUMNS), ("---", *["---:"] * len(COLUMNS))]
+def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
+    """A header, and a row for each named summary."""
+    rows = [("", *COLUMNS)]
     for name, summary in summaries.items():
         cells = (
             f"{summary.tasks:,}",
@@ -169,7 +169,7 @@ def summary_table(summaries: Mapping[str, Summary]) -> str:
             f"{1000 * summary.mean_seconds:.2f}",
         )
         rows.append((name, *cells))
-    return "\n".join("| " + " | ".join(row) + " |" for row in rows)
+    return rows
 
 
 def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:

@@ -34,16 +34,21 @@ UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (ST
 
 def test_episode_frames__show_the_start_and_each_action():
     start, added, stopped = episode_frames(TOWER.make("dev"), SEEN)
-    assert np.array_equal(start.picture, smooth_picture(scene(), 1))
-    assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1))
+    assert np.array_equal(start.picture, smooth_picture(scene(), 1, light=True))
+    assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1, light=True))
     assert added.caption == "1. ADD(LEFT, BLUE)"
-    assert (stopped.caption, stopped.rgb) == ("2. STOP: success, reward +0.9", SUCCESS_RGB)
+    assert [(frame.truth, frame.target) for frame in (start, added, stopped)] == [
+        (False, True),
+        (True, True),
+        (True, True),
+    ]
+    assert (stopped.caption, stopped.rgb) == ("2. STOP: success, return +0.9", SUCCESS_RGB)
     assert "I can see a blue block." in start.task
 
 
 def test_episode_frames__failure_has_another_colour():
     *_, last = episode_frames(TOWER.make("dev"), UNSEEN)
-    assert (last.caption, last.rgb) == ("1. STOP: wrong stop, reward -1.0", FAILURE_RGB)
+    assert (last.caption, last.rgb) == ("1. STOP: wrong stop, return -1.0", FAILURE_RGB)
 
 
 def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
