@@ -46,7 +46,7 @@ $(STAMP): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
-demo: install  ## train two agents for a few minutes and evaluate them
+demo: install  ## train two agents in about three minutes and evaluate them
 	$(BIN)/lilgym-mp demo $(ARGS)
 
 test: install  ## run the tests, including ruff and the import contract

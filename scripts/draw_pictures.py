@@ -63,7 +63,7 @@ ELSEWHERE = {  # pictures made by other commands
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",
-    "web/*.png": "python scripts/web_screenshots.py",
+    "web/*": "python scripts/web_screenshots.py",
 }
 
 

@@ -53,3 +53,8 @@ def _width(path: Path) -> float:
         return float(found[1])
     with Image.open(path) as picture:
         return picture.width
+
+
+def test_signs__show_the_project_as_it_is(drawing: ModuleType):
+    assert (PICTURES / "badges.svg").read_text() == drawing.badges()
+    assert (PICTURES / "logo.svg").read_text() == drawing.logo()
