@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import inspect
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -182,7 +182,7 @@ def _actions(settings: Settings) -> Iterator[str]:
         "to an action index, `decode_action(index)` does the reverse, and `lilgym_mp.action_masks(env)` says which "
         "actions are legal now."
     )
-    yield from _scatter_actions(appearance) if isinstance(appearance, Scatter) else _tower_actions(appearance)
+    yield from ACTION_TEXTS[settings.appearance](appearance)
 
 
 def _action_rows(appearance: Appearance, indices: Iterable[int]) -> list[Sequence[object]]:
@@ -257,6 +257,9 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
         "neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the cell. Choose another "
         "grid with `grid=(columns, rows)`."
     )
+
+
+ACTION_TEXTS: Mapping[str, Callable[[Any], Iterator[str]]] = {"tower": _tower_actions, "scatter": _scatter_actions}
 
 
 def _column_rows(width: int) -> Iterator[Sequence[object]]:

@@ -33,34 +33,6 @@ USAGE_ERROR = 2  # exit code: invalid arguments
 EXTRAS = {"torch": "train", "safetensors": "train", "stable_baselines3": "sb3", "sb3_contrib": "sb3"}  # by package
 
 
-class _Parser(argparse.ArgumentParser):
-    """Raises CommandError, which prints as one line, instead of printing the usage.
-
-    An option with several values may be given several times, and keeps each value once; others only once.
-    """
-
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.register("action", None, _Store)
-
-    def error(self, message: str) -> NoReturn:
-        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
-
-
-class _Store(argparse.Action):
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        if option is not None:
-            given: set[str] = vars(namespace).setdefault("given_options", set())
-            if self.nargs in ("+", "*"):
-                values = list(dict.fromkeys([*(getattr(namespace, self.dest) if self.dest in given else ()), *values]))
-            elif self.dest in given:
-                parser.error(f"argument {option}: given more than once")
-            given.add(self.dest)
-        setattr(namespace, self.dest, values)
-
-
 def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command line, by default that of this process, and returns its exit code."""
     if not _open_missing_streams():
@@ -89,6 +61,50 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not _is_caused_by_interrupt(error):
             raise
         return _print_error("interrupted", INTERRUPTED)
+
+
+def parse_args(argv: Sequence[str]) -> argparse.Namespace:
+    """The parsed command line, which also holds the unparsed `argv`."""
+    return make_parser().parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
+
+
+@cache
+def make_parser() -> argparse.ArgumentParser:
+    """The parser, with every subcommand."""
+    parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
+    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
+    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
+    for name in COMMANDS:
+        import_module(f"{__name__}.{name.replace('-', '_')}").add_parser(subparsers)
+    return parser
+
+
+class _Parser(argparse.ArgumentParser):
+    """Raises CommandError, which prints as one line, instead of printing the usage.
+
+    An option with several values may be given several times, and keeps each value once; others only once.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.register("action", None, _Store)
+
+    def error(self, message: str) -> NoReturn:
+        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
+
+
+class _Store(argparse.Action):
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        if option is not None:
+            given: set[str] = vars(namespace).setdefault("given_options", set())
+            if self.nargs in ("+", "*"):
+                values = list(dict.fromkeys([*(getattr(namespace, self.dest) if self.dest in given else ()), *values]))
+            elif self.dest in given:
+                parser.error(f"argument {option}: given more than once")
+            given.add(self.dest)
+        setattr(namespace, self.dest, values)
 
 
 def _is_caused_by_interrupt(error: BaseException) -> bool:
@@ -129,19 +145,3 @@ def _print_error(message: str, code: int = USAGE_ERROR) -> int:
     with suppress(OSError):  # stderr may be unusable, too
         print(printable(message), file=sys.stderr)
     return code
-
-
-def parse_args(argv: Sequence[str]) -> argparse.Namespace:
-    """The parsed command line, which also holds the unparsed `argv`."""
-    return make_parser().parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
-
-
-@cache
-def make_parser() -> argparse.ArgumentParser:
-    """The parser, with every subcommand."""
-    parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
-    parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
-    subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
-        import_module(f"{__name__}.{name.replace('-', '_')}").add_parser(subparsers)
-    return parser

@@ -60,12 +60,12 @@ MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
 
 
 class PastTurnBody(BaseModel):
-    """A past turn as this seat observes it. Null: no action taken; word 0: silence."""
+    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
 
     proposal: str | None
     answer: str | None
-    proposer_word: int
-    verifier_word: int
+    proposer_message: int
+    verifier_message: int
 
 
 class EndBody(BaseModel):
@@ -344,13 +344,13 @@ def _proposal(live: LiveGame, array: Any) -> str | None:
 
 def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
     game = live.engine.game
-    *array, answer, proposer_word, verifier_word = row.tolist()
+    *array, answer, proposer_message, verifier_message = row.tolist()
     answers = game.protocol.answers(game.config)
     return PastTurnBody(
         proposal=_proposal(live, np.array(array)),
         answer=answers[answer] if 0 <= answer < len(answers) else None,
-        proposer_word=max(0, proposer_word),
-        verifier_word=max(0, verifier_word),
+        proposer_message=max(0, proposer_message),
+        verifier_message=max(0, verifier_message),
     )
 
 

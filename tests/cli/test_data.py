@@ -67,14 +67,6 @@ def error_of(capsys: pytest.CaptureFixture[str]) -> Run:
     return run
 
 
-@pytest.fixture
-def tower_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Limits the release to Tower."""
-    names = ["tower_scratch_test.json", "tower_flipit_test.json"]
-    monkeypatch.setattr("lilgym_mp.corpus.official.release.official_names", lambda splits: names)
-
-
-@pytest.mark.usefixtures("tower_only")
 def test_import__installs_the_official_corpus(data: Run, released: Path, cache: Path):
     output = data("import", released, "--splits", "test")
     assert f"installed in {cache} from {released}" in output
@@ -83,7 +75,6 @@ def test_import__installs_the_official_corpus(data: Run, released: Path, cache: 
     assert "lilgym   TowerFlipIt" in data("list")
 
 
-@pytest.mark.usefixtures("tower_only")
 def test_import__notes_that_the_variable_names_another_directory(
     data: Run, released: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -99,7 +90,6 @@ def test_import__rejects_a_partial_directory_naming_missing_files(error_of: Run,
     assert not cache.exists()
 
 
-@pytest.mark.usefixtures("tower_only")
 def test_download__does_not_repeat_an_installation(
     data: Run, released: Path, cache: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -115,7 +105,6 @@ def test_download__does_not_repeat_an_installation(
     assert "no faults" in data("check", "lilgym")
 
 
-@pytest.mark.usefixtures("tower_only")
 def test_download__failure_names_alternatives(
     error_of: Run, cache: Path, released: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -206,8 +206,8 @@ def test_view__simultaneous_choices_stay_hidden_until_both_are_made(browser: Bro
     assert after["history"][-1] == {
         "proposal": "ADD(LEFT, BLUE)",
         "answer": "continue",
-        "proposer_word": 0,
-        "verifier_word": 0,
+        "proposer_message": 0,
+        "verifier_message": 0,
     }
 
 

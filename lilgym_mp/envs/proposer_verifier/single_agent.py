@@ -29,21 +29,6 @@ from lilgym_mp.envs.window import RENDER_FPS
 MAX_RESETS = 1_000  # consecutive games that may end before the agent has had a turn
 
 
-def _adapters_of(env: Any, agent: str) -> tuple[AgentAdapter, ...]:
-    """The agent's adapters of the wrappers around the game, innermost first. Raises TypeError for unknown wrappers."""
-    found: list[AgentAdapter] = []
-    while env is not env.unwrapped:
-        adapters = inspect.getattr_static(env, "adapters", None)
-        if adapters is None:
-            raise TypeError(
-                f"SingleAgentView would bypass {type(env).__name__}; give it the bare game, or the game in wrappers of"
-                " lilgym_mp.wrappers, and apply other wrappers to the view"
-            )
-        found += [adapters[agent]] if adapters else []
-        env = env.env
-    return tuple(reversed(found))
-
-
 class SingleAgentView(gym.Env[dict[str, Any], int]):
     """Plays `agent` against `partner`, for training one side with Stable-Baselines3.
 
@@ -165,3 +150,18 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
 
     def close(self) -> None:
         self.engine.close()
+
+
+def _adapters_of(env: Any, agent: str) -> tuple[AgentAdapter, ...]:
+    """The agent's adapters of the wrappers around the game, innermost first. Raises TypeError for unknown wrappers."""
+    found: list[AgentAdapter] = []
+    while env is not env.unwrapped:
+        adapters = inspect.getattr_static(env, "adapters", None)
+        if adapters is None:
+            raise TypeError(
+                f"SingleAgentView would bypass {type(env).__name__}; give it the bare game, or the game in wrappers of"
+                " lilgym_mp.wrappers, and apply other wrappers to the view"
+            )
+        found += [adapters[agent]] if adapters else []
+        env = env.env
+    return tuple(reversed(found))

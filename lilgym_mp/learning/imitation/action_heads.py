@@ -13,7 +13,7 @@ from itertools import permutations, product
 import numpy as np
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Scatter, Tower
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.appearances.scatter import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.learning.imitation.box_features import CELLS
@@ -48,9 +48,9 @@ class ActionHeads:
 
 
 @cache
-def action_heads(appearance: Tower | Scatter) -> ActionHeads:
+def action_heads(appearance: Appearance) -> ActionHeads:
     """The heads for Tower, or for Scatter on the released grid."""
-    adds, removes = _tower_edits() if isinstance(appearance, Tower) else _scatter_edits()
+    adds, removes = _tower_edits() if appearance.grid is None else _scatter_edits()
     indices = [0, *(appearance.encode(action) for action in (*adds, *removes))]
     action_of = np.array(indices, np.int64)
     index_of = np.full(appearance.action_count, -1, np.int64)

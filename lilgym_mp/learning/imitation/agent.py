@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lilgym_mp.appearances import Scatter, Tower, make_appearance
+from lilgym_mp.appearances import RELEASED_GRID, Appearance, make_appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
@@ -112,9 +112,8 @@ class ImitationAgent:
         """
         check_configuration(self._description, settings)
         appearance = make_appearance(settings.appearance, settings.grid)
-        if isinstance(appearance, Scatter) and appearance != Scatter():
+        if appearance.grid not in (None, RELEASED_GRID):
             raise ValueError(f"this network plays Scatter on the grid 19 x 5, not {settings.grid}")
-        assert isinstance(appearance, Tower | Scatter)
         horizon = make_dynamics(appearance, settings.rules, settings.horizon).horizon
         rule = self.rules[settings.configuration]
         return _ImagePolicy(self, appearance, horizon, rule, sampled=sampled or rule.sampled)
@@ -132,7 +131,7 @@ class _ImagePolicy:
     needs_masks = False
 
     def __init__(
-        self, agent: ImitationAgent, appearance: Tower | Scatter, horizon: int, rule: StopRule, *, sampled: bool
+        self, agent: ImitationAgent, appearance: Appearance, horizon: int, rule: StopRule, *, sampled: bool
     ) -> None:
         self._rule = rule
         self._agent = agent

@@ -9,7 +9,6 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.augmentation import symmetries
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
@@ -80,7 +79,6 @@ class DataCollector:
     ) -> None:
         """`budget`: scenes the solver expands per query, at most."""
         appearance = dynamics.appearance
-        assert isinstance(appearance, Tower | Scatter)
         self.table = table
         self.heads: ActionHeads = action_heads(appearance)
         self.rng = rng

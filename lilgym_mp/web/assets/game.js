@@ -136,7 +136,7 @@ function showPast() {
     const parts = [];
     if (turn.proposal) parts.push(`proposed ${turn.proposal}`);
     if (turn.answer) parts.push(`answered “${turn.answer}”`);
-    if (turn.verifier_word) parts.push(`message ${turn.verifier_word}`);
+    if (turn.verifier_message) parts.push(`message ${turn.verifier_message}`);
     return parts.join(", ");
   });
   const seen = turns.filter(Boolean);
