@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -63,10 +63,10 @@ class RandomRefusal:
 
 
 class Scorer:
-    """Accepts everything, and notes how probably the verifiers would have accepted each claim."""
+    """Accepts everything, and notes how probable each judge thinks it that a claim holds."""
 
-    def __init__(self, verifiers: Sequence[Any]) -> None:
-        self._verifiers = verifiers
+    def __init__(self, judges: Sequence[Callable[[BatchTurn], Any]]) -> None:
+        self._judges = judges
         self.scores: dict[int, list[float]] = {}  # by game
 
     def __call__(self, turn: Any) -> int:
@@ -75,17 +75,21 @@ class Scorer:
     def batch(self, turn: BatchTurn) -> Any:
         claims = np.flatnonzero(turn.games.proposals[turn.indices] == STOP_ACTION)
         if len(claims):
-            found = np.stack([verifier.acceptance(turn) for verifier in self._verifiers], 1)
-            for index in claims.tolist():
-                self.scores[int(turn.episodes[index])] = found[index].tolist()
+            at_claims = replace(turn, indices=turn.indices[claims])
+            found = np.stack([judge(at_claims) for judge in self._judges], 1)
+            for episode, scores in zip(turn.episodes[claims].tolist(), found.tolist(), strict=True):
+                self.scores[episode] = scores
         return encode_answers(turn.game, np.ones(len(turn.indices), np.bool_))
 
 
 class Experiments:
     """The runs of one results directory."""
 
-    def __init__(self, results: Path, corpus: str, split: str, pictures: Path | None) -> None:
+    def __init__(
+        self, results: Path, corpus: str, split: str, pictures: Path | None, reward_model: Path | None
+    ) -> None:
         self.runs, self.corpus, self.split, self.pictures = results / "runs", corpus, split, pictures
+        self.reward_model: Any = None if reward_model is None else open_agent(reward_model, "cpu")
         train = (load_tasks(corpus, APPEARANCE, start, "train") for start in ("scratch", "flipit"))
         self.seen = {task.statement for tasks in train for task in tasks}
 
@@ -144,6 +148,8 @@ class Experiments:
         proposers: dict[str, Any] = {f"seed {n}": one for n, one in enumerate(self.sides(paths, Role.PROPOSER))}
         verifiers: dict[str, Any] = {f"seed {n}": one for n, one in enumerate(self.sides(paths, Role.VERIFIER))}
         verifiers |= {"oracle": OracleVerifier(), "oracle, 10 % errors": OracleVerifier(0.1)}
+        if self.reward_model is not None:
+            verifiers["reward model"] = self.reward_model.verifier()
         verifiers["target only"] = TargetOnlyVerifier()
         expert = self.experts(protocol)
         cells = np.full((len(proposers) + 1, len(verifiers)), np.nan)
@@ -153,14 +159,14 @@ class Experiments:
                 measured = summarise(self.play(protocol, proposer, verifier))
                 found = measured.success_rate if value == "success" else measured.j
                 cells[row, column] = np.nan if found is None else 100 * found
-                if judge.startswith("seed"):
+                if judge.startswith(("seed", "reward")):
                     details.append([f"seed {row}", judge, *judged(measured)])
         for column, (judge, verifier) in enumerate(verifiers.items()):
             games = [record for one in expert for record in self.play(protocol, one, verifier)]
             measured = summarise(games if value == "j" else games[: len(games) // 2])
             found = measured.success_rate if value == "success" else measured.j
             cells[-1, column] = np.nan if found is None else 100 * found
-            if judge.startswith("seed"):
+            if judge.startswith(("seed", "reward")):
                 details.append(["expert, honest and lying" if value == "j" else "expert", judge, *judged(measured)])
         names = [*proposers, "expert, honest\nand lying" if value == "j" else "expert"]
         print(f"\n{name}: {value} by proposer (rows) and verifier (columns)")
@@ -186,13 +192,15 @@ class Experiments:
             }
             if len(verifiers) > 1:
                 kinds["another seed's"] = [verifiers[(n + 1) % len(verifiers)] for n in range(len(paths))]
+            if self.reward_model is not None:
+                kinds["a reward model"] = [self.reward_model.verifier()] * len(paths)
             if paths is both:
                 kinds["its own"] = verifiers
             for name, judges in kinds.items():
                 games = [self.play("veto", one, judge) for one, judge in zip(proposers, judges, strict=True)]
                 results[f"{label}, {name}"] = games
                 rows.append([label, name, by_seed(games), interval(games), refused(games)])
-                if name in ("its own", "another seed's"):
+                if name not in ("none", "an oracle"):
                     controls = [RandomRefusal(refusal_share(one)) for one in games]
                     games = [self.play("veto", one, judge) for one, judge in zip(proposers, controls, strict=True)]
                     results[f"{label}, random like {name}"] = games
@@ -210,31 +218,24 @@ class Experiments:
         verifiers = self.sides(self.paths("veto-both"), Role.VERIFIER)
         rows: list[list[str]] = []
         for seed, path in enumerate(self.paths("veto-alone")[: len(verifiers)]):
-            scorer = Scorer([verifiers[seed], verifiers[(seed + 1) % len(verifiers)]])
-            (proposer,) = self.sides([path], Role.PROPOSER, sampled=True)
-            games = self.play("veto", proposer, scorer, repeats=SAMPLES)
-            tasks = len(games) // SAMPLES
-            won = np.array([one.outcome.value == "success" for one in games]).reshape(SAMPLES, tasks)
-            scores = np.array([scorer.scores.get(n, [-1.0, -1.0]) for n in range(len(games))]).reshape(
-                SAMPLES, tasks, 2
-            )
-            by_one = np.take_along_axis(won, scores[..., 0].argmax(0)[None], 0).mean()
-            by_two = np.take_along_axis(won, scores.mean(2).argmax(0)[None], 0).mean()
+            judges = [verifiers[seed].acceptance, verifiers[(seed + 1) % len(verifiers)].acceptance]
+            if self.reward_model is not None:
+                judges.append(self._by_reward_model)
+            scorer = Scorer(judges)
+            games = self.play("veto", self.sides([path], Role.PROPOSER, sampled=True)[0], scorer, repeats=SAMPLES)
+            won = np.array([one.outcome.value == "success" for one in games]).reshape(SAMPLES, -1)
+            unclaimed = [-1.0] * len(judges)
+            scores = np.array([scorer.scores.get(n, unclaimed) for n in range(len(games))]).reshape(*won.shape, -1)
+            choices = [scores[..., 0], scores[..., :2].mean(2), scores[..., -1]]
+            chosen = [np.take_along_axis(won, each.argmax(0)[None], 0).mean() for each in choices]
             greedy = summarise(self.play("veto", self.sides([path], Role.PROPOSER)[0], ALWAYS_ACCEPT)).success_rate
-            rows.append(
-                [str(seed), *(f"{100 * x:.1f}" for x in (greedy, won.mean(), by_one, by_two, won.any(0).mean()))]
-            )
-        table(
-            [
-                "seed",
-                "most probable plan",
-                f"mean of {SAMPLES}",
-                "best by a verifier",
-                "by the mean of two",
-                "by an oracle",
-            ],
-            rows,
-        )
+            rows.append([str(seed), *(f"{100 * x:.1f}" for x in (greedy, won.mean(), *chosen, won.any(0).mean()))])
+        last = "another verifier" if self.reward_model is None else "a reward model"
+        header = ["seed", "most probable plan", f"mean of {SAMPLES}", "best by a verifier", "by the mean of two"]
+        table([*header, f"by {last}", "by an oracle"], rows)
+
+    def _by_reward_model(self, turn: BatchTurn) -> Any:
+        return np.array([self.reward_model.success_probability(state.mdp) for state in turn.states()])
 
     def rounds(self) -> None:
         """Exploitability by round: each sneaky best response against each round's verifier."""
@@ -404,11 +405,12 @@ def main() -> None:
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--split", default="dev")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures into this directory")
+    parser.add_argument("--reward-model", type=Path, metavar="RUN", help="a run of `train reward-model`: a verifier")
     parser.add_argument(
         "--only", nargs="+", metavar="SECTION", help="joint, cross-play, audit, filters, samples, rounds, curves"
     )
     args = parser.parse_args()
-    found = Experiments(args.results, args.corpus, args.split, args.pictures)
+    found = Experiments(args.results, args.corpus, args.split, args.pictures, args.reward_model)
     sections: Mapping[str, Any] = {
         "joint": found.joint,
         "cross-play": lambda: found.matrix("joint", "joint", "success", "game_cross_play"),

@@ -1,4 +1,4 @@
-"""Data augmentation by symmetry: permutes colours, shapes, boxes, left and right, and numbers.
+"""Data augmentation by symmetry: permutes colours, shapes, boxes, and left and right.
 
 An `Augmentation` applies the same permutation to statements, programs, scenes, images, actions and tasks.
 docs/augmentation.md says which permutations commute with the rules and when one is refused.
@@ -23,8 +23,8 @@ from lilgym_mp.appearances.placement import check_apart
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import words
-from lilgym_mp.corpus.spelling import NUMBERS, normalised_words
-from lilgym_mp.perception import image_size_of, read_scene, recoloured
+from lilgym_mp.corpus.spelling import normalised_words
+from lilgym_mp.perception import image_size_of, read_scene
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.syntax import Call, Member, Node, Slice, Subscript, WordName, children
 from lilgym_mp.render import draw
@@ -45,14 +45,11 @@ from lilgym_mp.task import Task
 
 Value = TypeVar("Value")
 
-NUMBER_RANGE = tuple(range(1, 8))  # numbers that may be permuted
 CACHE_SIZE = 32_768  # statement-program pairs
-SINGULAR = 1  # random augmentations keep numbers up to this one, which English combines with the singular
 
 _COLOURS = {colour.name.lower(): colour for colour in Colour}
 _SHAPES = {shape.name.lower(): shape for shape in Shape}
 _SIDES = {"left": "right", "right": "left"}
-_NUMBER_WORDS = {int(digits): word for word, digits in NUMBERS.items()}
 
 
 def _any_of(names: Sequence[str], after: str = "") -> re.Pattern[str]:
@@ -64,8 +61,6 @@ _COLOUR = _any_of(list(_COLOURS))
 _SHAPE = _any_of(list(_SHAPES), "s?")
 _SIDE = _any_of(list(_SIDES))
 _SIDE_VALUE = re.compile(r"(?<=Side\.)(LEFT|RIGHT)\b")
-_NUMBER = re.compile(rf"(?<![\w.])({'|'.join(NUMBERS)}|\d+)(?![\w.]\w|\w)", re.IGNORECASE)
-_INT = re.compile(r"(?<![\w.])(\d+)(?!\w)")
 
 # Words that imply a shape without naming it; "box" where it refers to an item
 _OTHER_SHAPE = re.compile(
@@ -73,7 +68,6 @@ _OTHER_SHAPE = re.compile(
     r"|gr[ae]y\s+squares?|(black|yellow|blue|small|medium|big|large|colou?red)\s+box(es)?)(?![a-z])",
     re.IGNORECASE,
 )
-_COMPARISON = re.compile(r"(?<![a-z])(more|less|fewer|greater|larger|smaller)(?![a-z])", re.IGNORECASE)
 # Common words that look like misspelt names, and words often typed together with the next one
 _ORDINARY = {"block", "blocks", "back", "lack", "bellow", "lift", "let", "light", "might", "night", "sight"}
 _SHORT = {"a", "an", "the", "is", "of", "in", "at", "on", "with", "and", "one"}
@@ -86,7 +80,7 @@ class AugmentationError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Augmentation:
-    """A permutation of colours, shapes, boxes, sides and numbers; the identity by default.
+    """A permutation of colours, shapes, boxes and sides; the identity by default.
 
     `statement` and `program` rewrite any text; `pair` and `task` return None unless the result is known to be
     consistent.
@@ -96,7 +90,6 @@ class Augmentation:
     shapes: tuple[Shape, ...] = tuple(Shape)  # shapes[s] replaces shape s
     boxes: tuple[int, ...] = tuple(range(BOX_COUNT))  # box k of the new scene is box boxes[k] of the old one
     mirrored: bool = False  # swap left and right within each box
-    numbers: tuple[int, ...] = NUMBER_RANGE  # replacements for 1 .. 7, in statements and programs only
 
     def __post_init__(self) -> None:
         """Raises AugmentationError for a field that is not a permutation."""
@@ -104,7 +97,6 @@ class Augmentation:
             ("colours", tuple(Colour)),
             ("shapes", tuple(Shape)),
             ("boxes", tuple(range(BOX_COUNT))),
-            ("numbers", NUMBER_RANGE),
         ):
             value = getattr(self, name)
             if sorted(value) != sorted(choices):
@@ -128,8 +120,6 @@ class Augmentation:
         Raises ValueError for an unknown rule set.
         """
         placement = choose("rules", rules, RULE_SETS).placement
-        if self.numbers != NUMBER_RANGE:
-            return False
         if appearance.grid is None:
             return self.keeps_shapes(appearance)
         if self.shapes != IDENTITY.shapes:
@@ -148,8 +138,6 @@ class Augmentation:
             text = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), text)
         if self.mirrored:
             text = _SIDE.sub(lambda found: _with_case_of(found[0], _SIDES[found[0].lower()]), text)
-        if self.numbers != NUMBER_RANGE:
-            text = _NUMBER.sub(self._number, text)
         return text
 
     def program(self, source: str) -> str:
@@ -160,14 +148,12 @@ class Augmentation:
             source = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), source)
         if self.mirrored:
             source = _SIDE_VALUE.sub(lambda found: _SIDES[found[0].lower()].upper(), source)
-        if self.numbers != NUMBER_RANGE:
-            source = _INT.sub(self._number, source)
         return source
 
     def pair(self, statement: str, program: str) -> tuple[str, str] | None:
         """Statement and program rewritten, or None when the results might no longer have the same meaning.
 
-        The statement and the program must name the same permuted colours, shapes, sides and numbers (misspelt names do
+        The statement and the program must name the same permuted colours, shapes and sides (misspelt names do
         not count), and the program's truth value must follow the augmented scene: see `Symmetries`.
         """
         if not self._is_allowed(symmetries(statement, program)):
@@ -180,13 +166,7 @@ class Augmentation:
             and (self.shapes == IDENTITY.shapes or (allowed.squares if self.moves_squares else allowed.shapes))
             and (not self.mirrored or allowed.sides)
             and (self.boxes == IDENTITY.boxes or allowed.boxes)
-            and self._permuted_numbers <= allowed.numbers
-            and not (allowed.compares and len(self._permuted_numbers & allowed.named_numbers) > 1)
         )
-
-    @property
-    def _permuted_numbers(self) -> set[int]:
-        return {old for old, new in zip(NUMBER_RANGE, self.numbers, strict=True) if old != new}
 
     def _colour(self, name: str) -> str:
         return self.colours[_COLOURS[name.lower()]].name.lower()
@@ -194,18 +174,10 @@ class Augmentation:
     def _shape(self, name: str) -> str:
         return self.shapes[_SHAPES[name.lower()]].name.lower()
 
-    def _number(self, found: re.Match[str]) -> str:
-        text = found[0]
-        number = _int_value(text)
-        if number not in NUMBER_RANGE:
-            return text
-        new = self.numbers[number - NUMBER_RANGE[0]]
-        return str(new) if text.isdigit() else _with_case_of(text, _NUMBER_WORDS[new])
-
     # Scenes and images
 
     def scene(self, scene: Scene) -> Scene:
-        """The augmented scene; `numbers` has no effect.
+        """The augmented scene.
 
         Items with other shapes may overlap; unlike `task`, this does not check for it.
         """
@@ -219,19 +191,9 @@ class Augmentation:
     def image(self, image: UInt8Array) -> UInt8Array:
         """The image of the augmented scene, from the image of the scene: uint8 (50, 190, 3) or (100, 380, 3).
 
-        When mirrored (a triangle's pixels are not symmetric) or with other shapes, the scene is reconstructed and
-        redrawn. Raises PerceptionError for an image that shows no scene.
+        The scene is reconstructed and redrawn. Raises PerceptionError for an image that shows no scene.
         """
-        if self.mirrored or self.shapes != IDENTITY.shapes:
-            return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
-        changed = recoloured(image, self.colours)
-        columns = [_box_columns(image.shape[1], index) for index in range(BOX_COUNT)]
-        if self.boxes == IDENTITY.boxes:
-            return changed
-        moved = changed.copy()
-        for new, old in enumerate(self.boxes):
-            moved[:, columns[new]] = changed[:, columns[old]]
-        return moved
+        return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
 
     # Actions
 
@@ -277,11 +239,11 @@ class Augmentation:
     def task(self, task: Task, appearance: str | None = None) -> Task | None:
         """The augmented task with the same id, or None when it might not be equivalent.
 
-        None if `pair` returns None, when numbers are permuted (the start scene's truth value may change), when items
-        of the start overlap or are invalid in the given `appearance`, and when the start's truth value changes.
+        None if `pair` returns None, when items of the start overlap or are invalid in the given `appearance`, and when
+        the start's truth value changes.
         """
         played = None if appearance is None else choose("appearance", appearance, APPEARANCES)
-        if self.numbers != NUMBER_RANGE or (played is not None and not self.keeps_shapes(played)):
+        if played is not None and not self.keeps_shapes(played):
             return None
         rewritten = self.pair(task.statement, task.program)
         if rewritten is None:
@@ -312,18 +274,9 @@ def _action_indices(augmentation: Augmentation, appearance: Appearance) -> NDArr
     return indices
 
 
-def _box_columns(width: int, index: int) -> slice:
-    first = index * BOX_PITCH * width // IMAGE_WIDTH
-    return slice(first, first + BOX_SIDE * width // IMAGE_WIDTH)
-
-
 def _with_case_of(old: str, new: str) -> str:
     """`new` in the letter case of `old`."""
     return new.upper() if old.isupper() else new.capitalize() if old[0].isupper() else new.lower()
-
-
-def _int_value(number: str) -> int:
-    return int(number) if number.isdigit() else int(NUMBERS[number.lower()])
 
 
 # Allowed permutations
@@ -337,9 +290,6 @@ class Symmetries(NamedTuple):
     squares: bool  # also squares; not if the program tests for towers, which consist of squares
     sides: bool  # not if the program tests for towers, whose right edges are compared, or indexes a list
     boxes: bool  # the program does not depend on their order
-    numbers: frozenset[int]  # those of 1 .. 7 that occur equally often in both
-    named_numbers: frozenset[int]  # occur in the statement
-    compares: bool  # "more than 2" may be `ge(..., 3)`: do not permute two numbers independently
 
 
 @lru_cache(maxsize=CACHE_SIZE)
@@ -348,9 +298,6 @@ def symmetries(statement: str, program: str) -> Symmetries:
     uses = _used_names(program)
     tests_for_tower = bool(uses & _TOWER_WORDS or "is_tower" in uses)
     shapes = _name_the_same(statement, program, _SHAPE, _SHAPE, _SHAPES) and not _OTHER_SHAPE.search(statement)
-    in_statement = Counter(map(_int_value, _NUMBER.findall(statement)))
-    in_program = Counter(map(int, _INT.findall(program)))
-    common = frozenset(number for number in NUMBER_RANGE if in_statement[number] == in_program[number])
     same_sides = _name_the_same(statement, program, _SIDE, _SIDE_VALUE, _SIDES)
     return Symmetries(
         colours=_name_the_same(statement, program, _COLOUR, _COLOUR, _COLOURS),
@@ -358,9 +305,6 @@ def symmetries(statement: str, program: str) -> Symmetries:
         squares=shapes and not tests_for_tower,
         sides=same_sides and not tests_for_tower and "[]" not in uses,
         boxes=not uses & {"[]", "min"},
-        numbers=frozenset[int]() if "[]" in uses else common,
-        named_numbers=frozenset(in_statement),
-        compares=bool(_COMPARISON.search(statement)),
     )
 
 
@@ -400,67 +344,6 @@ def _used_names(program: str) -> set[str]:
     return found
 
 
-# Random augmentations
-
-
-def random_augmentation(
-    rng: np.random.Generator,
-    *,
-    colours: bool = True,
-    shapes: bool = True,
-    boxes: bool = False,
-    mirror: bool = False,
-    numbers: bool = True,
-) -> Augmentation:
-    """A uniformly random augmentation of the selected fields; the number 1 is kept because it takes the singular.
-
-    The defaults suit statements with programs, without scenes.
-    """
-    return Augmentation(
-        _shuffled(tuple(Colour), rng) if colours else IDENTITY.colours,
-        _shuffled(tuple(Shape), rng) if shapes else IDENTITY.shapes,
-        _shuffled(IDENTITY.boxes, rng) if boxes else IDENTITY.boxes,
-        mirror and bool(rng.integers(2)),
-        _shuffled_numbers(NUMBER_RANGE, rng) if numbers else NUMBER_RANGE,
-    )
-
-
-def random_pair(
-    statement: str,
-    program: str,
-    rng: np.random.Generator,
-    *,
-    colours: bool = True,
-    shapes: bool = True,
-    mirror: bool = True,
-    numbers: bool = True,
-) -> tuple[str, str]:
-    """Statement and program under a random allowed augmentation. Raises ProgramError for an invalid program."""
-    allowed = symmetries(statement, program)
-    shape_permutations = SHAPE_PERMUTATIONS[: None if allowed.squares else 2 if allowed.shapes else 1]
-    allowed_numbers = allowed.numbers if not allowed.compares or len(allowed.named_numbers) < 2 else ()
-    augmentation = Augmentation(
-        _shuffled(tuple(Colour), rng) if colours and allowed.colours else IDENTITY.colours,
-        shape_permutations[int(rng.integers(len(shape_permutations)))] if shapes else IDENTITY.shapes,
-        mirrored=mirror and allowed.sides and bool(rng.integers(2)),
-        numbers=_shuffled_numbers(allowed_numbers, rng) if numbers else NUMBER_RANGE,
-    )
-    return augmentation.statement(statement), augmentation.program(program)
-
-
 # The identity first, then the one that swaps circles and triangles, then those that move squares
 SHAPE_PERMUTATIONS = sorted(permutations(Shape), key=lambda order: (order[Shape.SQUARE] != Shape.SQUARE, order))
-
-
-def _shuffled(values: tuple[Value, ...], rng: np.random.Generator) -> tuple[Value, ...]:
-    order: list[int] = rng.permutation(len(values)).tolist()
-    return tuple(values[index] for index in order)
-
-
-def _shuffled_numbers(allowed: Sequence[int] | frozenset[int], rng: np.random.Generator) -> tuple[int, ...]:
-    old = tuple(number for number in NUMBER_RANGE if number > SINGULAR and number in allowed)
-    new = dict(zip(old, _shuffled(old, rng), strict=True))
-    return tuple(new.get(number, number) for number in NUMBER_RANGE)
-
-
 COLOUR_PERMUTATIONS = tuple(Augmentation(colours) for colours in permutations(Colour))  # the identity first

@@ -9,7 +9,7 @@ and then under the released rules, are not read.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from itertools import combinations, product
 from threading import Lock
 from typing import NamedTuple, cast
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.appearances.tower import BLOCK_X, LEVEL_Y, tower_tables
-from lilgym_mp.arrays import BoolArray, UInt8Array
+from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.render import draw, image_shape
 from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
@@ -39,7 +39,7 @@ from lilgym_mp.scene import (
     Size,
 )
 
-__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes", "recoloured"]
+__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
 CACHE_BYTES = 32 << 20  # budget for cached box pixels per image size: about 3,300 boxes at half size
@@ -81,19 +81,6 @@ def image_size_of(image: UInt8Array) -> str:
     """The image size, "half" or "native". Raises PerceptionError for any other array."""
     shrink = _shrink_by_shape()[_check_image(image).shape]
     return next(name for name, value in SHRINKS.items() if value == shrink)
-
-
-def recoloured(image: UInt8Array, colours: Sequence[Colour]) -> UInt8Array:
-    """The image with its item colours replaced, without reconstructing the scene; `colours[c]` replaces colour c.
-
-    Raises PerceptionError naming a pixel that no scene can have there.
-    """
-    shrink = _shrink_by_shape()[_check_image(image).shape]
-    table = _recoloured_pixels(tuple(colours), shrink)
-    new = np.empty_like(image)
-    for index, region in enumerate(_regions(shrink)):
-        new[:, region.columns] = table.take(_hashes(image[:, region.columns], index, shrink), axis=0)
-    return new
 
 
 def _reader_for(appearance: str) -> Callable[[UInt8Array], Scene]:
@@ -177,8 +164,6 @@ class _CoverageTables(NamedTuple):
 
     factors: tuple[np.uint8, np.uint8]  # multipliers of green and blue in the hash
     pixels: UInt8Array  # (512, 3) the pixel with each hash inside a box, then on a separator
-    coverage: UInt8Array  # (3, 256) native pixels of each colour
-    is_box: BoolArray  # (256,) whether the hash is of a pixel inside a box
     bare: int  # hash of an uncovered separator pixel
     yellow_black: bytes  # (256,) yellow coverage + 16 * black coverage
     blue: bytes  # (256,) blue coverage
@@ -211,23 +196,10 @@ def _coverage_tables(shrink: int) -> _CoverageTables:
     return _CoverageTables(
         (np.uint8(green), np.uint8(blue)),
         table,
-        by_hash,
-        is_box=np.isin(np.arange(256), in_box),
         bare=int(on_separator[0]),
         yellow_black=(by_hash[Colour.YELLOW] + 16 * by_hash[Colour.BLACK]).tobytes(),
         blue=by_hash[Colour.BLUE].tobytes(),
     )
-
-
-@lru_cache(maxsize=64)
-def _recoloured_pixels(colours: tuple[Colour, ...], shrink: int) -> UInt8Array:
-    """(256, 3) the recoloured pixel by hash."""
-    tables = _coverage_tables(shrink)
-    coverage = tables.coverage[[colours.index(colour) for colour in Colour]].astype(np.int64)
-    bare = shrink**2 - coverage.sum(axis=0)
-    painted = coverage.T @ np.array([COLOUR_RGB[colour] for colour in Colour])
-    background = np.where(tables.is_box[:, None], BOX_RGB, SEPARATOR_RGB)
-    return ((painted + bare[:, None] * background) // shrink**2).astype(np.uint8)
 
 
 class _Region(NamedTuple):

@@ -10,11 +10,10 @@ import time
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import contextmanager
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
-    from rich.progress import ProgressColumn
 
 LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
@@ -40,7 +39,7 @@ def shows_colours() -> bool:
 @contextmanager
 def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
     """Prints a line on stderr if the block takes longer."""
-    timer = threading.Timer(seconds, lambda: _write(f"{note} ...", sys.stderr))
+    timer = threading.Timer(seconds, lambda: _write(f"{note} ..."))
     timer.daemon = True
     timer.start()
     try:
@@ -100,7 +99,7 @@ class Progress:
         elif self._lines(self._begin) > lines_before and (now - self._printed > LINE_SECONDS or done >= self._total):
             self._printed = now
             left = "" if done >= self._total else time_left(self._end(self._begin, now))
-            _write(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])), sys.stderr)
+            _write(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])))
 
     def _end(self, begin: int, now: float) -> float | None:
         """When all will be done, from the mean rate so far; None if unknown."""
@@ -121,75 +120,30 @@ def time_left(end: float | None) -> str:
 
 
 def _bar(redraws_by_itself: bool) -> RichProgress:
-    from rich.progress import MofNCompleteColumn, ProgressColumn, Task, TextColumn
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn
+    from rich.progress import Progress as RichProgress
     from rich.text import Text
 
     class TimeLeft(ProgressColumn):
         def render(self, task: Task) -> Text:
             return Text(time_left(task.fields["end"]), "progress.remaining")
 
-    columns = MofNCompleteColumn(), TextColumn("{task.description}"), TimeLeft(), TextColumn("{task.fields[note]}")
-    return _rich_progress(sys.stderr, *columns, auto_refresh=redraws_by_itself)
-
-
-class DownloadBar:
-    """`with DownloadBar() as bar: bar.show(name, bytes_so_far, total_bytes)`; without a terminal, one line per file."""
-
-    def __init__(self, stream: TextIO | None = None) -> None:
-        """`stream`: standard error by default."""
-        self._stream = stream or sys.stderr
-        self._bar: RichProgress | None = None  # set on a terminal by the first `show`
-
-    def show(self, name: str, have: int, total: int | None) -> None:
-        """Updates the bar. `total` is None if unknown."""
-        if not self._stream.isatty():
-            if have == total:
-                _write(f"{name}: {have:,} bytes", self._stream)
-            return
-        if self._bar is None:
-            self._bar = _download_bar(self._stream)
-            self._bar.start()
-        elif self._bar.tasks[-1].description != name:
-            self._bar.remove_task(self._bar.task_ids[-1])
-        if not self._bar.tasks:
-            self._bar.add_task(name, total=total)
-        self._bar.update(self._bar.task_ids[-1], completed=have, total=total)
-
-    def __enter__(self) -> DownloadBar:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._bar is not None:
-            self._bar.stop()
-
-
-def _download_bar(stream: TextIO) -> RichProgress:
-    from rich.progress import DownloadColumn, TextColumn, TimeRemainingColumn, TransferSpeedColumn
-
-    columns = DownloadColumn(), TransferSpeedColumn(), TextColumn("{task.description}"), TimeRemainingColumn()
-    return _rich_progress(stream, *columns, transient=True)
-
-
-def _rich_progress(
-    stream: TextIO, *columns: ProgressColumn, transient: bool = False, auto_refresh: bool = True
-) -> RichProgress:
-    from rich.console import Console
-    from rich.progress import BarColumn
-    from rich.progress import Progress as RichProgress
-
     return RichProgress(
         BarColumn(),
-        *columns,
-        console=Console(file=stream),
-        auto_refresh=auto_refresh,
-        transient=transient,
+        MofNCompleteColumn(),
+        TextColumn("{task.description}"),
+        TimeLeft(),
+        TextColumn("{task.fields[note]}"),
+        console=Console(file=sys.stderr),
+        auto_refresh=redraws_by_itself,
         redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
     )
 
 
-def _write(line: str, stream: TextIO) -> None:
-    stream.write(f"{line}\n")
-    stream.flush()
+def _write(line: str) -> None:
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None) -> str:
@@ -233,7 +187,7 @@ def _rendered(
 def show_markdown(text: str) -> None:
     """Prints Markdown, laid out for the width of a terminal."""
     if not sys.stdout.isatty():
-        _write(text, sys.stdout)
+        sys.stdout.write(f"{text}\n")
         return
     from rich.console import Console
     from rich.markdown import Markdown

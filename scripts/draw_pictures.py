@@ -59,7 +59,6 @@ ELSEWHERE = {  # pictures made by other commands
     "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
-    "official_phenomena.svg": "lilgym-mp data stats lilgym --charts OUT; its phenomena.svg",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",

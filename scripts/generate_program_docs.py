@@ -86,7 +86,7 @@ levels. A program that exceeds a limit has no value on that scene.
 
 On one core of current hardware, any text compiles or is rejected within 5 seconds and 100 MB, and evaluates to its
 value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene. Adversarial programs take up to 7 seconds
-and 20 MB ([reliability.md](reliability.md)); official ones take microseconds.
+and 20 MB ([reliability](reliability.md)); official ones take microseconds.
 
 A lower limit keeps programs of unknown origin, such as those written by a language model, from taking that long.
 `program.evaluate(scene, step_limit=100_000)` raises `StepLimitError` (a `ProgramRuntimeError`) after about 10

@@ -42,6 +42,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str:
     """Replaces links to repository files that are not on the site with the file names."""
+    if page.file.src_uri.startswith("environments/"):
+        page.meta["search"] = {"boost": 3}  # so that a search for a configuration finds its page first
     place = "" if page.file.src_uri in OUTSIDE else "docs/" + posixpath.dirname(page.file.src_uri)
 
     def relinked(match: re.Match[str]) -> str:

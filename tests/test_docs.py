@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 
 import pytest
 
@@ -12,7 +14,8 @@ from tests.documents import run_document
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "README.md",
-    *(f"docs/{name}.md" for name in ("fidelity", "perception", "augmentation", "vectorised", "language_models")),
+    *(f"docs/{name}.md" for name in ("fidelity", "perception", "augmentation", "vectorised", "stable_baselines3")),
+    "docs/language_models.md",
     *(f"docs/{name}.md" for name in ("corpus", "training", "api/index", "environments/tower_flipit")),
 )
 
@@ -99,6 +102,27 @@ def test_links_between_documents__have_existing_targets() -> None:
         if not (path.parent / target).exists()
     ]
     assert not broken
+
+
+def test_links_between_documents__have_titles_as_texts() -> None:
+    named = [
+        f"{path.name}: [{text}]"
+        for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
+        for text in re.findall(r"\[([^]]*)\]\([^)]*\)", path.read_text())
+        if re.fullmatch(r"`?[\w./]+\.md`?", text)
+    ]
+    assert not named
+
+
+def test_reference__names_public_import_paths() -> None:
+    """The shortest path by which packages export an object."""
+    for page in (ROOT / "docs" / "api").glob("*.md"):
+        for path in re.findall("(?m)^::: (.*)", page.read_text()):
+            *package, name = path.split(".")
+            documented = resolve_name(path)
+            for length in range(1, len(package)):
+                found = getattr(import_module(".".join(package[:length])), name, None)
+                assert found is not documented, f"{page.name}: {path} is also exported by {'.'.join(package[:length])}"
 
 
 def test_tests_named_in_the_fidelity_table__exist() -> None:

@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.terminal import DownloadBar, Progress, table, time_left
+from lilgym_mp.terminal import Progress, table, time_left
 
 
 class _Terminal(StringIO):
@@ -16,16 +16,6 @@ class _Terminal(StringIO):
 
     def isatty(self) -> bool:
         return True
-
-
-def test_download_bar__shows_the_progress_of_a_file(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TERM", "xterm")
-    terminal = _Terminal()
-    with DownloadBar(terminal) as bar:
-        bar.show("first", 2048, 2048)
-        bar.show("second", 1024, 2048)
-    assert "1.0/2.0 kB" in terminal.getvalue()
-    assert "second" in terminal.getvalue()
 
 
 def test_progress__on_a_terminal_is_a_bar_with_a_note(monkeypatch: pytest.MonkeyPatch):
@@ -109,13 +99,6 @@ def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command: str, mon
     assert main(command.split()) == 0
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
     assert "0:00 left" in terminal.getvalue()
-
-
-def test_download_bar__without_a_terminal_prints_a_line_per_file(capsys: pytest.CaptureFixture[str]):
-    with DownloadBar() as bar:
-        bar.show("file", 1, 2048)
-        bar.show("file", 2048, 2048)
-    assert capsys.readouterr().err == "file: 2,048 bytes\n"
 
 
 def test_table__aligns_numbers_right_and_text_left():

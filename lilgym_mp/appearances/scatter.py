@@ -14,6 +14,7 @@ from typing import SupportsIndex, cast
 import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
+from lilgym_mp.appearances import placement
 from lilgym_mp.appearances.base import Edit, Grid, InvalidReason, slot_value, slots
 from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.numbering import (
@@ -24,16 +25,6 @@ from lilgym_mp.appearances.numbering import (
     add_index,
     cell_and_item_type,
     remove_index,
-)
-from lilgym_mp.appearances.placement import (
-    LAST_CORNER,
-    OVERLAPPING,
-    PlacementRules,
-    cell_areas,
-    check_apart,
-    placement_tables,
-    searched,
-    snapped,
 )
 from lilgym_mp.arrays import BOOLEANS, BoolArray
 from lilgym_mp.scene import (
@@ -206,14 +197,14 @@ class Scatter:
             case _:
                 raise ActionError(f"{action!r} is not an action of scatter")
 
-    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
+    def apply(self, scene: Scene, action: Action, rules: placement.PlacementRules) -> Edit:
         if isinstance(action, AddItem):
             return self._add(scene, action, rules)
         if isinstance(action, RemoveItem):
             return self._remove(scene, action)
         raise ActionError(f"{action!r} is not an edit of scatter")
 
-    def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
+    def _add(self, scene: Scene, action: AddItem, rules: placement.PlacementRules) -> Edit:
         column, row, shape, colour, size = action
         place = self._columns[column]
         if place is None:
@@ -221,19 +212,19 @@ class Scatter:
         box_index, x = place
         y = row * self.cell[1]
         footprint = FOOTPRINTS[shape][size]
-        if x > LAST_CORNER[footprint] or y > LAST_CORNER[footprint]:
+        if x > placement.LAST_CORNER[footprint] or y > placement.LAST_CORNER[footprint]:
             return Edit(scene, InvalidReason.OUT_OF_BOX)
         items = scene.boxes[box_index].items
-        tables = placement_tables()
+        tables = placement.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)
-        if clearance == OVERLAPPING:
-            found = searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
+        if clearance == placement.OVERLAPPING:
+            found = placement.searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
                 return Edit(scene, InvalidReason.OVERLAP)
             x, y = found
             _, closest = tables.closest(footprint, x, y, items)
         if closest is not None and not self.is_native:
-            x, y = snapped(footprint, x, y, closest, items, box_index, rules)
+            x, y = placement.snapped(footprint, x, y, closest, items, box_index, rules)
         item = new_tuple(Item, (x, y, shape, colour, size))
         return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
 
@@ -252,14 +243,14 @@ class Scatter:
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell
         dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
-        table = cell_areas(width, height)[item.footprint]
+        table = placement.cell_areas(width, height)[item.footprint]
         return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
 
-    def searches(self, rules: PlacementRules) -> bool:
+    def searches(self, rules: placement.PlacementRules) -> bool:
         """Whether an item that would overlap others at its cell's corner may be placed elsewhere in the cell."""
         return rules.searches_cell and not self.is_native
 
-    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
+    def legal_mask(self, scene: Scene, rules: placement.PlacementRules) -> BoolArray:
         mask = np.zeros(self.action_count, np.bool_)
         mask[0] = True
         for box, cells in zip(scene.boxes, self.box_cells, strict=True):
@@ -268,7 +259,7 @@ class Scatter:
             mask[adds], mask[removes] = self._legal_in_box(box, rules)
         return mask
 
-    def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
+    def _legal_in_box(self, box: Box, rules: placement.PlacementRules) -> tuple[BoolArray, BoolArray]:
         """Whether each ADD and each REMOVE in the box's cells is valid, in order of their indices."""
         searches = self.searches(rules)
         key = (self.grid, searches)
@@ -279,7 +270,7 @@ class Scatter:
             found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
 
-    def explain(self, rules: PlacementRules) -> Iterator[str]:
+    def explain(self, rules: placement.PlacementRules) -> Iterator[str]:
         shapes, colours, sizes = ("|".join(member.name for member in enum) for enum in (Shape, Colour, Size))
         pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
         yield (
@@ -295,7 +286,7 @@ class Scatter:
     def check_scene(self, scene: Scene) -> Scene:
         for index, box in enumerate(scene.boxes):
             try:
-                check_apart(box.items)
+                placement.check_apart(box.items)
             except SceneError as fault:
                 raise SceneError(f"box {index}: {fault}") from None
         return scene

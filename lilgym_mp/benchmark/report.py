@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import Any
 
-from lilgym_mp.benchmark.goals import goal_results
 from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Measurement
 from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.evaluation.recording_metadata import cpu_model
@@ -22,20 +21,14 @@ LEGEND = (
     " (median of the ratios in each round); only cases that copy no images can exceed 1."
 )
 
-GOALS_LEGEND = (
-    "`must` is the required value and `aim` the target. Measured values are the worst over the configurations."
-)
-
 
 class DocumentError(ValueError):
     """A document has no marks for the tables."""
 
 
 def report_text(bench: Bench) -> str:
-    """Everything as Markdown: conditions and goals, then the tables of each configuration."""
+    """Everything as Markdown: conditions, then the tables of each configuration."""
     parts = [conditions(bench), *bench.notes]
-    if rows := _goal_rows(bench):
-        parts.append("### Goals\n\n" + GOALS_LEGEND + "\n\n" + rows)
     parts.append(LEGEND)
     for name in bench.configurations:
         mine = [measurement for measurement in bench.results if measurement.configuration == name]
@@ -60,23 +53,6 @@ def conditions(bench: Bench) -> str:
     if bench.is_interrupted:
         texts.append("**Interrupted: not everything was measured.**")
     return " ".join(texts)
-
-
-def _goal_rows(bench: Bench) -> str:
-    rows = [
-        (
-            goal.what,
-            goal.unit,
-            _figure(goal.must),
-            "-" if goal.aim is None else _figure(goal.aim),
-            _figure(value),
-            verdict,
-        )
-        for goal, value, verdict in (
-            (goal_result.goal, goal_result.value, goal_result.verdict) for goal_result in goal_results(bench)
-        )
-    ]
-    return markdown_table([("figure", "unit", "must", "aim", "measured", ""), *rows]) if rows else ""
 
 
 def _rates_table(bench: Bench, measured: Sequence[Measurement]) -> str:
@@ -129,19 +105,6 @@ def report_json(bench: Bench) -> dict[str, Any]:
         "effort": bench.effort._asdict(),
         "is_interrupted": bench.is_interrupted,
         "notes": bench.notes,
-        "goals": [
-            {
-                "what": goal.what,
-                "unit": goal.unit,
-                "must": goal.must,
-                "aim": goal.aim,
-                "measured": value,
-                "says": verdict,
-            }
-            for goal, value, verdict in (
-                (goal_result.goal, goal_result.value, goal_result.verdict) for goal_result in goal_results(bench)
-            )
-        ],
         "results": [_measurement_json(bench, measurement) for measurement in bench.results],
     }
 

@@ -1,4 +1,4 @@
-"""Text commands for actions: "add left blue", "remove 3 4", "stop"."""
+"""Text commands for actions: "ADD(LEFT, BLUE)", as shown everywhere, or in words, "add left blue"."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from enum import IntEnum
 from typing import Any, TypeVar
 
-from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
+from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
 from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.scene import Colour, Shape, Size
 
@@ -25,21 +25,27 @@ def _names(members: type[IntEnum]) -> dict[str, Any]:
 BOXES = {name.lower(): index for index, name in enumerate(BOX_NAMES)}
 COLOURS, SHAPES, SIZES = _names(Colour), _names(Shape), _names(Size)
 VERBS = {"add": "add", "remove": "remove", "stop": "stop"}
+_PUNCTUATION = str.maketrans("(),", "   ")
 
 
 def command_help(appearance: Appearance) -> list[str]:
     """Lines that describe the commands for actions."""
     if appearance.grid is None:
         return [
-            f"add BOX COLOUR   such as: {format_command(appearance.example)}",
-            "remove BOX   such as: remove middle",
+            f"add BOX COLOUR   such as: {describe(appearance.example)}",
+            "remove BOX       such as: REMOVE(MIDDLE)",
         ]
     columns, rows = appearance.grid
-    example = f"{format_command(appearance.example)}  (0..{columns - 1}, 0..{rows - 1})"
+    example = f"{describe(appearance.example)}  (0..{columns - 1}, 0..{rows - 1})"
     return [
-        f"add COLUMN ROW SIZE COLOUR SHAPE   such as: {example}",
+        f"add COLUMN ROW SHAPE COLOUR SIZE   such as: {example}",
         "remove COLUMN ROW                  remove the item that covers most of that cell",
     ]
+
+
+def words_of(line: str) -> list[str]:
+    """The words of a line, without the brackets and commas of "ADD(LEFT, BLUE)"."""
+    return line.lower().translate(_PUNCTUATION).split()
 
 
 def parse_command(words: Words, appearance: Appearance) -> Action:
@@ -66,14 +72,14 @@ def _remove_block(words: Words) -> Action:
 
 
 def _add_item(words: Words, grid: Grid) -> Action:
-    _expect(words, 5, "add COLUMN ROW SIZE COLOUR SHAPE, such as: add 3 4 small blue circle")
+    _expect(words, 5, "add COLUMN ROW SHAPE COLOUR SIZE, such as: add 3 4 circle blue small")
     column, row = _cell(words, grid)
     values: dict[type[IntEnum], IntEnum] = {}
     for word in words[2:]:
-        value = match_choice("size, colour or shape", word, {**SIZES, **COLOURS, **SHAPES})
+        value = match_choice("shape, colour or size", word, {**SHAPES, **COLOURS, **SIZES})
         if type(value) in values:
             raise CommandSyntaxError(
-                f"{word!r} is a second {type(value).__name__.lower()}; give one size, colour and shape"
+                f"{word!r} is a second {type(value).__name__.lower()}; give one shape, colour and size"
             )
         values[type(value)] = value
     return AddItem(column, row, Shape(values[Shape]), Colour(values[Colour]), Size(values[Size]))
@@ -109,35 +115,20 @@ def match_choice(what: str, word: str, choices: Mapping[str, Value]) -> Value:
     raise CommandSyntaxError(f"{error}; choose from {', '.join(choices)}")
 
 
-def format_command(action: Action) -> str:
-    """The command for an action; the inverse of `parse_command`."""
-    match action:
-        case Stop():
-            return "stop"
-        case AddBlock(box, colour):
-            return f"add {BOX_NAMES[box]} {colour.name}".lower()
-        case RemoveBlock(box):
-            return f"remove {BOX_NAMES[box]}".lower()
-        case AddItem(column, row, shape, colour, size):
-            return f"add {column} {row} {size.name} {colour.name} {shape.name}".lower()
-        case RemoveItem(column, row):
-            return f"remove {column} {row}"
-
-
 def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
     """Lines that list the legal actions, given by index; ADDs to cells are counted by size and shape."""
     actions = [appearance.decode(index) for index in legal]
     if appearance.grid is None:
-        yield from map(format_command, actions)
+        yield from map(describe, actions)
         return
-    yield "stop"
-    removable = [f"{action.column} {action.row}" for action in actions if isinstance(action, RemoveItem)]
-    yield f"remove {', '.join(removable)}" if removable else "nothing to remove"
-    for size in Size:
-        for shape in Shape:
+    yield describe(STOP)
+    removals = [describe(action) for action in actions if isinstance(action, RemoveItem)]
+    yield ", ".join(removals) or "nothing to remove"
+    for shape in Shape:
+        for size in Size:
             cells = {
                 (action.column, action.row)
                 for action in actions
                 if isinstance(action, AddItem) and action.size == size and action.shape == shape
             }
-            yield f"add {size.name.lower()} {shape.name.lower()}: {len(cells)} cells"
+            yield f"ADD({shape.name}, any colour, {size.name}): {len(cells)} cells"

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 from lilgym_mp.options import CORPUS_HELP, CommandError, add_corpus, add_seed, check_at_least, task_sets_with_id
-from lilgym_mp.terminal import DownloadBar, Progress, table
+from lilgym_mp.terminal import Progress, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
@@ -74,7 +74,6 @@ def _add_list(actions: Any) -> None:
 def _add_stats(actions: Any) -> None:
     parser = _add_action(actions, "stats", "count tasks, words, sentence forms, phenomena and program words")
     _add_corpus_argument(parser)
-    parser.add_argument("--charts", type=Path, metavar="DIR", help="write charts to DIR as SVG")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
     parser.set_defaults(run=_stats)
 
@@ -164,8 +163,7 @@ def _download(args: argparse.Namespace) -> int:
         print(f"already installed from {installed.source}: {target} (--force downloads it again)")
         return 0
     try:
-        with DownloadBar() as bar:
-            installation = download_official(source, names, target, bar.show)
+        installation = download_official(source, names, target, _downloaded)
     except InterruptionError as error:
         raise CommandError(
             f"{error}. Nothing was installed; run the same command again. Without a network, "
@@ -173,6 +171,10 @@ def _download(args: argparse.Namespace) -> int:
         ) from None
     _print_installation(installation)
     return 0
+
+
+def _downloaded(name: str, size: int) -> None:
+    print(f"{name}: {size:,} bytes", file=sys.stderr, flush=True)
 
 
 def _import(args: argparse.Namespace) -> int:
@@ -216,23 +218,17 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _stats(args: argparse.Namespace) -> int:
-    from lilgym_mp.analysis.charts import write_charts
     from lilgym_mp.analysis.statistics import corpus_statistics
     from lilgym_mp.cli.data_report import statistics_json, statistics_text
 
     statistics = corpus_statistics(args.corpus)
     print(statistics_text(statistics))
-    try:
-        written = write_charts(statistics, args.charts) if args.charts else []
-        if args.json:
+    if args.json:
+        try:
             args.json.write_text(json.dumps(statistics_json(statistics), indent=1) + "\n", encoding="utf-8")
-            written.append(args.json)
-    except ImportError as missing:
-        raise CommandError(str(missing)) from None
-    except OSError as error:
-        raise _cannot_write(error) from None
-    for path in written:
-        print(f"wrote {path}")
+        except OSError as error:
+            raise _cannot_write(error) from None
+        print(f"wrote {args.json}")
     return 0
 
 

@@ -28,7 +28,7 @@ from lilgym_mp.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.solver.action_sets import explore, pack_action_sets, write_action_sets
+from lilgym_mp.solver.action_sets import explore, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.task import Task
 from lilgym_mp.wrappers import StructuredObservation
@@ -110,9 +110,10 @@ def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
     tasks = load_tasks(settings.corpus, settings.appearance, settings.start, args.split)
     exploration = {"exploration": args.exploration, "repeats": args.repeats, "seed": args.seed}
     states = explore(list(tasks), dynamics, jobs=args.jobs, budget=args.budget, **exploration)
-    sets = pack_action_sets(states, dynamics, {**_metadata(settings, args), **exploration})
-    print(f"{len(sets):,} states of {len(sets.task):,} tasks, {int(sets.complete.sum()):,} of their sets complete")
-    _write_npz(args.out, partial(write_action_sets, sets=sets))
+    complete = sum(found.complete for _, found, _ in states)
+    print(f"{len(states):,} states of {len(tasks):,} tasks, {complete:,} of their sets complete")
+    about = {**_metadata(settings, args), **exploration}
+    _write_npz(args.out, partial(write_action_sets, states=states, dynamics=dynamics, about=about))
     return 0
 
 

@@ -185,7 +185,7 @@ def _summary_lines(summary: Summary) -> list[str]:
     return [
         f"success      {summary.success:.1%} ({summary.successes} of {summary.episodes};"
         f" 95 % interval {summary.success_low:.1%} to {summary.success_high:.1%})",
-        f"progression  {summary.progression:.3f} +- {summary.progression_deviation:.3f}",
+        f"progression  {summary.progression:.3f} ± {summary.progression_deviation:.3f}",
         f"reward       {summary.mean_reward:+.2f} in {summary.mean_actions:.1f} actions",
         f"answers      {summary.answers}, {summary.misunderstood} of them without a valid action",
         f"cost         {tokens}{summary.seconds:.1f} seconds",

@@ -7,15 +7,16 @@ from pathlib import Path
 
 import numpy as np
 
+from lilgym_mp.actions import describe
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import (
     VERBS,
     CommandSyntaxError,
     command_help,
-    format_command,
     legal_commands,
     match_choice,
     parse_command,
+    words_of,
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
@@ -56,7 +57,7 @@ class Session:
 
     def answer(self, line: str) -> None:
         """Executes a line of input and shows the result, or an error message."""
-        words = line.lower().replace(",", " ").split()
+        words = words_of(line)
         if not words:
             return
         try:
@@ -77,7 +78,7 @@ class Session:
         action = parse_command(words, env.dynamics.appearance)
         _, reward, terminated, truncated, info = env.step(env.dynamics.appearance.encode(action))
         self._rewards.append(float(reward))
-        self._last_result = f"{format_command(action)}: reward {float(reward):+.1f}"
+        self._last_result = f"{describe(action)}: reward {float(reward):+.1f}"
         self._episode_over = terminated or truncated
         if self._episode_over:
             self._successes.append(info["is_success"])
@@ -115,7 +116,7 @@ class Session:
             raise CommandSyntaxError("this episode is over; type next or back")
         solution = Expert(self._env).plan()
         if solution.solved:
-            self._say(f"try: {format_command(solution.actions[0])}   (actions to go: {solution.steps})")
+            self._say(f"try: {describe(solution.actions[0])}   (actions to go: {solution.steps})")
         else:
             self._say(f"no solution found: {solution.reason}")
 
@@ -150,5 +151,5 @@ HELP = (
     "next             go to another task",
     "back             restart this task",
     "quit             leave (as do the end of input and Ctrl-C)",
-    "Words may be abbreviated: a l bla is add left black.",
+    "Words may be abbreviated, brackets and commas left out: a l bla is ADD(LEFT, BLACK).",
 )

@@ -12,8 +12,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from lilgym_mp.learning.training_run import TrainingError, TrainingRun
 
-SAVE_SECONDS = 30.0  # CPU time between checkpoints
-REPORT_SECONDS = 10.0
+SAVE_SECONDS = 60.0  # CPU time between checkpoints
+REPORT_SECONDS = 15.0
 
 Measured = TypeVar("Measured")
 

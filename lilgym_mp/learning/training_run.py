@@ -1,6 +1,7 @@
 """A training run on disk, common to all learners.
 
-run.json            the run's identity, which never changes, and its options, such as its budget
+run.json            the run's identity, which never changes, its options, such as its budget, and when, where and with
+                    which code it was begun
 checkpoint.pt       training state, replaced atomically
 progress.jsonl      one line per progress report
 agent.safetensors   the trained agent, replaced atomically
@@ -10,9 +11,11 @@ from __future__ import annotations
 
 import io
 import json
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.learning.agents import AGENT_FILE
 from lilgym_mp.learning.model_file import ModelDescription, save_model
 
@@ -42,10 +46,17 @@ class TrainingError(ValueError):
 class TrainingRun:
     """The files of one run."""
 
-    def __init__(self, path: Path, identity: Mapping[str, Any], options: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        identity: Mapping[str, Any],
+        options: Mapping[str, Any] | None = None,
+        made: Mapping[str, Any] | None = None,
+    ) -> None:
         self.path = path
         self.identity = dict(identity)
         self.options = dict(options or {})  # what a resumed run may change, such as its budget, as last requested
+        self.made = dict(made or {})  # date, command, commit, machine and versions when it was begun
 
     @property
     def agent_file(self) -> Path:
@@ -58,7 +69,11 @@ class TrainingRun:
     def remember(self, **options: Any) -> None:
         """Keeps these options for a run resumed without them; those that are None keep their former value."""
         self.options |= {name: value for name, value in options.items() if value is not None}
-        _write_run_file(self.path, self.identity, self.options)
+        self.write_description()
+
+    def write_description(self) -> None:
+        content = {"format": FORMAT, "version": VERSION, "identity": self.identity, "options": self.options}
+        write_json(self.path / RUN_FILE, {**content, "made": self.made})
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
@@ -107,18 +122,20 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     identity = json.loads(json.dumps(identity))
     file = path / RUN_FILE
     if resume:
-        saved, options = _read_run_file(file)
+        saved, options, made = _read_run_file(file)
         for name, kept, requested in _differences(saved, identity):
             raise TrainingRunError(
                 f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
                 " leave the option out, or choose another directory"
             )
-        return TrainingRun(path, saved, options)
+        return TrainingRun(path, saved, options, made)
     writable_directory(path)
     if file.exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
-    _write_run_file(path, identity, {})
-    return TrainingRun(path, identity)
+    command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
+    run = TrainingRun(path, identity, made={**asdict(RecordingMetadata.now(())), "command": command})
+    run.write_description()
+    return run
 
 
 def resumable_run(path: Path, required: Mapping[str, Any], recipe: type[Any]) -> tuple[TrainingRun, Any]:
@@ -143,20 +160,15 @@ def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iter
             yield name, kept, value
 
 
-def _write_run_file(path: Path, identity: Mapping[str, Any], options: Mapping[str, Any]) -> None:
-    content = {"format": FORMAT, "version": VERSION, "identity": identity, "options": options}
-    write_json(path / RUN_FILE, content)
-
-
-def _read_run_file(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The run's identity and options."""
+def _read_run_file(file: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
+    """The run's identity, its options, and what is known of how it was begun."""
     try:
         if file.stat().st_size > LARGEST_DESCRIPTION:
             raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
             raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
-        return content["identity"], dict(content.get("options", {}))
+        return content["identity"], dict(content.get("options", {})), dict(content.get("made", {}))
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:

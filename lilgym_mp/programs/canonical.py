@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.static_types import (
     BOOL,
     BOX,
@@ -25,25 +26,6 @@ from lilgym_mp.programs.static_types import (
     is_hashable,
     may_fail,
     type_of,
-)
-from lilgym_mp.programs.syntax import (
-    MAX_INT,
-    Arithmetic,
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Slice,
-    Subscript,
-    Variable,
-    WordName,
-    children,
 )
 from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.programs.words import WORDS, Parameter, Word
@@ -67,7 +49,7 @@ MAX_REPEATED = 100  # nodes of the middle of a comparison chain, which is writte
 _COLLECTION_TYPES = ("collection", "collection of items", "item or collection of items")
 
 
-def canonical_form(node: Node) -> Node:
+def canonical_form(node: syntax.Node) -> syntax.Node:
     """The canonical tree of a whole program.
 
     Variables are first renamed by nesting depth, so that no rule has to deal with shadowing.
@@ -80,7 +62,7 @@ def variable_name(depth: int) -> str:
     return VARIABLES[depth] if depth < len(VARIABLES) else f"{VARIABLES[-1]}{depth}"
 
 
-def _rewrite(node: Node, scope: Scope) -> Node:
+def _rewrite(node: syntax.Node, scope: Scope) -> syntax.Node:
     """Canonicalises the children, then applies rules until a fixed point is reached."""
     node = _rewrite_children(node, scope)
     while (simpler := _simplify(node, scope)) != node:
@@ -88,22 +70,24 @@ def _rewrite(node: Node, scope: Scope) -> Node:
     return node
 
 
-def _rewrite_children(node: Node, scope: Scope) -> Node:
-    def inner(part: Node) -> Node:
+def _rewrite_children(node: syntax.Node, scope: Scope) -> syntax.Node:
+    def inner(part: syntax.Node) -> syntax.Node:
         return _rewrite(part, scope)
 
     match node:
-        case Lambda():
+        case syntax.Lambda():
             return _rewrite_lambda(node, scope, UNKNOWN)
-        case Call(word=word, arguments=arguments):
-            return Call(word, _rewrite_arguments(word, arguments, scope))
+        case syntax.Call(word=word, arguments=arguments):
+            return syntax.Call(word, _rewrite_arguments(word, arguments, scope))
         case _:
             return _map_children(node, inner)
 
 
-def _rewrite_arguments(word: Word, arguments: Sequence[Node | None], scope: Scope) -> tuple[Node | None, ...]:
+def _rewrite_arguments(
+    word: Word, arguments: Sequence[syntax.Node | None], scope: Scope
+) -> tuple[syntax.Node | None, ...]:
     """Rewrites arguments; the parameter of a lambda gets the element type of the collection it is applied to."""
-    done: list[Node | None] = []
+    done: list[syntax.Node | None] = []
     for parameter, argument in zip(word.parameters, arguments, strict=True):
         if argument is None:
             done.append(None)
@@ -114,33 +98,37 @@ def _rewrite_arguments(word: Word, arguments: Sequence[Node | None], scope: Scop
     return tuple(done)
 
 
-def _rewrite_function(node: Node, scope: Scope, element: Type) -> Node:
-    if isinstance(node, WordName) and all(parameter.optional for parameter in node.word.parameters[1:]):
+def _rewrite_function(node: syntax.Node, scope: Scope, element: Type) -> syntax.Node:
+    if isinstance(node, syntax.WordName) and all(parameter.optional for parameter in node.word.parameters[1:]):
         name = variable_name(len(scope))
         rest: tuple[None, ...] = (None,) * (len(node.word.parameters) - 1)
-        node = Lambda(name, Call(node.word, (Variable(name), *rest)))
-    return _rewrite_lambda(node, scope, element) if isinstance(node, Lambda) else _rewrite(node, scope)
+        node = syntax.Lambda(name, syntax.Call(node.word, (syntax.Variable(name), *rest)))
+    return _rewrite_lambda(node, scope, element) if isinstance(node, syntax.Lambda) else _rewrite(node, scope)
 
 
-def _rewrite_lambda(node: Lambda, scope: Scope, element: Type) -> Lambda:
-    return Lambda(node.parameter, _rewrite(node.body, {**scope, node.parameter: element}))
+def _rewrite_lambda(node: syntax.Lambda, scope: Scope, element: Type) -> syntax.Lambda:
+    return syntax.Lambda(node.parameter, _rewrite(node.body, {**scope, node.parameter: element}))
 
 
-def _simplify(node: Node, scope: Scope) -> Node:
+def _simplify(node: syntax.Node, scope: Scope) -> syntax.Node:
     """Applies one rule, or returns the node unchanged."""
     match node:
-        case Call():
+        case syntax.Call():
             return _simplify_call(node, scope)
-        case Logic():
+        case syntax.Logic():
             return _simplify_logic(node, scope)
-        case Not(operand=operand):
+        case syntax.Not(operand=operand):
             return _negated(operand, scope) or node
-        case Comparison(left=left, operators=(operator,), rights=(right,)):
+        case syntax.Comparison(left=left, operators=(operator,), rights=(right,)):
             return _simplify_comparison(left, operator, right, scope)
-        case Comparison(left=left, operators=operators, rights=rights) if sum(map(_size, rights)) <= MAX_REPEATED:
+        case syntax.Comparison(left=left, operators=operators, rights=rights) if (
+            sum(map(_size, rights)) <= MAX_REPEATED
+        ):
             lefts = (left, *rights)
             steps = zip(lefts, operators, rights, strict=False)
-            return Logic("and", tuple(Comparison(one, (operator,), (other,)) for one, operator, other in steps))
+            return syntax.Logic(
+                "and", tuple(syntax.Comparison(one, (operator,), (other,)) for one, operator, other in steps)
+            )
         case _:
             return node
 
@@ -148,27 +136,31 @@ def _simplify(node: Node, scope: Scope) -> Node:
 # Calls
 
 
-def _simplify_call(node: Call, scope: Scope) -> Node:
+def _simplify_call(node: syntax.Call, scope: Scope) -> syntax.Node:
     name, arguments = node.word.name, _without_defaults(node)
     if name in _CONNECTIVES or name == "NOT":
         return _as_python_operator(name, arguments, scope) or node
     if name in _COMPARISONS and _all_have_type(arguments, INT, scope):
-        return Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
+        return syntax.Comparison(_required(arguments[0]), (_COMPARISONS[name],), (_required(arguments[1]),))
     if name in ("equal", "equal_color", "equal_shape", "equal_size"):
         return _simplify_equality(node, arguments, scope)
-    if name in _FILTERS and isinstance(arguments[1], Constant) and isinstance(arguments[1].value, _FILTERS[name]):
+    if (
+        name in _FILTERS
+        and isinstance(arguments[1], syntax.Constant)
+        and isinstance(arguments[1].value, _FILTERS[name])
+    ):
         return _filter_by_attribute(_required(arguments[0]), arguments[1].value, scope)
     if name == "filter_obj":
         arguments = _merged_filter(arguments, scope)
     elif name == "Any" and _is_infallible_test(node, scope):  # otherwise an item after the first success might fail
         return _call("exist", _call("filter_obj", *arguments))
-    elif name in ("exist", "count") and isinstance(arguments[0], Call) and arguments[0].word.name == "set":
+    elif name in ("exist", "count") and isinstance(arguments[0], syntax.Call) and arguments[0].word.name == "set":
         collected = arguments[0].arguments[0]
         if collected is not None and is_hashable(_element_type(collected, scope)):
             arguments = (collected,)
     elif name == "len" and _is_plain_selection(_required(arguments[0]), scope):
         return _call("count", arguments[0])
-    elif name == "all_same" and isinstance(arguments[0], Call) and arguments[0].word.name in _QUERIES:
+    elif name == "all_same" and isinstance(arguments[0], syntax.Call) and arguments[0].word.name in _QUERIES:
         queried = _required(arguments[0].arguments[0])
         if type_of(queried, scope) in (ITEMS, BOX):
             return _call(_QUERIES[arguments[0].word.name], queried)
@@ -176,82 +168,84 @@ def _simplify_call(node: Call, scope: Scope) -> Node:
         _simplify_box_items(parameter, argument, scope)
         for parameter, argument in zip(node.word.parameters, arguments, strict=True)
     )
-    return Call(node.word, tuple(simpler))
+    return syntax.Call(node.word, tuple(simpler))
 
 
-def _without_defaults(node: Call) -> tuple[Node | None, ...]:
+def _without_defaults(node: syntax.Call) -> tuple[syntax.Node | None, ...]:
     """The arguments, with None for those equal to the default."""
     return tuple(
         None
-        if isinstance(argument, Constant) and parameter.optional and argument.value is parameter.default
+        if isinstance(argument, syntax.Constant) and parameter.optional and argument.value is parameter.default
         else argument
         for parameter, argument in zip(node.word.parameters, node.arguments, strict=True)
     )
 
 
-def _simplify_box_items(parameter: Parameter, argument: Node | None, scope: Scope) -> Node | None:
+def _simplify_box_items(parameter: Parameter, argument: syntax.Node | None, scope: Scope) -> syntax.Node | None:
     """Replaces `b.all_items_in_box()` by `b` where any collection is accepted."""
     match argument:
-        case Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_TYPES:
+        case syntax.Member(of=box, name="all_items_in_box", called=True) if parameter.type.name in _COLLECTION_TYPES:
             return box if type_of(box, scope) == BOX else argument
         case _:
             return argument
 
 
-def _as_python_operator(name: str, arguments: Sequence[Node | None], scope: Scope) -> Node | None:
+def _as_python_operator(name: str, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node | None:
     """AND, OR, NOT as Python's operators. These short-circuit, so the skipped operands must not fail."""
     operands = tuple(map(_required, arguments))
     if not _all_have_type(operands, BOOL, scope) or any(may_fail(operand, scope) for operand in operands[1:]):
         return None
-    return Not(operands[0]) if name == "NOT" else Logic(_CONNECTIVES[name], operands)
+    return syntax.Not(operands[0]) if name == "NOT" else syntax.Logic(_CONNECTIVES[name], operands)
 
 
-def _simplify_equality(node: Call, arguments: Sequence[Node | None], scope: Scope) -> Node:
+def _simplify_equality(node: syntax.Call, arguments: Sequence[syntax.Node | None], scope: Scope) -> syntax.Node:
     left, right = map(_required, arguments)
     types = {type_of(left, scope), type_of(right, scope)}
     comparable = {"equal": {INT, "Color", "Shape", "Size"}}.get(node.word.name, {node.word.name[6:].capitalize()})
-    if len(types) == 1 and types <= comparable and (types == {INT} or isinstance(right, Constant)):
-        return Comparison(left, ("==",), (right,))
-    if isinstance(left, Constant) and not isinstance(right, Constant):
-        return Call(node.word, (right, left))
-    return Call(node.word, tuple(arguments))
+    if len(types) == 1 and types <= comparable and (types == {INT} or isinstance(right, syntax.Constant)):
+        return syntax.Comparison(left, ("==",), (right,))
+    if isinstance(left, syntax.Constant) and not isinstance(right, syntax.Constant):
+        return syntax.Call(node.word, (right, left))
+    return syntax.Call(node.word, tuple(arguments))
 
 
-def _filter_by_attribute(collection: Node, value: object, scope: Scope) -> Node:
+def _filter_by_attribute(collection: syntax.Node, value: object, scope: Scope) -> syntax.Node:
     name = variable_name(len(scope))
-    return _call("filter_obj", collection, Lambda(name, _attribute_test(value, Variable(name))))
+    return _call("filter_obj", collection, syntax.Lambda(name, _attribute_test(value, syntax.Variable(name))))
 
 
-def _merged_filter(arguments: Sequence[Node | None], scope: Scope) -> tuple[Node | None, ...]:
+def _merged_filter(arguments: Sequence[syntax.Node | None], scope: Scope) -> tuple[syntax.Node | None, ...]:
     """Merges nested filters into one filter by the conjunction."""
     collection, function = arguments
-    if not isinstance(function, Lambda):
+    if not isinstance(function, syntax.Lambda):
         return collection, function
     body = _as_truth(function.body, {**scope, function.parameter: _element_type(collection, scope)})
     match collection:
-        case Call(word=word, arguments=(inner, Lambda(body=first))) if word.name == "filter_obj":
-            return inner, Lambda(function.parameter, Logic("and", (first, body)))
+        case syntax.Call(word=word, arguments=(inner, syntax.Lambda(body=first))) if word.name == "filter_obj":
+            return inner, syntax.Lambda(function.parameter, syntax.Logic("and", (first, body)))
         case _:
-            return collection, Lambda(function.parameter, body)
+            return collection, syntax.Lambda(function.parameter, body)
 
 
-def _as_truth(node: Node, scope: Scope) -> Node:
+def _as_truth(node: syntax.Node, scope: Scope) -> syntax.Node:
     """Makes the truthiness of a collection of items explicit as `exist`."""
     match node:
-        case Logic(operands=operands):
+        case syntax.Logic(operands=operands):
             return replace(node, operands=tuple(_as_truth(operand, scope) for operand in operands))
-        case Not(operand=operand):
-            return Not(_as_truth(operand, scope))
+        case syntax.Not(operand=operand):
+            return syntax.Not(_as_truth(operand, scope))
         case _:
             return _call("exist", node) if type_of(node, scope) == ITEMS else node
 
 
-def _is_plain_selection(node: Node, scope: Scope) -> bool:
+def _is_plain_selection(node: syntax.Node, scope: Scope) -> bool:
     """Whether the collection is known to be a list without duplicates."""
     match node:
-        case SceneName() | Member(name="all_items_in_box", called=True):
+        case syntax.SceneName() | syntax.Member(name="all_items_in_box", called=True):
             return True
-        case Call(word=word, arguments=(collection, *_)) if word.name.startswith("filter_") and collection is not None:
+        case syntax.Call(word=word, arguments=(collection, *_)) if (
+            word.name.startswith("filter_") and collection is not None
+        ):
             return _is_plain_selection(collection, scope)
         case _:
             return type_of(node, scope) == BOX
@@ -260,10 +254,10 @@ def _is_plain_selection(node: Node, scope: Scope) -> bool:
 # Logic
 
 
-def _simplify_logic(node: Logic, scope: Scope) -> Node:
-    operands: list[Node] = []
+def _simplify_logic(node: syntax.Logic, scope: Scope) -> syntax.Node:
+    operands: list[syntax.Node] = []
     for operand in node.operands:
-        if isinstance(operand, Logic) and operand.operator == node.operator:
+        if isinstance(operand, syntax.Logic) and operand.operator == node.operator:
             operands.extend(operand.operands)
         else:
             operands.append(operand)
@@ -274,31 +268,31 @@ def _simplify_logic(node: Logic, scope: Scope) -> Node:
         operands = [*sorted(dict.fromkeys(attribute_tests), key=_attribute_test_key), *others]
     if len(operands) == 1:
         return operands[0]
-    return Logic(node.operator, tuple(operands))
+    return syntax.Logic(node.operator, tuple(operands))
 
 
-def _is_attribute_test(node: Node) -> bool:
+def _is_attribute_test(node: syntax.Node) -> bool:
     """Whether the node tests the colour, size or shape of a variable, possibly negated."""
-    inner = node.operand if isinstance(node, Not) else node
+    inner = node.operand if isinstance(node, syntax.Not) else node
     return (
-        isinstance(inner, Call)
+        isinstance(inner, syntax.Call)
         and inner.word.name in _ATTRIBUTE_TEST_ORDER
-        and isinstance(inner.arguments[0], Variable)
+        and isinstance(inner.arguments[0], syntax.Variable)
     )
 
 
-def _attribute_test_key(node: Node) -> tuple[int, bool, str]:
-    inner = node.operand if isinstance(node, Not) else node
-    assert isinstance(inner, Call)
-    return _ATTRIBUTE_TEST_ORDER[inner.word.name], isinstance(node, Not), str(inner.arguments[0])
+def _attribute_test_key(node: syntax.Node) -> tuple[int, bool, str]:
+    inner = node.operand if isinstance(node, syntax.Not) else node
+    assert isinstance(inner, syntax.Call)
+    return _ATTRIBUTE_TEST_ORDER[inner.word.name], isinstance(node, syntax.Not), str(inner.arguments[0])
 
 
-def _negated(operand: Node, scope: Scope) -> Node | None:
+def _negated(operand: syntax.Node, scope: Scope) -> syntax.Node | None:
     """The simplification of `not operand`, or None."""
     match operand:
-        case Not(operand=inner) if type_of(inner, scope) == BOOL:
+        case syntax.Not(operand=inner) if type_of(inner, scope) == BOOL:
             return inner
-        case Comparison(operators=(operator,)) if operator in _OPPOSITE:
+        case syntax.Comparison(operators=(operator,)) if operator in _OPPOSITE:
             return replace(operand, operators=(_OPPOSITE[operator],))
         case _:
             return None
@@ -307,90 +301,90 @@ def _negated(operand: Node, scope: Scope) -> Node | None:
 # Comparisons
 
 
-def _simplify_comparison(left: Node, operator: str, right: Node, scope: Scope) -> Node:
-    if isinstance(left, Constant) and not isinstance(right, Constant) and operator in _MIRRORED:
-        return Comparison(right, (_MIRRORED[operator],), (left,))
-    if isinstance(right, Constant):
+def _simplify_comparison(left: syntax.Node, operator: str, right: syntax.Node, scope: Scope) -> syntax.Node:
+    if isinstance(left, syntax.Constant) and not isinstance(right, syntax.Constant) and operator in _MIRRORED:
+        return syntax.Comparison(right, (_MIRRORED[operator],), (left,))
+    if isinstance(right, syntax.Constant):
         if type(right.value) is int and type_of(left, scope) == INT:
             return _compare_with_constant(left, operator, right.value, scope)
         if operator in ("==", "!=") and isinstance(right.value, Enum) and _is_attribute(left, scope):
-            assert isinstance(left, Member)
+            assert isinstance(left, syntax.Member)
             if isinstance(right.value, _MEMBER_TYPES[left.name]):
                 test = _attribute_test(right.value, left.of)
-                return test if operator == "==" else Not(test)
+                return test if operator == "==" else syntax.Not(test)
     elif operator in ("<", "<="):
-        return Comparison(right, (_MIRRORED[operator],), (left,))
-    return Comparison(left, (operator,), (right,))
+        return syntax.Comparison(right, (_MIRRORED[operator],), (left,))
+    return syntax.Comparison(left, (operator,), (right,))
 
 
-def _compare_with_constant(left: Node, operator: str, bound: int, scope: Scope) -> Node:
+def _compare_with_constant(left: syntax.Node, operator: str, bound: int, scope: Scope) -> syntax.Node:
     """Normalises the comparison of an int with a constant to ==, !=, >= or <=; `count(s) >= 1` becomes `exist(s)`."""
-    if (operator == ">" and bound < MAX_INT) or operator == "<":
+    if (operator == ">" and bound < syntax.MAX_INT) or operator == "<":
         operator, bound = (">=", bound + 1) if operator == ">" else ("<=", bound - 1)
-    if isinstance(left, Call) and left.word.name == "count":
+    if isinstance(left, syntax.Call) and left.word.name == "count":
         if (operator, bound) in ((">=", 1), ("!=", 0)):
             return _call("exist", left.arguments[0])
         if (operator, bound) in (("<=", 0), ("==", 0)):
-            return Not(_call("exist", left.arguments[0]))
+            return syntax.Not(_call("exist", left.arguments[0]))
         if operator in ("==", ">=") and bound == BOX_COUNT:
             return _all_boxes_satisfy(left, operator, bound, scope)
     if bound < 0:  # the language has no negative numbers: n <= -1 stays n < 0
-        return Comparison(left, ("<",), (Constant(bound + 1),))
-    return Comparison(left, (operator,), (Constant(bound),))
+        return syntax.Comparison(left, ("<",), (syntax.Constant(bound + 1),))
+    return syntax.Comparison(left, (operator,), (syntax.Constant(bound),))
 
 
-def _all_boxes_satisfy(left: Call, operator: str, bound: int, scope: Scope) -> Node:
+def _all_boxes_satisfy(left: syntax.Call, operator: str, bound: int, scope: Scope) -> syntax.Node:
     """`All` for a condition satisfied by as many boxes as there are."""
     match left.arguments[0]:
-        case Call(word=word, arguments=(SceneName(name="all_boxes"), test)) as chosen if (
+        case syntax.Call(word=word, arguments=(syntax.SceneName(name="all_boxes"), test)) as chosen if (
             word.name == "filter_obj" and _is_infallible_test(chosen, scope)
         ):
-            return _call("All", SceneName("all_boxes"), test)
+            return _call("All", syntax.SceneName("all_boxes"), test)
         case _:
-            return Comparison(left, (operator,), (Constant(bound),))
+            return syntax.Comparison(left, (operator,), (syntax.Constant(bound),))
 
 
 # Parts of the rules
 
 
-def _is_infallible_test(node: Call, scope: Scope) -> bool:
+def _is_infallible_test(node: syntax.Call, scope: Scope) -> bool:
     """Whether the second argument is a lambda that returns a bool for every element of the first, never failing."""
     collection, function = map(_required, node.arguments)
-    if not isinstance(function, Lambda) or function_may_fail(function, _element_type(collection, scope), scope):
+    if not isinstance(function, syntax.Lambda) or function_may_fail(function, _element_type(collection, scope), scope):
         return False
     return type_of(function.body, {**scope, function.parameter: _element_type(collection, scope)}) == BOOL
 
 
-def _element_type(collection: Node | None, scope: Scope) -> Type:
+def _element_type(collection: syntax.Node | None, scope: Scope) -> Type:
     return UNKNOWN if collection is None else element_of(type_of(collection, scope))
 
 
-def _size(node: Node) -> int:
+def _size(node: syntax.Node) -> int:
     """The number of nodes."""
-    return 1 + sum(map(_size, children(node)))
+    return 1 + sum(map(_size, syntax.children(node)))
 
 
-def _is_attribute(node: Node, scope: Scope) -> bool:
+def _is_attribute(node: syntax.Node, scope: Scope) -> bool:
     """Whether the node is an attribute (colour, shape or size) of an item."""
-    return isinstance(node, Member) and node.name in _MEMBER_TYPES and type_of(node.of, scope) == ITEM
+    return isinstance(node, syntax.Member) and node.name in _MEMBER_TYPES and type_of(node.of, scope) == ITEM
 
 
-def _all_have_type(nodes: Sequence[Node | None], expected: Type, scope: Scope) -> bool:
+def _all_have_type(nodes: Sequence[syntax.Node | None], expected: Type, scope: Scope) -> bool:
     return all(node is not None and type_of(node, scope) == expected for node in nodes)
 
 
-def _required(node: Node | None) -> Node:
+def _required(node: syntax.Node | None) -> syntax.Node:
     assert node is not None
     return node
 
 
-def _call(name: str, *arguments: Node | None) -> Call:
+def _call(name: str, *arguments: syntax.Node | None) -> syntax.Call:
     word = WORDS[name]
     rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(arguments))
-    return Call(word, (*arguments, *rest))
+    return syntax.Call(word, (*arguments, *rest))
 
 
-def _attribute_test(value: object, item: Node) -> Call:
+def _attribute_test(value: object, item: syntax.Node) -> syntax.Call:
     assert isinstance(value, Enum)
     return _call(ATTRIBUTE_TESTS[value], item)
 
@@ -398,42 +392,42 @@ def _attribute_test(value: object, item: Node) -> Call:
 # Names of variables
 
 
-def _map_children(node: Node, changed: Callable[[Node], Node]) -> Node:
+def _map_children(node: syntax.Node, changed: Callable[[syntax.Node], syntax.Node]) -> syntax.Node:
     """Maps `changed` over the children; calls and lambdas, which callers treat separately, are returned unchanged."""
     match node:
-        case Member(of=of):
+        case syntax.Member(of=of):
             return replace(node, of=changed(of))
-        case Logic(operands=operands):
+        case syntax.Logic(operands=operands):
             return replace(node, operands=tuple(map(changed, operands)))
-        case Not(operand=operand):
-            return Not(changed(operand))
-        case Comparison(left=left, rights=rights):
+        case syntax.Not(operand=operand):
+            return syntax.Not(changed(operand))
+        case syntax.Comparison(left=left, rights=rights):
             return replace(node, left=changed(left), rights=tuple(map(changed, rights)))
-        case Arithmetic(left=left, right=right):
+        case syntax.Arithmetic(left=left, right=right):
             return replace(node, left=changed(left), right=changed(right))
-        case Subscript(of=of, index=index):
-            return Subscript(changed(of), changed(index))
-        case Slice(of=of, start=start, stop=stop, step=step):
-            return Slice(changed(of), *(None if part is None else changed(part) for part in (start, stop, step)))
-        case Display(elements=elements):
+        case syntax.Subscript(of=of, index=index):
+            return syntax.Subscript(changed(of), changed(index))
+        case syntax.Slice(of=of, start=start, stop=stop, step=step):
+            return syntax.Slice(changed(of), *(None if part is None else changed(part) for part in (start, stop, step)))
+        case syntax.Display(elements=elements):
             return replace(node, elements=tuple(map(changed, elements)))
         case _:
             return node
 
 
-def _named_by_depth(node: Node, names: Mapping[str, Variable], depth: int) -> Node:
+def _named_by_depth(node: syntax.Node, names: Mapping[str, syntax.Variable], depth: int) -> syntax.Node:
     """Renames each variable by the nesting depth of its lambda."""
 
-    def inner(part: Node) -> Node:
+    def inner(part: syntax.Node) -> syntax.Node:
         return _named_by_depth(part, names, depth)
 
     match node:
-        case Variable(name=name):
+        case syntax.Variable(name=name):
             return names.get(name, node)
-        case Lambda(parameter=parameter, body=body):
+        case syntax.Lambda(parameter=parameter, body=body):
             name = variable_name(depth)
-            return Lambda(name, _named_by_depth(body, {**names, parameter: Variable(name)}, depth + 1))
-        case Call(word=word, arguments=arguments):
-            return Call(word, tuple(None if part is None else inner(part) for part in arguments))
+            return syntax.Lambda(name, _named_by_depth(body, {**names, parameter: syntax.Variable(name)}, depth + 1))
+        case syntax.Call(word=word, arguments=arguments):
+            return syntax.Call(word, tuple(None if part is None else inner(part) for part in arguments))
         case _:
             return _map_children(node, inner)

@@ -9,25 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.canonical import VARIABLES, variable_name
-from lilgym_mp.programs.syntax import (
-    ATTRIBUTES,
-    METHODS,
-    SCENE_NAMES,
-    Arithmetic,
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Subscript,
-    Variable,
-)
 from lilgym_mp.programs.values import ENUMS
 from lilgym_mp.programs.words import WORDS
 
@@ -45,12 +28,12 @@ class PrefixError(ValueError):
 @cache
 def token_arities() -> Mapping[str, int]:
     """Every token, in a fixed order, with its arity."""
-    arities: dict[str, int] = dict.fromkeys(SCENE_NAMES, 0)
+    arities: dict[str, int] = dict.fromkeys(syntax.SCENE_NAMES, 0)
     arities |= {_variable(depth): 0 for depth in range(len(VARIABLES))}
     arities |= {f"#{number}": 0 for number in range(MAX_NUMBER + 1)}
     arities |= {"True": 0, "False": 0, "lambda": 1, "not": 1, "[]": 2}
     arities |= {str(member): 0 for kind in ENUMS.values() for member in kind}
-    arities |= {f".{name}": 1 for name in ATTRIBUTES} | {f".{name}()": 1 for name in METHODS}
+    arities |= {f".{name}": 1 for name in syntax.ATTRIBUTES} | {f".{name}()": 1 for name in syntax.METHODS}
     arities |= dict.fromkeys((*CONNECTIVES, *OPERATORS, *COMPARISONS), 2)
     arities |= {f"{kind}/{count}": count for kind in ("list", "set") for count in range(1, MAX_DISPLAY + 1)}
     for word in WORDS.values():
@@ -59,12 +42,12 @@ def token_arities() -> Mapping[str, int]:
     return arities
 
 
-def prefix_tokens(node: Node) -> list[str]:
+def prefix_tokens(node: syntax.Node) -> list[str]:
     """The tokens of a canonical tree. Raises PrefixError for constructs without tokens, such as slices."""
     return list(_tokens(node))
 
 
-def tree_from_tokens(tokens: Sequence[str]) -> Node:
+def tree_from_tokens(tokens: Sequence[str]) -> syntax.Node:
     """The tree that the tokens encode. Raises PrefixError for unknown, missing or surplus tokens."""
     node, end = _tree(tokens, 0, 0)
     if end != len(tokens):
@@ -72,9 +55,9 @@ def tree_from_tokens(tokens: Sequence[str]) -> Node:
     return node
 
 
-def _tokens(node: Node) -> Iterator[str]:
+def _tokens(node: syntax.Node) -> Iterator[str]:
     match node:
-        case Logic(operator=operator, operands=operands):
+        case syntax.Logic(operator=operator, operands=operands):
             for operand in operands[:-1]:
                 yield operator
                 yield from _tokens(operand)
@@ -88,42 +71,42 @@ def _tokens(node: Node) -> Iterator[str]:
                 yield from _tokens(part)
 
 
-def _token_and_parts(node: Node) -> tuple[str, Sequence[Node]]:
+def _token_and_parts(node: syntax.Node) -> tuple[str, Sequence[syntax.Node]]:
     match node:
-        case Constant(value=bool() as value):
+        case syntax.Constant(value=bool() as value):
             return str(value), ()
-        case Constant(value=int() as value):
+        case syntax.Constant(value=int() as value):
             return f"#{value}", ()
-        case Constant(value=value):
+        case syntax.Constant(value=value):
             return str(value), ()
-        case SceneName(name=name):
+        case syntax.SceneName(name=name):
             return name, ()
-        case Variable(name=name):
+        case syntax.Variable(name=name):
             return (_variable(VARIABLES.index(name)) if name in VARIABLES else name), ()
-        case Lambda(body=body):
+        case syntax.Lambda(body=body):
             return "lambda", (body,)
-        case Call(word=word, arguments=arguments):
+        case syntax.Call(word=word, arguments=arguments):
             given = [argument for argument in arguments if argument is not None]
             if None in arguments[: len(given)]:
                 raise PrefixError(f"{word.name}: an argument before the last is omitted")
             return f"{word.name}({len(given)})", given
-        case Member(of=of, name=name, called=called):
+        case syntax.Member(of=of, name=name, called=called):
             return f".{name}{'()' if called else ''}", (of,)
-        case Not(operand=operand):
+        case syntax.Not(operand=operand):
             return "not", (operand,)
-        case Comparison(left=left, operators=(operator,), rights=(right,)):
+        case syntax.Comparison(left=left, operators=(operator,), rights=(right,)):
             return operator, (left, right)
-        case Arithmetic(operator=operator, left=left, right=right):
+        case syntax.Arithmetic(operator=operator, left=left, right=right):
             return operator, (left, right)
-        case Subscript(of=of, index=index):
+        case syntax.Subscript(of=of, index=index):
             return "[]", (of, index)
-        case Display(kind=kind, elements=elements):
+        case syntax.Display(kind=kind, elements=elements):
             return f"{kind.__name__}/{len(elements)}", elements
         case _:
             raise PrefixError(f"{type(node).__name__} has no tokens")
 
 
-def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[Node, int]:
+def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[syntax.Node, int]:
     """Parses the subtree at index `at`, inside `depth` lambdas; returns it and the index after its last token."""
     if at >= len(tokens):
         raise PrefixError("the tokens end before the program does")
@@ -132,7 +115,7 @@ def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[Node, int]:
     if arity is None:
         raise PrefixError(f"unknown token {token!r}")
     inner = depth + (token == "lambda")
-    parts: list[Node] = []
+    parts: list[syntax.Node] = []
     at += 1
     for _ in range(arity):
         part, at = _tree(tokens, at, inner)
@@ -140,48 +123,48 @@ def _tree(tokens: Sequence[str], at: int, depth: int) -> tuple[Node, int]:
     return _node(token, parts, depth), at
 
 
-def _node(token: str, parts: Sequence[Node], depth: int) -> Node:
+def _node(token: str, parts: Sequence[syntax.Node], depth: int) -> syntax.Node:
     match token:
         case "lambda":
-            return Lambda(variable_name(depth), parts[0])
+            return syntax.Lambda(variable_name(depth), parts[0])
         case "not":
-            return Not(parts[0])
+            return syntax.Not(parts[0])
         case "[]":
-            return Subscript(parts[0], parts[1])
+            return syntax.Subscript(parts[0], parts[1])
         case "True" | "False":
-            return Constant(token == "True")
-        case _ if token in SCENE_NAMES:
-            return SceneName(token)
+            return syntax.Constant(token == "True")
+        case _ if token in syntax.SCENE_NAMES:
+            return syntax.SceneName(token)
         case _ if token in CONNECTIVES:
             first, last = parts
-            if isinstance(last, Logic) and last.operator == token:  # tokens nest a chain to the right
-                return Logic(token, (first, *last.operands))
-            return Logic(token, (first, last))
+            if isinstance(last, syntax.Logic) and last.operator == token:  # tokens nest a chain to the right
+                return syntax.Logic(token, (first, *last.operands))
+            return syntax.Logic(token, (first, last))
         case _ if token in OPERATORS:
-            return Arithmetic(token, *parts)
+            return syntax.Arithmetic(token, *parts)
         case _ if token in COMPARISONS:
-            return Comparison(parts[0], (token,), (parts[1],))
+            return syntax.Comparison(parts[0], (token,), (parts[1],))
         case _ if token.startswith("#"):
-            return Constant(int(token[1:]))
+            return syntax.Constant(int(token[1:]))
         case _ if token.startswith("."):
-            return Member(parts[0], token.removesuffix("()")[1:], called=token.endswith("()"))
+            return syntax.Member(parts[0], token.removesuffix("()")[1:], called=token.endswith("()"))
         case _ if token.endswith(")"):
             word = WORDS[token.split("(")[0]]
             rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(parts))
-            return Call(word, (*parts, *rest))
+            return syntax.Call(word, (*parts, *rest))
         case _ if "/" in token:
-            return Display(list if token.startswith("list") else set, tuple(parts))
+            return syntax.Display(list if token.startswith("list") else set, tuple(parts))
         case _ if "." in token:
             kind, member = token.split(".")
-            return Constant(ENUMS[kind][member])
+            return syntax.Constant(ENUMS[kind][member])
         case _:
             return _bound_variable(int(token[1:]), depth)
 
 
-def _bound_variable(index: int, depth: int) -> Variable:
+def _bound_variable(index: int, depth: int) -> syntax.Variable:
     if index >= depth:
         raise PrefixError(f"variable v{index} is used inside only {depth} lambdas")
-    return Variable(variable_name(index))
+    return syntax.Variable(variable_name(index))
 
 
 def _variable(depth: int) -> str:

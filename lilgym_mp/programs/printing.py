@@ -5,81 +5,65 @@ from __future__ import annotations
 from collections.abc import Iterable
 from enum import Enum
 
-from lilgym_mp.programs.syntax import (
-    Arithmetic,
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Slice,
-    Subscript,
-    Variable,
-    WordName,
-)
+from lilgym_mp.programs import syntax
 
 # Operator precedence, lowest first: an operand of lower precedence than its context requires is parenthesised.
 LAMBDA, OR, AND, NOT, COMPARISON, SUM, PRODUCT, ATOM = range(8)
 _PRECEDENCE = {"or": OR, "and": AND, "+": SUM, "%": PRODUCT}
 
 
-def source_of(node: Node) -> str:
+def source_of(node: syntax.Node) -> str:
     """The source text of a tree: `parse(source_of(tree)) == tree`."""
     return _text(node, LAMBDA)
 
 
-def _text(node: Node, required: int) -> str:
+def _text(node: syntax.Node, required: int) -> str:
     text, precedence = _unparsed(node)
     return f"({text})" if precedence < required else text
 
 
-def _unparsed(node: Node) -> tuple[str, int]:
+def _unparsed(node: syntax.Node) -> tuple[str, int]:
     """The text of a node and its precedence."""
     match node:
-        case Constant(value=Enum() as member):
+        case syntax.Constant(value=Enum() as member):
             return str(member), ATOM
-        case Constant(value=value):
+        case syntax.Constant(value=value):
             return str(value), ATOM
-        case SceneName(name=name) | Variable(name=name):
+        case syntax.SceneName(name=name) | syntax.Variable(name=name):
             return name, ATOM
-        case WordName(word=word):
+        case syntax.WordName(word=word):
             return word.name, ATOM
-        case Lambda(parameter=parameter, body=body):
+        case syntax.Lambda(parameter=parameter, body=body):
             return f"lambda {parameter}: {_text(body, LAMBDA)}", LAMBDA
-        case Call():
+        case syntax.Call():
             return f"{node.word.name}({', '.join(_arguments(node))})", ATOM
-        case Member(of=of, name=name, called=called):
-            owner = f"({of.value})" if isinstance(of, Constant) and type(of.value) is int else _text(of, ATOM)
+        case syntax.Member(of=of, name=name, called=called):
+            owner = f"({of.value})" if isinstance(of, syntax.Constant) and type(of.value) is int else _text(of, ATOM)
             return f"{owner}.{name}{'()' if called else ''}", ATOM
-        case Logic(operator=operator, operands=operands):
+        case syntax.Logic(operator=operator, operands=operands):
             precedence = _PRECEDENCE[operator]
             return f" {operator} ".join(_text(operand, precedence + 1) for operand in operands), precedence
-        case Not(operand=operand):
+        case syntax.Not(operand=operand):
             return f"not {_text(operand, NOT)}", NOT
-        case Comparison(left=left, operators=operators, rights=rights):
+        case syntax.Comparison(left=left, operators=operators, rights=rights):
             steps = [f"{name} {_text(right, SUM)}" for name, right in zip(operators, rights, strict=True)]
             return " ".join([_text(left, SUM), *steps]), COMPARISON
-        case Arithmetic(operator=operator, left=left, right=right):
+        case syntax.Arithmetic(operator=operator, left=left, right=right):
             precedence = _PRECEDENCE[operator]
             return f"{_text(left, precedence)} {operator} {_text(right, precedence + 1)}", precedence
-        case Subscript(of=of, index=index):
+        case syntax.Subscript(of=of, index=index):
             return f"{_text(of, ATOM)}[{_text(index, LAMBDA)}]", ATOM
-        case Slice(of=of, start=start, stop=stop, step=step):
+        case syntax.Slice(of=of, start=start, stop=stop, step=step):
             parts = ["" if part is None else _text(part, LAMBDA) for part in (start, stop)]
             stride = "" if step is None else f":{_text(step, LAMBDA)}"
             return f"{_text(of, ATOM)}[{':'.join(parts)}{stride}]", ATOM
-        case Display(kind=kind, elements=elements):
+        case syntax.Display(kind=kind, elements=elements):
             inner = ", ".join(_text(element, LAMBDA) for element in elements)
             opening, closing = "[]" if kind is list else "{}"
             return f"{opening}{inner}{closing}", ATOM
 
 
-def _arguments(node: Call) -> Iterable[str]:
+def _arguments(node: syntax.Call) -> Iterable[str]:
     skipped = False
     for parameter, argument in zip(node.word.parameters, node.arguments, strict=True):
         if argument is None:

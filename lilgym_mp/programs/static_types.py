@@ -11,24 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, reduce
 
-from lilgym_mp.programs.syntax import (
-    Arithmetic,
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Slice,
-    Subscript,
-    Variable,
-    WordName,
-    children,
-)
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import BOX_COUNT
 
@@ -51,32 +34,32 @@ _HASHING_WORDS = ("set", "union", "intersect", "contained", "equal_set", "union_
 _FALLIBLE_WORDS = ("unique", "min", "select", "combinations")
 
 
-def type_of(node: Node, scope: Scope) -> Type:
+def type_of(node: syntax.Node, scope: Scope) -> Type:
     match node:
-        case Constant(value=value):
+        case syntax.Constant(value=value):
             return type(value).__name__
-        case SceneName(name=name):
+        case syntax.SceneName(name=name):
             return ITEMS if name == "all_items" else BOXES
-        case Variable(name=name):
+        case syntax.Variable(name=name):
             return scope.get(name, UNKNOWN)
-        case Lambda() | WordName():
+        case syntax.Lambda() | syntax.WordName():
             return "function"
-        case Not() | Comparison():
+        case syntax.Not() | syntax.Comparison():
             return BOOL
-        case Logic(operands=operands):
+        case syntax.Logic(operands=operands):
             return _common(type_of(operand, scope) for operand in operands)
-        case Member(name=name, called=called):
+        case syntax.Member(name=name, called=called):
             return (_METHODS if called else _MEMBERS).get(name, UNKNOWN)
-        case Arithmetic(left=left, right=right):
+        case syntax.Arithmetic(left=left, right=right):
             sides = _common((type_of(left, scope), type_of(right, scope)))
             return sides if sides == INT or isinstance(sides, Many) else UNKNOWN
-        case Subscript(of=of):
+        case syntax.Subscript(of=of):
             return element_of(type_of(of, scope))
-        case Slice(of=of):
+        case syntax.Slice(of=of):
             return Many(element_of(type_of(of, scope)))
-        case Display(elements=elements):
+        case syntax.Display(elements=elements):
             return Many(_common(type_of(element, scope) for element in elements))
-        case Call(word=word, arguments=arguments):
+        case syntax.Call(word=word, arguments=arguments):
             return _result_type(word, [_argument_type(argument, scope) for argument in arguments])
 
 
@@ -86,41 +69,41 @@ def element_of(collection: Type) -> Type:
     return ITEM if collection == BOX else UNKNOWN
 
 
-def may_fail(node: Node, scope: Scope) -> bool:
+def may_fail(node: syntax.Node, scope: Scope) -> bool:
     """Whether evaluating the node might raise an error on some scene."""
     match node:
-        case Call(word=word, arguments=arguments):
+        case syntax.Call(word=word, arguments=arguments):
             return _call_may_fail(word, arguments, scope)
-        case Lambda():
+        case syntax.Lambda():
             return False  # until it is called
-        case Subscript(of=SceneName(name="all_boxes"), index=Constant(value=int() as index)):
+        case syntax.Subscript(of=syntax.SceneName(name="all_boxes"), index=syntax.Constant(value=int() as index)):
             return index >= BOX_COUNT
-        case Subscript() | Slice():
+        case syntax.Subscript() | syntax.Slice():
             return True
-        case _ if any(may_fail(child, scope) for child in children(node)):
+        case _ if any(may_fail(child, scope) for child in syntax.children(node)):
             return True
-        case Member(of=of, name=name):
+        case syntax.Member(of=of, name=name):
             return type_of(of, scope) != (BOX if name in _METHODS else ITEM)
-        case Comparison(left=left, operators=operators, rights=rights):
+        case syntax.Comparison(left=left, operators=operators, rights=rights):
             types = [type_of(part, scope) for part in (left, *rights)]
             return any(map(_comparison_may_fail, operators, types[:-1], types[1:]))
-        case Arithmetic(operator=operator, left=left, right=right):
+        case syntax.Arithmetic(operator=operator, left=left, right=right):
             ints = type_of(left, scope) == type_of(right, scope) == INT
-            return not ints or (operator == "%" and (not isinstance(right, Constant) or right.value == 0))
-        case Display(kind=kind, elements=elements):
+            return not ints or (operator == "%" and (not isinstance(right, syntax.Constant) or right.value == 0))
+        case syntax.Display(kind=kind, elements=elements):
             return kind is set and not all(is_hashable(type_of(element, scope)) for element in elements)
         case _:
             return False
 
 
-def function_may_fail(function: Node, element: Type, scope: Scope) -> bool:
+def function_may_fail(function: syntax.Node, element: Type, scope: Scope) -> bool:
     """Whether calling a lambda or word with a value of type `element` might raise an error."""
     match function:
-        case Lambda(parameter=parameter, body=body):
+        case syntax.Lambda(parameter=parameter, body=body):
             return may_fail(body, {**scope, parameter: element})
-        case WordName(word=word):
+        case syntax.WordName(word=word):
             rest: tuple[None, ...] = (None,) * (len(word.parameters) - 1)
-            return _call_may_fail(word, (Variable(""), *rest), {"": element})
+            return _call_may_fail(word, (syntax.Variable(""), *rest), {"": element})
         case _:
             return True
 
@@ -136,7 +119,7 @@ def _common(types: Iterable[Type]) -> Type:
     return distinct.pop() if len(distinct) == 1 else UNKNOWN
 
 
-def _argument_type(argument: Node | None, scope: Scope) -> Type:
+def _argument_type(argument: syntax.Node | None, scope: Scope) -> Type:
     return UNKNOWN if argument is None else type_of(argument, scope)
 
 
@@ -166,7 +149,7 @@ def _declared(result: str) -> Type:
     return Many(_declared(found[1])) if found else result
 
 
-def _call_may_fail(word: Word, arguments: Sequence[Node | None], scope: Scope) -> bool:
+def _call_may_fail(word: Word, arguments: Sequence[syntax.Node | None], scope: Scope) -> bool:
     required = [parameter for parameter in word.parameters if not parameter.optional]
     if word.name in _FALLIBLE_WORDS or None in arguments[: len(required)]:
         return True

@@ -6,20 +6,10 @@ from collections.abc import Iterable, Iterator
 from enum import Enum
 from typing import Any, NamedTuple, cast
 
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.reference import Evaluation, build_closure
-from lilgym_mp.programs.syntax import (
-    Call,
-    Constant,
-    Lambda,
-    Node,
-    SceneName,
-    Variable,
-    WordName,
-    children,
-    parse,
-)
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Scene
 
@@ -43,33 +33,35 @@ class TraceEntry(NamedTuple):
 def trace(source: str, scene: Scene) -> list[TraceEntry]:
     """The closed subexpressions of a program in pre-order; under each call that takes a condition, an entry says which
     elements satisfy it. Raises ProgramError for an invalid program."""
-    return list(_entries(parse(source), scene, 0))
+    return list(_entries(syntax.parse(source), scene, 0))
 
 
-def _entries(node: Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
-    if isinstance(node, Constant | SceneName | WordName | Lambda) or _has_free_variables(node):
+def _entries(node: syntax.Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
+    if isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda) or _has_free_variables(
+        node
+    ):
         return
     yield TraceEntry(depth, source_of(node), *_value(node, scene))
-    if isinstance(node, Call):
+    if isinstance(node, syntax.Call):
         yield from _conditions(node, scene, depth + 1)
-    for child in children(node):
+    for child in syntax.children(node):
         yield from _entries(child, scene, depth + 1)
 
 
-def _conditions(call: Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
+def _conditions(call: syntax.Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
     """An entry per lambda argument: the elements of the first argument that satisfy it."""
     elements, *others = call.arguments
     for other in others:
         if (
             elements is not None
-            and isinstance(other, Lambda)
+            and isinstance(other, syntax.Lambda)
             and not _has_free_variables(other)
             and not _has_free_variables(elements)
         ):
             yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, scene))
 
 
-def _satisfied_by(elements: Node, condition: Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
+def _satisfied_by(elements: syntax.Node, condition: syntax.Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
     evaluation = Evaluation(scene)
     try:
         collection = build_closure(elements)(evaluation, {})
@@ -87,7 +79,7 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: Node, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
+def _value(node: syntax.Node, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
         value = build_closure(node)(Evaluation(scene), {})
     except ProgramRuntimeError as fault:
@@ -107,13 +99,13 @@ def _item_indices(value: Any) -> tuple[ItemIndex, ...]:
             return ()
 
 
-def _has_free_variables(node: Node, bound: frozenset[str] = frozenset()) -> bool:
+def _has_free_variables(node: syntax.Node, bound: frozenset[str] = frozenset()) -> bool:
     """Whether a node has free variables."""
-    if isinstance(node, Variable):
+    if isinstance(node, syntax.Variable):
         return node.name not in bound
-    if isinstance(node, Lambda):
+    if isinstance(node, syntax.Lambda):
         return _has_free_variables(node.body, bound | {node.parameter})
-    return any(_has_free_variables(child, bound) for child in children(node))
+    return any(_has_free_variables(child, bound) for child in syntax.children(node))
 
 
 def _value_text(value: Any) -> str:

@@ -56,7 +56,11 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
             if entry is not None:
                 statistics = (aggregate_runs(entry.runs, metric) for metric in ROLLOUT_STATISTICS.values())
                 rows.append([agent, entry.configuration, *statistics])
-    panels = [BarPanel(name, data.configurations, series) for name, series in values.items()]
+    units = ["episodes, %" if "%" in name else "actions" for name in values]
+    panels = [
+        BarPanel(name.removesuffix(" (%)"), data.configurations, series, unit)
+        for (name, series), unit in zip(values.items(), units, strict=True)
+    ]
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
     )

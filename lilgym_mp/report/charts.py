@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#1f4e9c", "#d9822b", "#2a8f6d", "#8e4fa8", "#c0392b", "#5b6770", "#b8a200", "#17a2b8", "#7f5539", "#e377c2")
-INK, FAINT = "#1d2733", "#8793a1"
+INK, FAINT = "#1d2733", "#5b6770"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
-MAX_LABELLED_BARS = 24  # bars per panel; with more, values are not printed
+LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 FRAMES_PER_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
 
@@ -28,6 +28,7 @@ class BarPanel(NamedTuple):
     title: str
     categories: Sequence[str]
     values: Mapping[str, Sequence[MeanStd | float | None]]  # by series
+    unit: str = ""  # label of the y axis, if not that of the whole chart
 
 
 def series_colours(names: Sequence[str]) -> dict[str, str]:
@@ -38,33 +39,37 @@ def series_colours(names: Sequence[str]) -> dict[str, str]:
 def bar_chart(panels: Sequence[BarPanel], unit: str, *, columns: int = 2, top: float | None = None) -> Figure:
     """A grouped bar chart with error bars for each panel; each series has the same colour everywhere.
 
-    `top`: fixed upper limit of the y axis.
+    Error bars are intervals, or the deviation over runs. Panels with the chart's unit share their y axis; `top`: its
+    fixed upper limit.
     """
     columns = min(columns, len(panels))
     rows = -(-len(panels) // columns)
     names = list(dict.fromkeys(name for panel in panels for name in panel.values))
     figure: Any = new_figure(WIDTH, PANEL_HEIGHT * rows + 40)
-    grid: Any = figure.subplots(rows, columns, squeeze=False)
+    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=not any(panel.unit for panel in panels))
     colours = series_colours(names)
     for index, axes in enumerate(grid.flat):
         if index >= len(panels):
             axes.set_visible(False)
             continue
-        _draw_bars(axes, panels[index], colours, unit, top)
+        _draw_bars(axes, panels[index], colours, panels[index].unit or unit, top, WIDTH / columns)
     _legend(figure, grid.flat[0], names, colours)
     return figure
 
 
-def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], unit: str, top: float | None) -> None:
+def _draw_bars(
+    axes: Any, panel: BarPanel, colours: Mapping[str, str], unit: str, top: float | None, panel_width: float
+) -> None:
     width = 0.8 / max(1, len(panel.values))
-    labelled = len(panel.values) * len(panel.categories) <= MAX_LABELLED_BARS
+    labelled = 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH
     for series, (name, values) in enumerate(panel.values.items()):
         xs = [index + (series - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
         heights = [_mean(value) for value in values]
         axes.bar(xs, heights, width * 0.92, color=colours[name])
         for x, value in zip(xs, values, strict=True):
-            if isinstance(value, MeanStd) and value.deviation:
-                axes.errorbar(x, value.mean, value.deviation, color=INK, linewidth=1, capsize=2)
+            if isinstance(value, MeanStd):
+                low, high = value.spread
+                axes.errorbar(x, value.mean, [[value.mean - low], [high - value.mean]], color=INK, lw=1, capsize=2)
         for x, value in zip(xs, values, strict=True) if labelled else ():
             if value is not None:
                 _label_bar(axes, x, value)
@@ -80,11 +85,12 @@ def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], unit: str
 
 def _label_bar(axes: Any, x: float, value: MeanStd | float) -> None:
     """Prints the value at the end of the bar, clear of the error bar."""
-    height, deviation = _mean(value), (value.deviation or 0.0) if isinstance(value, MeanStd) else 0.0
+    height = _mean(value)
+    low, high = value.spread if isinstance(value, MeanStd) else (height, height)
     below = height < 0
     axes.annotate(
         _short_number(height),
-        (x, height - deviation if below else height + deviation),
+        (x, low if below else high),
         (0, -2 if below else 2),
         textcoords="offset points",
         fontsize=7,
@@ -135,13 +141,15 @@ class Line(NamedTuple):
 
 def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
     """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers."""
-    columns = min(2, len(panels))
+    columns = min(2 if len(panels) <= 4 else 3, len(panels))
     rows = -(-len(panels) // columns)
     width = WIDTH if columns > 1 else WIDTH // 2
     names = list(dict.fromkeys(line.name for _, _, _, lines in panels for line in lines))
     legend_rows = -(-len(names) // _legend_columns(names, width)) if len(names) > 1 else 0
+    from matplotlib.ticker import EngFormatter
+
     figure: Any = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
-    grid: Any = figure.subplots(rows, columns, squeeze=False)
+    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=len({y_label for _, _, y_label, _ in panels}) == 1)
     colours = series_colours(names)
     for index, axes in enumerate(grid.flat):
         if index >= len(panels):
@@ -158,6 +166,8 @@ def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagon
                 axes.fill_between(line.xs, low, high, color=colours[line.name], alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
+        else:
+            axes.xaxis.set_major_formatter(EngFormatter())
     if len(names) > 1:
         handles = [grid.flat[0].plot([], [], color=colours[name])[0] for name in names]
         legend_columns = _legend_columns(names, width)

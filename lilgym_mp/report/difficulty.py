@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.programs import compile_program
 from lilgym_mp.report.aggregation import (
-    RESAMPLES,
-    accuracy,
-    accuracy_interval,
+    INTERVAL_NOTE,
+    Difference,
     accuracy_where,
     aggregate_runs,
     average,
+    holm,
     paired_difference,
     share,
 )
@@ -171,32 +172,24 @@ def extra_actions(episode: RecordedEpisode) -> int:
 
 
 def comparison_items(data: ReportData) -> Iterator[Item]:
-    """Confidence intervals of accuracies, and paired tests between agents."""
-    rows: list[list[Cell]] = []
-    pairs: list[list[Cell]] = []
+    """Paired tests between agents."""
+    pairs: list[tuple[AgentResults, AgentResults, Difference]] = []
     for configuration in data.configurations:
         for split in data.splits:
             entries = [e for agent in data.agents if (e := data.find(agent, configuration, split)) is not None]
-            for index, entry in enumerate(entries):
-                low, high = accuracy_interval(entry.runs)
-                rows.append([entry.agent, configuration, split, aggregate_runs(entry.runs, accuracy), low, high])
-                for other in entries[index + 1 :]:
-                    difference = paired_difference(entry.runs, other.runs)
-                    if difference is not None:
-                        pairs.append(
-                            [
-                                entry.agent,
-                                other.agent,
-                                configuration,
-                                split,
-                                *difference[:3],
-                                f"{difference.p_value:.4f}",
-                            ]
-                        )
-    note = f"95 % bootstrap intervals: statements are resampled {RESAMPLES:,} times, with their start scenes and runs."
-    columns = ("agent", "configuration", "split", "accuracy (%)", "from (%)", "to (%)")
-    yield table("Confidence intervals", "Accuracy with bootstrap intervals over statements", columns, rows, note)
-    if pairs:
-        columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
-        note = "The same resampled statements for both agents; p is two-sided, not corrected for multiple tests."
-        yield table("Paired tests", "Differences in accuracy between agents", columns, pairs, note)
+            for entry, other in combinations(entries, 2):
+                if (difference := paired_difference(entry.runs, other.runs)) is not None:
+                    pairs.append((entry, other, difference))
+    if not pairs:
+        return
+    corrected = holm([difference.p_value for *_, difference in pairs])
+    rows = [
+        [entry.agent, other.agent, entry.configuration, entry.split, *difference[:3], f"{p_value:.4f}"]
+        for (entry, other, difference), p_value in zip(pairs, corrected, strict=True)
+    ]
+    columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
+    note = (
+        f"{INTERVAL_NOTE} Both agents have the same resampled statements. p is two-sided, from the standard deviation"
+        f" of the resamples, and corrected for the {len(pairs)} tests of this table (Holm)."
+    )
+    yield table("Paired tests", "Differences in accuracy between agents", columns, rows, note)

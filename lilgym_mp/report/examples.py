@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from textwrap import wrap
 
 from lilgym_mp.actions import describe
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
@@ -92,11 +93,7 @@ def _program(run: Recording, episode: RecordedEpisode) -> FilmStrip:
         (draw(visited[0], "half"), f"start: {words[not episode.target]}" if len(episode.actions) > 1 else "start"),
         (draw(visited[-1], "half"), f"at STOP: {words[episode.target]}"),
     ]
-    return FilmStrip([f"“{episode.statement}”", *_wrapped(episode.program.strip())], frames)
-
-
-def _wrapped(text: str, width: int = 150) -> list[str]:
-    return [text[first : first + width] for first in range(0, len(text), width)]
+    return FilmStrip([f"“{episode.statement}”", *wrap(episode.program, 150, break_on_hyphens=False)], frames)
 
 
 def failure_items(data: ReportData) -> Iterator[Item]:

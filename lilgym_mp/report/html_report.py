@@ -16,7 +16,7 @@ from lilgym_mp.plotting import save
 from lilgym_mp.report.behaviour import behaviour_items
 from lilgym_mp.report.difficulty import comparison_items, difficulty_items
 from lilgym_mp.report.examples import example_items, failure_items
-from lilgym_mp.report.items import Chart, Item, MissingItem, Table, format_cell
+from lilgym_mp.report.items import Chart, Item, MissingItem, Table
 from lilgym_mp.report.language import Tags, language_items, read_tags
 from lilgym_mp.report.learning_curves import learning_items
 from lilgym_mp.report.markdown_report import check_document, write_document
@@ -137,8 +137,8 @@ def _write_table(directory: Path, item: Table) -> Mapping[str, Any]:
     (directory / paths["CSV"]).write_text(item.csv(), encoding="utf-8")
     (directory / paths["Markdown"]).write_text(item.markdown(), encoding="utf-8")
     is_text = [any(isinstance(row[index], str) for row in item.rows) for index in range(len(item.columns))]
-    rows = [[format_cell(cell) for cell in row] for row in item.rows]
-    return {"kind": "table", "columns": item.columns, "text": is_text, "rows": rows, "files": tuple(paths.items())}
+    files_ = tuple(paths.items())
+    return {"kind": "table", "columns": item.columns, "text": is_text, "rows": item.texts(), "files": files_}
 
 
 def _write_chart(directory: Path, item: Chart) -> Mapping[str, Any]:
@@ -151,5 +151,6 @@ def _write_chart(directory: Path, item: Chart) -> Mapping[str, Any]:
         "kind": "chart",
         "source": f"data:{media_type};base64,{content}",
         "half": item.figure.get_figwidth() < 7,
+        "raster": item.raster,
         "files": tuple(paths.items()),
     }

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 
 Cell = str | int | float | MeanStd | None
 MISSING = "–"
+PUBLISHED = "†"  # ends the first cell of a row from the paper
+PARTS = ("mean", "sd", "runs", "low", "high")  # columns of a MeanStd in CSV files
+FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
 @dataclass(frozen=True)
@@ -34,20 +37,24 @@ class Table:
         """File name without suffix."""
         return slug(f"{self.item} {self.title}")
 
+    def texts(self) -> list[list[str]]:
+        """The cells as shown: percentages with one decimal, other fractions with two."""
+        places = [1 if re.search("%|per cent|points", f"{self.title} {column}") else 2 for column in self.columns]
+        return [[format_cell(cell, count) for cell, count in zip(row, places, strict=True)] for row in self.rows]
+
     def markdown(self) -> str:
-        rows = [tuple(map(format_cell, row)) for row in self.rows]
-        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *rows])}\n"
+        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
         return f"{head}\n{self.note}\n" if self.note else head
 
     def csv(self) -> str:
-        """Unrounded numbers; columns of `MeanStd` are split into mean, standard deviation and number of runs."""
+        """Unrounded numbers; columns of `MeanStd` are split into its parts."""
         is_split = [any(isinstance(row[index], MeanStd) for row in self.rows) for index in range(len(self.columns))]
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(
             name
             for column, split in zip(self.columns, is_split, strict=True)
-            for name in ((f"{column} mean", f"{column} sd", f"{column} runs") if split else (column,))
+            for name in ([f"{column} {part}" for part in PARTS] if split else (column,))
         )
         for row in self.rows:
             writer.writerow(
@@ -91,14 +98,22 @@ Item = Table | Chart | MissingItem
 
 
 def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]], note: str = "") -> Table:
-    return Table(item, title, tuple(columns), tuple(map(tuple, rows)), note)
+    """A table without the columns that are empty but for the paper's rows."""
+    rows = [tuple(row) for row in rows]
+    own = [row for row in rows if not str(row[0]).endswith(PUBLISHED)]
+    kept = [index for index in range(len(columns)) if not own or any(row[index] is not None for row in own)]
+    return Table(
+        item, title, tuple(columns[index] for index in kept), tuple(tuple(row[i] for i in kept) for row in rows), note
+    )
 
 
-def format_cell(cell: Cell) -> str:
+def format_cell(cell: Cell, places: int = 2) -> str:
     if cell is None:
         return MISSING
     if isinstance(cell, float):
-        return f"{cell:.2f}"
+        return f"{cell:.{places}f}"
+    if isinstance(cell, MeanStd):
+        return cell.text(0 if places == 1 and (cell.episodes or FEW_EPISODES) < FEW_EPISODES else places)
     if isinstance(cell, int):
         return f"{cell:,}"
     return str(cell)
@@ -106,8 +121,8 @@ def format_cell(cell: Cell) -> str:
 
 def _split_cell(cell: Cell) -> Sequence[Any]:
     if isinstance(cell, MeanStd):
-        return cell.mean, "" if cell.deviation is None else cell.deviation, cell.runs
-    return "" if cell is None else cell, "", ""
+        return ["" if part is None else part for part in cell[: len(PARTS)]]
+    return ["" if cell is None else cell, *[""] * (len(PARTS) - 1)]
 
 
 def slug(text: str) -> str:

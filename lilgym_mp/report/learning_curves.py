@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.report.aggregation import MeanStd, mean_std
 from lilgym_mp.report.charts import Line, line_chart
@@ -45,25 +47,49 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
     if not panels:
         yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
         return
-    note = (
-        "Sampled actions, illegal ones masked. With the program reward, STOP is right if the program says so; with the"
-        " NLVR reward, only in a scene that the corpus has for the statement; 'by program' evaluates that agent by the"
-        " program. As in the paper, Scratch tasks without such a scene are excluded. Lines are means over seeds, bands"
-        " the sample standard deviation."
-    )
-    yield Chart(ITEM, ON_DEV, line_chart(panels), note)
+    yield Chart(ITEM, ON_DEV, line_chart(panels), caption(evaluated))
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
 
 
+def caption(evaluated: Sequence[TrainingCurve]) -> str:
+    """What the curves show, from the recipes and evaluations of their runs."""
+    masks = {curve.recipe.get("mask") for curve in evaluated}
+    if None in masks:
+        mask = "it is not recorded whether masked"
+    elif len(masks) > 1:
+        mask = "masked for some runs alone"
+    else:
+        mask = "illegal ones masked" if True in masks else "no mask of legal actions"
+    parts = [f"Sampled actions, {mask}."]
+    if any(curve.recipe.get(REWARD_KEY) for curve in evaluated):
+        parts.append(
+            "With the program reward, STOP is right if the program says so; with the NLVR reward, only in a scene that"
+            " the corpus has for the statement; 'by program' evaluates that agent by the program."
+        )
+    if any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations):
+        parts.append("As in the paper, Scratch tasks without a scene in the corpus are excluded.")
+    if any(curve.recipe.get("stop_forcing") for curve in evaluated):
+        parts.append("PPO+SF: STOP was forced in training, never in these evaluations.")
+    return " ".join([*parts, "Lines are means over seeds, bands the sample standard deviation."])
+
+
+def method(curve: TrainingCurve) -> str:
+    """The learner, or for PPO its variant as in the paper."""
+    if curve.learner != "ppo":
+        return curve.learner
+    return "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"
+
+
 def _group_by_recipe(curves: Sequence[TrainingCurve]) -> dict[str, list[TrainingCurve]]:
     """The runs by learner, reward and any other differing settings of their recipes except the seed."""
-    keys = [key for key in differing_keys([curve.recipe for curve in curves]) if key != REWARD_KEY]
+    named = (REWARD_KEY, "stop_forcing")  # settings that lines name in words
+    keys = [key for key in differing_keys([curve.recipe for curve in curves]) if key not in named]
     groups: dict[str, list[TrainingCurve]] = {}
     for curve in curves:
-        reward = "NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"
+        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] if curve.learner == "ppo" else []
         settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys]
-        groups.setdefault(", ".join([curve.learner, *settings, reward]), []).append(curve)
+        groups.setdefault(", ".join([method(curve), *settings, *reward]), []).append(curve)
     return groups
 
 
@@ -89,22 +115,33 @@ def _percent(share: MeanStd) -> MeanStd:
 
 
 def progress_curves(data: ReportData) -> Item:
-    """One panel per learner and configuration, one line per run."""
-    panels: dict[tuple[str, str], list[Line]] = {}
+    """One panel per learner and configuration, one line per recipe, with the mean and deviation over runs."""
+    groups: dict[tuple[str, str], list[TrainingCurve]] = {}
     for curve in data.curves:
-        if (line := _line(curve)) is not None:
-            panels.setdefault((curve.learner, curve.configuration), []).append(line)
+        groups.setdefault((curve.learner, curve.configuration), []).append(curve)
+    panels: list[tuple[str, str, str, list[Line]]] = []
+    for (learner, configuration), curves in groups.items():
+        key, label = find_learner(learner).progress
+        by_recipe = _group_by_recipe(curves)
+        lines = [line for name, runs in by_recipe.items() if (line := _mean_progress(name, runs, key)) is not None]
+        if lines:
+            panels.append((f"{learner} {configuration}".strip(), "steps", label, lines))
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
-    drawn = [
-        (f"{learner} {configuration}".strip(), "steps", find_learner(learner).progress[1], found_lines)
-        for (learner, configuration), found_lines in panels.items()
-    ]
-    return Chart(ITEM, TITLE, line_chart(drawn), "Training progress, on training tasks.")
+    note = "Training progress, on training tasks. Lines are means over runs, bands the sample standard deviation."
+    return Chart(ITEM, TITLE, line_chart(panels), note)
 
 
-def _line(curve: TrainingCurve) -> Line | None:
-    key = find_learner(curve.learner).progress[0]
-    records = [record for record in curve.progress if record.get(key) is not None]
-    points = [(record["step" if "step" in record else "steps"], record[key]) for record in records]
-    return Line(curve.run.name, [x for x, _ in points], [y for _, y in points]) if points else None
+def _mean_progress(name: str, runs: Sequence[TrainingCurve], key: str) -> Line | None:
+    """Up to where the first run ends, at its steps."""
+    series: list[tuple[list[float], list[float]]] = []
+    for run in runs:
+        records = [record for record in run.progress if record.get(key) is not None]
+        if records:
+            steps = [record["step" if "step" in record else "steps"] for record in records]
+            series.append((steps, [record[key] for record in records]))
+    if not series:
+        return None
+    xs = min((steps for steps, _ in series), key=max)
+    ys = np.array([np.interp(xs, *points) for points in series])
+    return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)

@@ -55,7 +55,7 @@ def _origin(data: ReportData, command: str) -> Iterator[str]:
         span = dates[0] if dates[0] == dates[-1] else f"{dates[0]} to {dates[-1]}"
         machines = "; ".join(dict.fromkeys(each.machine for each in metadata))
         yield f"Episodes recorded {span} UTC; {commits_text(metadata)}; machine: {machines}."
-    yield f"This page was written by `{command}`. [report.md](report.md) explains its items."
+    yield f"This page was written by `{command}`. [Reports](report.md) explains the items."
     if data.training_commands:
         yield _commands("Trained by", data.training_commands)
     if metadata:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import groupby
 from pathlib import Path
 from typing import Any, cast
 
@@ -19,6 +20,7 @@ FINISHED = "finished"  # directory in an experiment's results with a JSON file p
 SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
 EXPERT = "expert"
 STEPS = ("step", "steps")  # keys of a progress record, of which it has one
+CHECKSUM_DIGITS = 10
 ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
 
@@ -33,7 +35,9 @@ class AgentResults:
     agent: str
     configuration: str
     split: str
-    runs: tuple[Recording, ...]
+    runs: tuple[Recording, ...]  # a trained agent's recordings with several evaluation seeds are one run
+    evaluation_seeds: tuple[int, ...] = ()
+    metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have any
 
     @property
     def header(self) -> Header:
@@ -50,6 +54,9 @@ class TrainingCurve:
     progress: tuple[dict[str, Any], ...]
     evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    corpus: str | None = None  # trained on
+    checksum: str | None = None  # of the training tasks' file
+    commit: str | None = None  # of the code that trained
 
 
 @dataclass(frozen=True)
@@ -58,8 +65,12 @@ class ReportData:
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    metadata: tuple[RecordingMetadata, ...] = ()  # metadata of the recordings that have any
     training_commands: tuple[str, ...] = ()  # commands of experiments, sorted by run name
+
+    @property
+    def metadata(self) -> list[RecordingMetadata]:
+        """Of the recordings that have any."""
+        return [made for entry in self.entries for made in entry.metadata]
 
     @property
     def agents(self) -> list[str]:
@@ -109,7 +120,6 @@ def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> Report
     return ReportData(
         tuple(_entries(recordings)),
         tuple(_curves([*paths, *runs])),
-        tuple(made for recording in recordings if (made := RecordingMetadata.read(recording.path)) is not None),
         tuple(_training_commands(paths)),
     )
 
@@ -168,7 +178,21 @@ def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)
-        yield AgentResults(label, configuration, split, tuple(runs))
+        seeds = tuple(dict.fromkeys(run.header.seed for run in runs))
+        metadata = tuple(made for run in runs if (made := RecordingMetadata.read(run.path)) is not None)
+        yield AgentResults(label, configuration, split, tuple(_pooled(runs)), seeds, metadata)
+
+
+def _pooled(runs: Sequence[Recording]) -> Iterator[Recording]:
+    """One recording per training seed, whose episodes are those of all evaluation seeds; others as they are."""
+    for seed, group in groupby(runs, key=lambda run: run.header.training_seed):
+        first, *others = group
+        if seed is None or not others:
+            yield from (first, *others)
+            continue
+        episodes = tuple(episode for run in (first, *others) for episode in run.episodes)
+        passes = first.header.passes + sum(run.header.passes for run in others)
+        yield Recording(first.path, replace(first.header, passes=passes, episodes=len(episodes)), episodes)
 
 
 def _check_seeds(runs: Sequence[Recording]) -> None:
@@ -228,17 +252,24 @@ def _curves(paths: Iterable[Path]) -> Iterator[TrainingCurve]:
             if not description.exists():
                 continue
             try:
-                identity = _object(json.loads(description.read_text(encoding="utf-8")).get("identity"))
+                described = _object(json.loads(description.read_text(encoding="utf-8")))
+                identity = _object(described.get("identity"))
                 learner = str(identity.get("learner"))
-                configuration = identity.get("environment", {}).get("configuration", "")
+                environment = identity.get("environment", {})
+                configuration = environment.get("configuration", "")
                 if configuration not in ("", *CONFIGURATIONS):
                     raise ValueError(f"unknown configuration {shown(configuration)}")
                 progress = _records(file, find_learner(learner).progress[0])
                 evaluations = _records(file.with_name(EVALUATIONS_FILE), *ACCURACIES)
                 recipe = _object(identity.get("recipe", {}))
+                corpus = identity.get("corpus", environment.get("corpus"))
+                checksum = identity.get("tasks_sha256", identity.get("corpus_sha256"))
+                commit = _object(described.get("made", {})).get("commit")
+                origin = [None if text is None else str(text) for text in (corpus, checksum, commit)]
             except (OSError, ValueError, AttributeError, RecursionError) as fault:
                 raise ReportError(f"{file}: damaged, or not the progress of a training run: {fault}") from None
-            yield TrainingCurve(file.parent, learner, configuration, progress, evaluations, recipe)
+            origin[1] = origin[1] and origin[1][:CHECKSUM_DIGITS]
+            yield TrainingCurve(file.parent, learner, configuration, progress, evaluations, recipe, *origin)
 
 
 def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:

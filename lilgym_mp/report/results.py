@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from lilgym_mp.analysis.statistics import corpus_statistics
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, accuracy, accuracy_where, aggregate_runs, average
+from lilgym_mp.report.aggregation import INTERVAL_NOTE, MeanStd, accuracy_where, mean_where
 from lilgym_mp.report.charts import BarPanel, bar_chart
-from lilgym_mp.report.items import MISSING, Cell, Chart, Item, MissingItem, table
-from lilgym_mp.report.report_data import AgentResults, ReportData
+from lilgym_mp.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
+from lilgym_mp.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 
 PAPER_NOTE = (
-    f"Rows marked † are from the paper ({paper.SOURCE}), on the official corpus: trained from rewards alone, sampled"
-    " actions, no mask. ± is the sample standard deviation over training runs."
+    f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Rows marked"
+    f" {PUBLISHED} are from the paper ({paper.SOURCE}), on the official corpus: no mask."
 )
+ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
 PROVENANCE_TITLE = "Provenance of the recordings"
 
 
@@ -26,6 +26,7 @@ def results_items(data: ReportData) -> Iterator[Item]:
     yield from figure_3(data)
     yield from figure_5(data)
     yield basis(data)
+    yield training_runs(data)
     yield provenance(data)
     yield table_1(data)
 
@@ -40,14 +41,31 @@ def basis(data: ReportData) -> Item:
                 if entry is not None:
                     rows.append(_basis_row(entry))
     note = (
-        "Accuracy is the share of successful episodes, with one episode per start scene and pass. Rows of one learner"
-        " may differ in their seeds."
+        "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
+        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
     )
     columns = (
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
-        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision"),
+        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
     )
     return table("Basis", "Runs behind the numbers", columns, rows, note)
+
+
+def training_runs(data: ReportData) -> Item:
+    """What each training run in the directories learnt from, with its whole recipe."""
+    title = "Training runs and their recipes"
+    if not data.curves:
+        return MissingItem("Basis", title, "the directories contain no training run; add one")
+    columns = ("run", "learner", "configuration", "trained on", "checksum", "commit", "recipe")
+    note = "Checksum: the first digits of the SHA-256 of the training tasks' file. Commit: of the code that trained."
+    rows = [
+        [
+            *(curve.run.name, curve.learner, curve.configuration or "all", curve.corpus, curve.checksum, curve.commit),
+            ", ".join(f"{key} {format_setting(value)}" for key, value in curve.recipe.items()),
+        ]
+        for curve in data.curves
+    ]
+    return table("Basis", title, columns, rows, note)
 
 
 def provenance(data: ReportData) -> Item:
@@ -81,12 +99,14 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
     }
     return [
         *(entry.agent, entry.configuration, entry.split, len(headers), ", ".join(seeds) or None),
-        ", ".join(dict.fromkeys(str(one.seed) for one in headers)),
+        ", ".join(map(str, entry.evaluation_seeds)),
         *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
         "yes" if header.mask else "no",
         round(totals["steps"]) if "steps" in totals else None,
         totals.get("cpu_minutes"),
         header.supervision,
+        header.tasks_sha256[:CHECKSUM_DIGITS],
+        ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
     ]
 
 
@@ -113,41 +133,42 @@ def table_1(data: ReportData) -> Item:
 
 
 def table_2(data: ReportData) -> Item:
-    """Task-completion accuracy next to the paper's."""
-    columns = [f"{name} {split}" for name in CONFIGURATIONS for split in ("dev", "test")]
-    published = [(name, split) for name in CONFIGURATIONS for split in ("dev", "test")]
-    extra = [(name, split) for name in data.configurations for split in data.splits if split not in ("dev", "test")]
+    """Task-completion accuracy with its interval, next to the paper's."""
+    starts = {(entry.configuration, entry.split): entry.header.start_scenes for entry in data.entries}
+    played = [(name, split) for name in CONFIGURATIONS for split in data.splits if (name, split) in starts]
     rows: list[list[Cell]] = []
     for agent in data.agents:
-        entries = [data.find(agent, name, split) for name, split in (*published, *extra)]
-        rows.append([agent, *(entry and aggregate_runs(entry.runs, accuracy) for entry in entries)])
+        found = [data.find(agent, *place) for place in played]
+        headers = [entry.header for entry in found if entry is not None]
+        supervision = "; ".join(dict.fromkeys(header.supervision for header in headers))
+        actions = dict.fromkeys(f"{header.actions}{', masked' if header.mask else ''}" for header in headers)
+        runs = max(len(entry.runs) for entry in found if entry is not None)
+        rows.append(
+            [agent, supervision, "; ".join(actions), runs, *(entry and accuracy_where(entry.runs) for entry in found)]
+        )
     for model, cells in paper.ACCURACIES.items():
-        accuracies: list[Cell] = [getattr(cells.get(name), split, None) for name, split in published]
-        rows.append([f"{model} †", *accuracies, *([None] * len(extra))])
-    heads = ("agent", *columns, *(f"{name} {split}" for name, split in extra))
-    return table("Table 2 and Table 4", "Task-completion accuracy (%)", heads, rows, PAPER_NOTE)
+        accuracies: list[MeanStd | None] = [getattr(cells.get(name), split, None) for name, split in played]
+        runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
+        rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
+    heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
+    columns = ("agent", "supervision", "actions", "runs", *heads)
+    return table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, PAPER_NOTE)
 
 
 def figure_3(data: ReportData) -> Iterator[Item]:
     """Mean reward of all agents on the main split."""
-    panels: list[BarPanel] = []
-    rows: list[list[Cell]] = []
-    for configuration in data.configurations:
-        entries = data.of(configuration)
-        rewards = [aggregate_runs(entry.runs, mean_reward) for entry in entries]
-        values: dict[str, list[MeanStd | float | None]] = {
-            entry.agent: [reward] for entry, reward in zip(entries, rewards, strict=True)
-        }
-        panels.append(BarPanel(configuration, [""], values))
-        rows += [[entry.agent, configuration, reward] for entry, reward in zip(entries, rewards, strict=True)]
+    rewards: dict[str, list[MeanStd | float | None]] = {
+        agent: [
+            entry and mean_where(entry.runs, lambda episode: episode.reward)
+            for entry in (data.find(agent, name) for name in data.configurations)
+        ]
+        for agent in data.agents
+    }
     title = f"Mean reward on {data.main_split}"
-    note = "The paper plots these values without printing them. The optimal expert is the upper bound."
-    yield Chart("Figure 3", title, bar_chart(panels, "mean reward"), note)
-    yield table("Figure 3", f"{title}, numbers", ("agent", "configuration", "mean reward"), rows)
-
-
-def mean_reward(episodes: Sequence[RecordedEpisode]) -> float | None:
-    return average(episodes, lambda episode: episode.reward)
+    note = f"The paper plots these values without printing them. The optimal expert is the upper bound. {ERROR_BARS}"
+    yield Chart("Figure 3", title, bar_chart([BarPanel("", data.configurations, rewards)], "mean reward"), note)
+    rows = [[agent, *values] for agent, values in rewards.items()]
+    yield table("Figure 3", f"{title}, numbers", ("agent", *data.configurations), rows)
 
 
 def figure_5(data: ReportData) -> Iterator[Item]:
@@ -170,16 +191,10 @@ def figure_5(data: ReportData) -> Iterator[Item]:
             starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]
             published = paper.START_SCENES_BY_TARGET.get(configuration, (None, None))
             for index, target in enumerate(("True", "False")):
-                cells = (
-                    entry.agent,
-                    configuration,
-                    target,
-                    starts[index],
-                    published[index],
-                    values[entry.agent][index],
-                )
-                rows.append(list(cells))
+                counts = starts[index], published[index], values[entry.agent][index]
+                rows.append([entry.agent, configuration, target, *counts])
         panels.append(BarPanel(configuration, ["target True", "target False"], values))
-    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", top=109))
+    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", top=109), ERROR_BARS)
     columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
-    yield table("Figure 5", f"{title}, numbers", columns, rows, f"† dev split of the paper ({paper.SOURCE}).")
+    note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
+    yield table("Figure 5", f"{title}, numbers", columns, rows, note)

@@ -11,30 +11,17 @@ from collections.abc import Callable, Hashable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
-from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
 from lilgym_mp.programs.box_functions import FallbackError
 from lilgym_mp.programs.code_generation import generate_function
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
-from lilgym_mp.programs.syntax import (
-    Call,
-    Comparison,
-    Constant,
-    Display,
-    Lambda,
-    Node,
-    SceneName,
-    Subscript,
-    Variable,
-    WordName,
-    children,
-)
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Box, Item, Scene
 
 PROGRAM_CACHE_SIZE = 4_096
 QUERY_CACHE_SIZE = 4_096
-BOXES, ITEMS = SceneName("all_boxes"), SceneName("all_items")
-FIRST_BOX = Display(list, (Subscript(BOXES, Constant(0)),))
+BOXES, ITEMS = syntax.SceneName("all_boxes"), syntax.SceneName("all_items")
+FIRST_BOX = syntax.Display(list, (syntax.Subscript(BOXES, syntax.Constant(0)),))
 EMPTY_BOX = Box()
 
 Query = Callable[[Box], Hashable]  # a function of one box
@@ -90,101 +77,101 @@ class BoxClasses:
         return found
 
 
-def _queries(node: Node) -> Iterator[tuple[Node, bool]]:
+def _queries(node: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
     """Programs about the first box that determine the node's value, each with whether it is a count.
 
     Raises _NotSeparableError.
     """
     match node:
-        case Call(word=word, arguments=(chain,)) if word.name in ("exist", "count") and chain is not None:
+        case syntax.Call(word=word, arguments=(chain,)) if word.name in ("exist", "count") and chain is not None:
             if _source(chain) == BOXES:
                 yield from _filter_queries(chain)
                 return
             if _source(chain) == ITEMS and all(map(_is_box_local, _filters(chain))):
-                yield Call(WORDS["count"], (chain,)), True
+                yield syntax.Call(WORDS["count"], (chain,)), True
                 return
-        case Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
+        case syntax.Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
             if _source(chain) == BOXES and _is_box_local(function):
                 yield from _filter_queries(chain)
-                yield Call(WORDS["Any"], (FIRST_BOX, function)), False
+                yield syntax.Call(WORDS["Any"], (FIRST_BOX, function)), False
                 return
-        case SceneName() | Lambda() | WordName():
+        case syntax.SceneName() | syntax.Lambda() | syntax.WordName():
             raise _NotSeparableError
         case _:
             pass
-    for child in children(node):
+    for child in syntax.children(node):
         yield from _queries(child)
 
 
-def _source(chain: Node) -> Node:
+def _source(chain: syntax.Node) -> syntax.Node:
     """The innermost argument of a chain of filters."""
     match chain:
-        case Call(word=word, arguments=(inner, _)) if word.name.startswith("filter_") and inner is not None:
+        case syntax.Call(word=word, arguments=(inner, _)) if word.name.startswith("filter_") and inner is not None:
             return _source(inner)
         case _:
             return chain
 
 
-def _filters(chain: Node) -> Iterator[Node]:
+def _filters(chain: syntax.Node) -> Iterator[syntax.Node]:
     """The functions by which a chain of filters selects."""
     match chain:
-        case Call(arguments=(inner, function)) if inner is not None and function is not None:
+        case syntax.Call(arguments=(inner, function)) if inner is not None and function is not None:
             yield function
             yield from _filters(inner)
         case _:
             return
 
 
-def _filter_queries(chain: Node) -> Iterator[tuple[Node, bool]]:
+def _filter_queries(chain: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
     for function in _filters(chain):
         if not _is_box_local(function):
             raise _NotSeparableError
-        selected = Call(WORDS["filter_obj"], (FIRST_BOX, function))
-        yield Call(WORDS["exist"], (selected,)), False
+        selected = syntax.Call(WORDS["filter_obj"], (FIRST_BOX, function))
+        yield syntax.Call(WORDS["exist"], (selected,)), False
 
 
-def _is_box_local(function: Node) -> bool:
+def _is_box_local(function: syntax.Node) -> bool:
     """Whether the function's value for a box, or for an item, depends on that box alone."""
     return all(_is_local(node, bound) for node, bound in _with_bound_names(function, frozenset()))
 
 
-def _with_bound_names(node: Node, bound: frozenset[str]) -> Iterator[tuple[Node, frozenset[str]]]:
+def _with_bound_names(node: syntax.Node, bound: frozenset[str]) -> Iterator[tuple[syntax.Node, frozenset[str]]]:
     """The node and its descendants, each with the variables bound there."""
     yield node, bound
-    if isinstance(node, Lambda):
+    if isinstance(node, syntax.Lambda):
         bound |= {node.parameter}
-    for child in children(node):
+    for child in syntax.children(node):
         yield from _with_bound_names(child, bound)
 
 
-def _is_local(node: Node, bound: frozenset[str]) -> bool:
+def _is_local(node: syntax.Node, bound: frozenset[str]) -> bool:
     match node:
-        case SceneName():
+        case syntax.SceneName():
             return False
-        case Variable(name=name):
+        case syntax.Variable(name=name):
             return name in bound
-        case Call(word=word) | WordName(word=word):
+        case syntax.Call(word=word) | syntax.WordName(word=word):
             return word.depends_on != "scene"
         case _:
             return True
 
 
 @lru_cache(maxsize=QUERY_CACHE_SIZE)
-def _compiled(query: tuple[Node, bool]) -> Query:
+def _compiled(query: tuple[syntax.Node, bool]) -> Query:
     """The query as a function; its result is the program's value for a scene with that box first and two empty boxes,
     or the error message if it raises."""
     tree, is_count = query
     return _count_query(tree) if is_count else _value_query(tree)
 
 
-def _count_query(count: Node) -> Query:
+def _count_query(count: syntax.Node) -> Query:
     """Finds the count by comparisons with 0, 1, 2, ..., since programs have Boolean values."""
     exceeds: list[Query] = []
 
     def query(box: Box) -> Hashable:
         for number in range(len(box.items)):
             if number == len(exceeds):
-                exceeds.append(_value_query(Comparison(count, (">",), (Constant(number),))))
+                exceeds.append(_value_query(syntax.Comparison(count, (">",), (syntax.Constant(number),))))
             found = exceeds[number](box)
             if found is not True:
                 return number, found
@@ -193,7 +180,7 @@ def _count_query(count: Node) -> Query:
     return query
 
 
-def _value_query(tree: Node) -> Query:
+def _value_query(tree: syntax.Node) -> Query:
     fast, reference = generate_function(tree), build_closure(tree)
 
     def query(box: Box) -> Hashable:

@@ -33,18 +33,10 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.solver import edit_tables
 from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction, AbstractLayers
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, ReachableClasses
-from lilgym_mp.solver.edit_tables import (
-    AdditionTable,
-    addable_item_types,
-    addition_actions,
-    addition_table,
-    frame_x_of,
-    removal_actions,
-    removal_table,
-)
 from lilgym_mp.solver.layered_search import Budget
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
 
@@ -240,27 +232,27 @@ class _BoxReachability:
             if from_classes((*item_classes[:position], *item_classes[position + 1 :])) in goals:
                 yield from self._removal_actions(position)
 
-    def _addition_table(self) -> AdditionTable:
-        frame_x = frame_x_of(self._rules, self._index)
-        return addition_table(self._scatter, self._rules, frame_x, self._box.items)
+    def _addition_table(self) -> edit_tables.AdditionTable:
+        frame_x = edit_tables.frame_x_of(self._rules, self._index)
+        return edit_tables.addition_table(self._scatter, self._rules, frame_x, self._box.items)
 
     def _additions(self, item_class: int) -> Int64Array:
         """The additions of items of the class, as indices in the addition table."""
         classes = self._abstraction.classes
         if classes.by_item_type is not None:
-            item_types = addable_item_types(self._scatter, self._rules, self._box.items)
+            item_types = edit_tables.addable_item_types(self._scatter, self._rules, self._box.items)
             return (item_types & (classes.by_item_type == item_class)).ravel().nonzero()[0]
         canonical = self._addition_table().canonical
         return ((classes.by_canonical_item[canonical] == item_class) & (canonical >= 0)).nonzero()[0]
 
     def _addition_actions(self, additions: Int64Array) -> list[int]:
-        found: list[int] = addition_actions(self._scatter, self._index, additions).tolist()
+        found: list[int] = edit_tables.addition_actions(self._scatter, self._index, additions).tolist()
         return found
 
     def _removal_actions(self, position: int) -> list[int]:
         """The actions that remove the item at that position."""
-        cells = (removal_table(self._scatter.cell, self._box.items) == position).nonzero()[0]
-        found: list[int] = removal_actions(self._scatter, self._index, cells).tolist()
+        cells = (edit_tables.removal_table(self._scatter.cell, self._box.items) == position).nonzero()[0]
+        found: list[int] = edit_tables.removal_actions(self._scatter, self._index, cells).tolist()
         return found
 
     def _first_of_many(self, goals: Sequence[Box], budget: Budget) -> FirstActions:

@@ -16,21 +16,7 @@ from typing import cast
 import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.programs.syntax import (
-    Arithmetic,
-    Call,
-    Constant,
-    Logic,
-    Member,
-    Node,
-    Not,
-    SceneName,
-    Slice,
-    Subscript,
-    Variable,
-    WordName,
-    children,
-)
+from lilgym_mp.programs import syntax
 from lilgym_mp.programs.values import BoxView, ItemView, Side
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Item
@@ -69,7 +55,7 @@ class ProgramFeatures:
 
 
 @lru_cache(maxsize=PROGRAM_CACHE_SIZE)
-def program_features(tree: Node) -> ProgramFeatures:
+def program_features(tree: syntax.Node) -> ProgramFeatures:
     """The features of the program with this syntax tree. Conservative: it may include some that do not matter."""
     found = dict.fromkeys(_features(tree))
     return ProgramFeatures(
@@ -98,52 +84,52 @@ class _BoxFeature(Enum):
 _Feature = ItemFeature | Word | _BoxFeature
 
 
-def _features(node: Node) -> Iterator[_Feature]:
+def _features(node: syntax.Node) -> Iterator[_Feature]:
     """Every feature in the tree, with repetitions."""
     predicate = _as_predicate(node)
     if predicate is not None:
         yield _predicate_feature(predicate)
         return
     match node:
-        case Call(word=word) | WordName(word=word):
+        case syntax.Call(word=word) | syntax.WordName(word=word):
             yield from _word_features(word, node)
-        case Member(name=name) if name in ATTRIBUTES:
+        case syntax.Member(name=name) if name in ATTRIBUTES:
             yield _attribute_feature(name)
-        case Member(name="is_tower"):
+        case syntax.Member(name="is_tower"):
             yield _BoxFeature.TOWER
-        case Subscript(of=of) | Slice(of=of) if of != SceneName("all_boxes"):
+        case syntax.Subscript(of=of) | syntax.Slice(of=of) if of != syntax.SceneName("all_boxes"):
             yield _BoxFeature.ORDER
-        case Arithmetic(operator="+", left=left, right=right) if not (_is_number(left) and _is_number(right)):
+        case syntax.Arithmetic(operator="+", left=left, right=right) if not (_is_number(left) and _is_number(right)):
             yield _BoxFeature.ORDER
         case _:
             pass
-    for child in children(node):
+    for child in syntax.children(node):
         yield from _features(child)
 
 
-def _word_features(word: Word, node: Call | WordName) -> Iterator[_Feature]:
+def _word_features(word: Word, node: syntax.Call | syntax.WordName) -> Iterator[_Feature]:
     attribute = next((name for name in ATTRIBUTES if name in word.name), None)
     if word.group == "attributes" and attribute is not None:
-        value = node.arguments[1] if isinstance(node, Call) and word.name.startswith("filter") else None
-        if isinstance(value, Constant):
+        value = node.arguments[1] if isinstance(node, syntax.Call) and word.name.startswith("filter") else None
+        if isinstance(value, syntax.Constant):
             yield _equality_feature(attribute, cast("Enum", value.value))
         else:
             yield _attribute_feature(attribute)
         if word.name.startswith("query"):
             yield _BoxFeature.ORDER
-    elif isinstance(node, Call) and _is_item_test(word) and _has_constant_sides(node):
-        yield _predicate_feature(Call(word, (Variable("x"), *node.arguments[1:])))
+    elif isinstance(node, syntax.Call) and _is_item_test(word) and _has_constant_sides(node):
+        yield _predicate_feature(syntax.Call(word, (syntax.Variable("x"), *node.arguments[1:])))
     elif word.group != "attributes" and word.group not in NEUTRAL_GROUPS:
         yield word
     if word.name == "min":
         yield _BoxFeature.ORDER
 
 
-def _is_number(node: Node) -> bool:
+def _is_number(node: syntax.Node) -> bool:
     match node:
-        case Constant() | Arithmetic():
+        case syntax.Constant() | syntax.Arithmetic():
             return True
-        case Call(word=word):
+        case syntax.Call(word=word):
             return word.result == "int"
         case _:
             return False
@@ -152,35 +138,37 @@ def _is_number(node: Node) -> bool:
 # Predicates on one item
 
 
-def _as_predicate(node: Node) -> Node | None:
+def _as_predicate(node: syntax.Node) -> syntax.Node | None:
     """The node as a predicate on the variable x, if it combines tests of one and the same item; else None."""
     match node:
-        case WordName(word=word) if _is_item_test(word) and all(p.optional for p in word.parameters[1:]):
-            return Call(word, (Variable("x"), *(None for _ in word.parameters[1:])))
-        case Call() | Logic() | Not() if len(names := set(_tested_variables(node))) == 1 and None not in names:
+        case syntax.WordName(word=word) if _is_item_test(word) and all(p.optional for p in word.parameters[1:]):
+            return syntax.Call(word, (syntax.Variable("x"), *(None for _ in word.parameters[1:])))
+        case syntax.Call() | syntax.Logic() | syntax.Not() if (
+            len(names := set(_tested_variables(node))) == 1 and None not in names
+        ):
             return _renamed(node)
         case _:
             return None
 
 
-def _tested_variables(node: Node) -> Iterator[str | None]:
+def _tested_variables(node: syntax.Node) -> Iterator[str | None]:
     """The variables tested in a logical combination of item tests; None for any part that is not an item test."""
     match node:
-        case Call(word=word, arguments=(Variable(name=name), *_)) if _is_item_test(word):
+        case syntax.Call(word=word, arguments=(syntax.Variable(name=name), *_)) if _is_item_test(word):
             yield name if _has_constant_sides(node) else None
-        case Logic() | Not():
-            for child in children(node):
+        case syntax.Logic() | syntax.Not():
+            for child in syntax.children(node):
                 yield from _tested_variables(child)
-        case Call(word=word) if word.name in LOGIC_WORDS:
-            for child in children(node):
+        case syntax.Call(word=word) if word.name in LOGIC_WORDS:
+            for child in syntax.children(node):
                 yield from _tested_variables(child)
         case _:
             yield None
 
 
-def _has_constant_sides(call: Call) -> bool:
+def _has_constant_sides(call: syntax.Call) -> bool:
     sides = call.arguments[1:]
-    return all(side is None or (isinstance(side, Constant) and isinstance(side.value, Side)) for side in sides)
+    return all(side is None or (isinstance(side, syntax.Constant) and isinstance(side.value, Side)) for side in sides)
 
 
 def _is_item_test(word: Word) -> bool:
@@ -190,17 +178,17 @@ def _is_item_test(word: Word) -> bool:
     return takes_one_item and word.result == "bool" and word.depends_on_item_only
 
 
-def _renamed(node: Node) -> Node:
+def _renamed(node: syntax.Node) -> syntax.Node:
     """The node with every variable renamed to x."""
     match node:
-        case Variable():
-            return Variable("x")
-        case Call(word=word, arguments=arguments):
-            return Call(word, tuple(argument and _renamed(argument) for argument in arguments))
-        case Logic(operator=operator, operands=operands):
-            return Logic(operator, tuple(map(_renamed, operands)))
-        case Not(operand=operand):
-            return Not(_renamed(operand))
+        case syntax.Variable():
+            return syntax.Variable("x")
+        case syntax.Call(word=word, arguments=arguments):
+            return syntax.Call(word, tuple(argument and _renamed(argument) for argument in arguments))
+        case syntax.Logic(operator=operator, operands=operands):
+            return syntax.Logic(operator, tuple(map(_renamed, operands)))
+        case syntax.Not(operand=operand):
+            return syntax.Not(_renamed(operand))
         case _:
             return node
 
@@ -209,29 +197,29 @@ def _renamed(node: Node) -> Node:
 
 
 @lru_cache(maxsize=FEATURE_CACHE_SIZE)
-def _predicate_feature(predicate: Node) -> ItemFeature:
+def _predicate_feature(predicate: syntax.Node) -> ItemFeature:
     return ItemFeature(_predicate_values(predicate).astype(np.int64))
 
 
-def _predicate_values(predicate: Node) -> BoolArray:
+def _predicate_values(predicate: syntax.Node) -> BoolArray:
     """(1323,) the value of a predicate on x for each canonical item."""
     match predicate:
-        case Not(operand=operand):
+        case syntax.Not(operand=operand):
             return ~_predicate_values(operand)
-        case Logic(operator=operator, operands=operands):
+        case syntax.Logic(operator=operator, operands=operands):
             combine = np.logical_and if operator == "and" else np.logical_or
             return combine.reduce([_predicate_values(operand) for operand in operands])
-        case Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
+        case syntax.Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
             return _item_test_values(word, tuple(map(_side, sides)))
-        case Call(word=word, arguments=arguments):
+        case syntax.Call(word=word, arguments=arguments):
             operands = [_predicate_values(argument) for argument in arguments if argument is not None]
             return LOGIC_WORDS[word.name](*operands)
         case _:
             raise AssertionError(f"{predicate} is not a predicate on one item")
 
 
-def _side(node: Node | None) -> Side | None:
-    return cast("Side", node.value) if isinstance(node, Constant) else None
+def _side(node: syntax.Node | None) -> Side | None:
+    return cast("Side", node.value) if isinstance(node, syntax.Constant) else None
 
 
 @lru_cache(maxsize=FEATURE_CACHE_SIZE)

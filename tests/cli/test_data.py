@@ -142,11 +142,10 @@ def test_list__counts_tasks_and_contexts(data: Run, own: Path):
     ]
 
 
-def test_stats__prints_tables_and_writes_charts_and_counts(data: Run, own: Path, tmp_path: Path):
-    output = data("stats", own, "--charts", tmp_path / "charts", "--json", tmp_path / "counts.json")
+def test_stats__prints_tables_and_writes_counts(data: Run, own: Path, tmp_path: Path):
+    output = data("stats", own, "--json", tmp_path / "counts.json")
     assert "3 statements with 3 programs" in output
     assert "existence" in output
-    assert len(list((tmp_path / "charts").glob("*.svg"))) == 4
     counts = json.loads((tmp_path / "counts.json").read_text())
     assert counts["splits"][0]["phenomena"]["exact cardinality"] == 1
     assert counts["splits"][0]["phenomena"]["syntax: coordination"] == 0
@@ -162,7 +161,6 @@ def test_stats__of_released_files_show_the_papers_numbers(data: Run, released: P
 
 def test_stats__rejects_an_unwritable_output(error_of: Run, own: Path, tmp_path: Path):
     assert "cannot be written" in error_of("stats", own, "--json", tmp_path / "nowhere" / "counts.json")
-    assert "cannot be written" in error_of("stats", own, "--charts", own)
 
 
 def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_path: Path):

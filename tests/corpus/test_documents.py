@@ -10,13 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
-from xml.etree import ElementTree
 
 import pytest
 
 from lilgym_mp.analysis import statistics
-from lilgym_mp.analysis.charts import write_charts
-from lilgym_mp.analysis.phenomena import PHENOMENA, SyntacticPhenomenon, syntactic_phenomena
+from lilgym_mp.analysis.phenomena import SyntacticPhenomenon, syntactic_phenomena
 from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli import main
@@ -108,13 +106,3 @@ def test_official_page__syntactic_shares_match_the_rules(official_data: Path):
                 coordination, preposition = (counts[one] for one in SyntacticPhenomenon)
                 assert row[2].strip() == f"{100 * coordination / total:.1f} ({coordination} of {total:,})"
                 assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
-
-
-def test_official_chart__matches_the_command_output(official: CorpusStatistics, tmp_path: Path):
-    def texts(path: Path) -> list[str | None]:
-        return [element.text for element in ElementTree.parse(path).iter("{http://www.w3.org/2000/svg}text")]
-
-    drawn = next(path for path in write_charts(official, tmp_path) if path.stem == "phenomena")
-    kept = texts(DOCS / "pictures" / "official_phenomena.svg")
-    assert set(PHENOMENA) <= set(kept)
-    assert Counter(kept) == Counter(texts(drawn)), "run `lilgym-mp data stats lilgym --charts DIR`"

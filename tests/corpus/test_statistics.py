@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lilgym_mp.analysis.charts import Series, bar_chart, write_charts
 from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon
 from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.corpus import CorpusError
@@ -106,44 +103,3 @@ def test_statistics__of_the_official_dev_split(official_data: Path, tmp_path: Pa
     statistics = corpus_statistics(tmp_path)
     assert [count.true_at_start for count in statistics.counts] == [25, 4]  # as the paper's authors found
     assert statistics.overlap(statistics.statements[1]) == (163, 70, 104, 4)
-
-
-def _texts(chart: str) -> list[str | None]:
-    return [element.text for element in ElementTree.fromstring(chart).iter(f"{SVG}text")]
-
-
-def test_chart__bar_lengths_equal_the_values():
-    series = [Series("one", "#111111", [1, 2]), Series("two", "#222222", [4, 0])]
-    (axes,) = bar_chart("Title", ["a < b", "c & d"], series, " %").axes
-    assert [[bar.get_width() for bar in bars] for bars in axes.containers] == [[1, 2], [4, 0]]
-    assert [label.get_text() for label in axes.get_yticklabels()] == ["a < b", "c & d"]
-    assert axes.get_title(loc="left") == "Title"
-    assert "4 %" in [text.get_text() for text in axes.texts]
-
-
-def test_chart__may_be_empty():
-    assert bar_chart("Nothing", [], []).axes
-
-
-def test_charts__without_matplotlib_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
-    for name in ("matplotlib", "matplotlib.figure"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(ImportError, match=r'pip install "matplotlib>=.*the extra charts'):
-        bar_chart("Title", [], [])
-
-
-def test_chart__a_series_of_the_wrong_length_is_an_error():
-    with pytest.raises(ValueError, match="series 'one' has 1 values for 2 categories"):
-        bar_chart("Title", ["a", "b"], [Series("one", "red", [1])])
-
-
-def test_charts__of_a_corpus_are_written(statistics: CorpusStatistics, tmp_path: Path):
-    paths = write_charts(statistics, tmp_path / "new" / "charts")
-    assert [path.name for path in paths] == [
-        "phenomena.svg",
-        "program_words.svg",
-        "statement_lengths.svg",
-        "seen_in_train.svg",
-    ]
-    seen = _texts(paths[-1].read_text(encoding="utf-8"))
-    assert {"tower dev", "33 %", "67 %"} <= set(seen)

@@ -157,7 +157,7 @@ words = text_observation_v0(gym.make("lilgym_mp/LampsFlipIt-v0", corpus=corpus))
 assert "circle" in str(words.reset(seed=0)[0])
 assert "lights the lamp" in words.instructions()
 said = command("play", "LampsScratch", "--split", "dev", lines=["help", "add left yellow", "stop", "quit"])
-assert "such as: add left yellow" in said and "success" in said
+assert "such as: ADD(LEFT, YELLOW)" in said and "success" in said
 assert "ADD(LEFT, YELLOW)" in command("play-game", "LampsScratch", "--split", "dev", lines=["legal", "quit"])
 both = ["LampsScratch", "LampsFlipIt"]
 command("evaluate", "--policy", "random-legal", "--configuration", *both, "--record", str(place))

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.report import make_report
-from tests.browser import chromium, watched_page
+from tests.browser import axe_script, chromium, watched_page
 from tests.report.test_items import EPISODES, written
 
+AGENTS = ("imitation", "parse-and-plan", "ppo from imitation, sampled")
+SUPERVISION = "programs of train statements of the corpus; truth of scenes; programs of generated statements"
 # Ids of sections with invisible or empty images and tables, and of sections wider than the window.
 HIDDEN = """() => [...document.querySelectorAll('section img, section table')].filter(part => {
+    if (part.closest('details')) part.closest('details').open = true;
     const place = part.getBoundingClientRect();
     const shown = part.checkVisibility({opacityProperty: true, visibilityProperty: true});
     return !shown || !place.width || !place.height || (part.tagName == 'IMG' && !part.naturalWidth);
@@ -39,6 +45,11 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
         written(place, training_seed=seed, run=f"runs/{seed}")
     made = [replace(episode, stop_probabilities=(0.3,) * len(episode.actions)) for episode in EPISODES]
     written(place, made, agent="other <b>", run="runs/other")
+    for agent in AGENTS:
+        for name in CONFIGURATIONS:
+            kept = EPISODES if name.startswith("Scatter") else EPISODES[2:3]  # of Tower only a STOP
+            own = {"settings": Settings(name), "start_scenes": len(kept), "supervision": SUPERVISION}
+            written(place, kept, **own, agent=agent, run=f"runs/{agent}")
     return make_report([place], tmp_path_factory.mktemp("made") / "report")
 
 
@@ -73,3 +84,47 @@ def test_report__figures_are_not_blank(browser: Any, report: Path):
         for image in watched.page.locator("section img").all():
             pixels = np.asarray(Image.open(io.BytesIO(image.screenshot())).convert("L"))
             assert pixels.std() > 5, image.get_attribute("alt")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_report__passes_axe_and_folds_what_is_long(browser: Any, report: Path, *, dark: bool):
+    with watched_page(browser, dark=dark) as watched:
+        watched.page.goto(report.as_uri())
+        assert watched.page.locator("details[open]").count() == 0
+        rows = "details => details.map(each => each.querySelectorAll('tbody tr').length)"
+        assert max(watched.page.locator("section:not(:has(details)) table").evaluate_all(rows)) <= 24
+        watched.page.evaluate("document.querySelectorAll('details').forEach(each => each.open = true)")
+        watched.page.add_script_tag(content=axe_script())
+        violations = watched.page.evaluate("async () => (await axe.run()).violations.map(one => [one.id, one.nodes])")
+        assert violations == []
+        ground = "getComputedStyle(document.body).backgroundColor.match(/\\d+/g).slice(0, 3).map(Number)"
+        assert (max(watched.page.evaluate(ground)) < 100) == dark
+
+
+def test_report__tables_scroll_by_keyboard(browser: Any, report: Path):
+    with watched_page(browser, 420) as watched:
+        watched.page.goto(report.as_uri())
+        watched.page.locator(".scroll").first.focus()
+        watched.page.keyboard.press("ArrowRight")
+        watched.page.wait_for_function("document.querySelector('.scroll').scrollLeft > 0")
+
+
+def test_printed_report__has_every_column_of_every_table(browser: Any, report: Path, tmp_path: Path):
+    pypdf = pytest.importorskip("pypdf", reason="needs pypdf, of the extra browser")
+    with watched_page(browser) as watched:
+        watched.page.goto(report.as_uri())
+        watched.page.pdf(path=tmp_path / "report.pdf", prefer_css_page_size=True)
+        cells = watched.page.evaluate(
+            "[...document.querySelectorAll('table')].flatMap(table => [...table.querySelectorAll('th, td')]"
+            ".map(cell => cell.textContent.replace(/\\s+/g, '')))"
+        )
+        watched.page.set_viewport_size({"width": 700, "height": 1000})  # 186 mm
+        watched.page.emulate_media(media="print")
+        cut = "[...document.querySelectorAll('table, img')].filter(part => part.getBoundingClientRect().right > 701)"
+        assert watched.page.evaluate(f"{cut}.map(part => part.closest('section').id)") == []
+    text = "".join(page.extract_text() for page in pypdf.PdfReader(tmp_path / "report.pdf").pages)
+    text = re.sub(r"\s+", "", normalize("NFKC", text))  # the font has a ligature for "fi"
+    assert [cell for cell in cells if cell not in text] == []
+    for name in CONFIGURATIONS:
+        assert f"{name}dev,n={6 if name.startswith('Scatter') else 1}" in text
+    assert text.count(re.sub(r"\s+", "", SUPERVISION)) >= len(AGENTS) * (1 + len(CONFIGURATIONS))  # Table 2 and Basis

@@ -20,23 +20,27 @@ from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.report import ReportError, html_report, make_report
+from lilgym_mp.report import items as report_items
 from lilgym_mp.report.aggregation import (
     MeanStd,
-    accuracy,
+    accuracy_where,
+    add_up,
     aggregate_runs,
+    holm,
     mean_std,
+    mean_where,
     paired_difference,
-    successes_by_statement,
+    success,
 )
 from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
-from lilgym_mp.report.difficulty import _regret, calibration_line, edits_category
+from lilgym_mp.report.difficulty import _regret, calibration_line, comparison_items, edits_category
 from lilgym_mp.report.html_report import chapters
-from lilgym_mp.report.items import Chart, MissingItem, Table
+from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
 from lilgym_mp.report.language import accuracy_by_novelty, accuracy_by_phenomenon, read_tags
-from lilgym_mp.report.learning_curves import dev_curves, mean_line
+from lilgym_mp.report.learning_curves import dev_curves, mean_line, progress_curves
 from lilgym_mp.report.markdown_report import commits_text
 from lilgym_mp.report.report_data import ReportData, load_report_data
-from lilgym_mp.report.results import figure_5, mean_reward, provenance, table_2
+from lilgym_mp.report.results import basis, figure_5, provenance, table_2, training_runs
 from lilgym_mp.scene import Scene
 
 SCATTER = Settings("ScatterFlipIt")
@@ -118,9 +122,14 @@ def runs(data: ReportData) -> tuple[Recording, ...]:
     return data.entries[0].runs
 
 
+def plain(cell: Any) -> Any:
+    """Without the interval."""
+    return MeanStd(*cell[:3]) if isinstance(cell, MeanStd) else cell
+
+
 def rows(table: Any) -> list[tuple[Any, ...]]:
     assert isinstance(table, Table)
-    return list(table.rows)
+    return [tuple(map(plain, row)) for row in table.rows]
 
 
 def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
@@ -133,8 +142,9 @@ def test_mean_std__of_one_run_has_no_deviation_and_of_none_is_none():
 
 
 def test_accuracy__and_reward_are_counted_by_episode(data: ReportData):
-    assert aggregate_runs(runs(data), accuracy) == MeanStd(pytest.approx(100 / 3), None, 1)
-    assert mean_reward(EPISODES) == pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6)
+    assert plain(accuracy_where(runs(data))) == MeanStd(pytest.approx(100 / 3), None, 1)
+    reward = mean_where(runs(data), lambda episode: episode.reward)
+    assert plain(reward) == MeanStd(pytest.approx((0.9 + 0.8 - 1 - 1.1 - 1.1 - 1) / 6), None, 1)
 
 
 def test_table_2__aggregates_seeds_next_to_the_papers_rows(tmp_path: Path):
@@ -143,10 +153,12 @@ def test_table_2__aggregates_seeds_next_to_the_papers_rows(tmp_path: Path):
     table = table_2(load_report_data([tmp_path]))
     (ours, *published) = rows(table)
     assert isinstance(table, Table)
-    dev = table.columns.index("ScatterFlipIt dev")
-    assert ours[dev] == MeanStd(pytest.approx(400 / 9), pytest.approx(50.917508), 3)
-    assert ours[table.columns.index("TowerScratch dev")] is None
-    assert str(published[0][table.columns.index("ScatterFlipIt test")]) == "0.06 ± 0.10"
+    assert table.columns == ("agent", "supervision", "actions", "runs", "ScatterFlipIt dev, n = 6")  # those played
+    assert ours == ("mine", "rewards alone", "greedy", 3, MeanStd(pytest.approx(400 / 9), pytest.approx(50.917508), 3))
+    assert table.texts()[0][-1] == "44 ± 51 [0, 100]"  # of six episodes
+    assert table.texts()[3][1:] == ["rewards alone", "sampled", "3", "13.3 ± 6.9"]
+    assert published[2][0] == "PPO ViLT †"
+    assert "ScatterFlipIt dev, n = 6 low" in table.csv()
 
 
 def test_figure_5__splits_by_target(data: ReportData):
@@ -245,23 +257,83 @@ def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path
     assert line.ys == [0.0, 1.0]
 
 
-def test_bootstrap__resamples_statements(data: ReportData, tmp_path: Path):
-    assert successes_by_statement(runs(data)) == {
-        "There is a blue item.": (1, 1),
-        "No blue.": (1, 1),
-        "B": (0, 2),
-        "C": (0, 2),
-    }
-    solved = [episode("success", "STOP", statement=kept.statement) for kept in EPISODES]
-    written(tmp_path / "other", solved, agent="other")
-    other = load_report_data([tmp_path / "other"]).entries[0].runs
-    difference = paired_difference(other, runs(data))
+def test_totals__are_by_run_and_statement(data: ReportData):
+    totals = add_up([run.episodes for run in runs(data)], success)
+    assert totals.statements == ("There is a blue item.", "No blue.", "B", "C")
+    assert totals.values.tolist() == [[100, 100, 0, 0]]
+    assert totals.episodes.tolist() == [[1, 1, 2, 2]]
+
+
+def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
+    """Episodes of statements "0", "1", ...: successes (1) and failures (0) of each."""
+    return tuple(
+        episode("success" if outcome else "wrong_stop", "STOP", statement=str(index), task=f"{index}-{number}")
+        for index, outcomes in enumerate(by_statement)
+        for number, outcome in enumerate(outcomes)
+    )
+
+
+def recordings(directory: Path, *of_runs: Sequence[RecordedEpisode], agent: str = "mine") -> tuple[Recording, ...]:
+    for seed, kept in enumerate(of_runs):
+        written(directory, kept, training_seed=seed, agent=agent)
+    return load_report_data([directory]).entries[0].runs
+
+
+def interval(of: Sequence[Recording]) -> tuple[float, float]:
+    found = accuracy_where(of)
+    assert found is not None
+    return found.spread
+
+
+def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
+    half = accuracies(*[[1], [0]] * 50)
+    alike = interval(recordings(tmp_path / "alike", half))
+    assert alike == (pytest.approx(40, abs=1.5), pytest.approx(60, abs=1.5))  # 50 +- 1.96 * 50 / sqrt(100)
+    all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
+    assert interval(all_or_nothing) == (0, 100)
+    one_statement = accuracies([1, 0] * 50)
+    assert interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
+    assert accuracy_where(all_or_nothing, lambda episode: episode.target) is None
+
+
+def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
+    hard = [[1]] * 60 + [[0]] * 40
+    first = recordings(tmp_path / "first", accuracies(*hard))
+    better = recordings(tmp_path / "better", accuracies(*[[1]] * 70, *[[0]] * 30))
+    difference = paired_difference(better, first)
     assert difference is not None
-    assert difference.points == pytest.approx(200 / 3)
-    assert 0 <= difference.low <= difference.points <= difference.high <= 100
-    same = paired_difference(other, other)
-    assert same is not None
-    assert (same.points, same.low, same.high, same.p_value) == (0, 0, 0, 1)
+    assert difference[:3] == (pytest.approx(10), pytest.approx(4.5, abs=1.5), pytest.approx(16, abs=1.5))
+    assert difference.p_value == pytest.approx(0.001, abs=0.001)  # z = 10 / 3
+    assert paired_difference(first, first) == (0, 0, 0, 1)
+    none = recordings(tmp_path / "none", accuracies(*[[0]] * 5))
+    all_five = recordings(tmp_path / "all", accuracies(*[[1]] * 5))
+    assert paired_difference(all_five, none) == (100, 100, 100, 2**-4)
+
+
+def test_holm__corrects_p_values_for_their_number():
+    assert holm([0.01, 0.04, 0.03, 0.6]) == pytest.approx([0.04, 0.09, 0.09, 0.6])
+    assert holm([]) == []
+
+
+def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path):
+    for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
+        written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
+    data = load_report_data([tmp_path])
+    (table,) = comparison_items(data)
+    difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
+    assert difference is not None
+    three_times = f"{3 * difference.p_value:.4f}"
+    assert [row[-1] for row in rows(table)] == ["1.0000", three_times, three_times]
+    assert "corrected for the 3 tests" in table.note
+
+
+def test_evaluation_seeds__of_a_trained_agent_are_one_run(tmp_path: Path):
+    for evaluation_seed, outcomes in enumerate(([1, 1], [0, 1])):
+        written(tmp_path, accuracies(outcomes), seed=evaluation_seed, actions="sampled", training_seed=0)
+    (entry,) = load_report_data([tmp_path]).entries
+    assert entry.evaluation_seeds == (0, 1)
+    assert [(len(run.episodes), run.header.passes) for run in entry.runs] == [(4, 2)]
+    assert plain(accuracy_where(entry.runs)) == MeanStd(75.0, None, 1)
 
 
 def test_chapters__name_every_item_as_the_paper_does(data: ReportData):
@@ -413,10 +485,91 @@ def test_figure_4__averages_dev_accuracy_over_seeds_by_reward(tmp_path: Path):
     chart, table = dev_curves(found.curves)
     assert isinstance(chart, Chart)
     assert rows(table) == [
-        ("ppo, program reward", "TowerScratch", 2, 32, MeanStd(pytest.approx(80), pytest.approx(200**0.5), 2)),
-        ("ppo, NLVR reward", "TowerScratch", 1, 32, MeanStd(25.0, None, 1)),
-        ("ppo, NLVR reward, by program", "TowerScratch", 1, 32, MeanStd(40.0, None, 1)),
+        ("PPO, program reward", "TowerScratch", 2, 32, MeanStd(pytest.approx(80), pytest.approx(200**0.5), 2)),
+        ("PPO, NLVR reward", "TowerScratch", 1, 32, MeanStd(25.0, None, 1)),
+        ("PPO, NLVR reward, by program", "TowerScratch", 1, 32, MeanStd(40.0, None, 1)),
     ]
+
+
+@pytest.mark.parametrize(
+    ("recipes", "expected", "absent"),
+    [
+        ([{"mask": False}], "no mask of legal actions", "illegal ones masked"),
+        ([{"mask": True}], "illegal ones masked", "no mask"),
+        ([{"mask": False}, {"mask": True}], "masked for some runs alone", "no mask"),
+        ([{}], "not recorded whether masked", "illegal ones"),
+        ([{"mask": False, "stop_forcing": True}], "STOP was forced in training", "NLVR"),
+        ([{"mask": False, "nlvr_reward": True}], "with the NLVR reward", "forced"),
+    ],
+)
+def test_figure_4__caption_says_what_the_recipes_say(
+    tmp_path: Path, recipes: list[dict[str, bool]], expected: str, absent: str
+):
+    written(tmp_path)
+    for seed, recipe in enumerate(recipes):
+        trained(tmp_path / str(seed), seed, [(0.5, 0.5, 0.5)], **recipe)
+    chart, _ = dev_curves(load_report_data([tmp_path]).curves)
+    assert expected in chart.note
+    assert absent not in chart.note
+
+
+def test_figure_4__lines_name_stop_forcing(tmp_path: Path):
+    written(tmp_path)
+    for seed, forced in enumerate((False, True)):
+        trained(tmp_path / str(seed), seed, [(0.5, None, None)], stop_forcing=forced)
+    _, table = dev_curves(load_report_data([tmp_path]).curves)
+    assert [row[0] for row in rows(table)] == ["PPO, program reward", "PPO+SF, program reward"]
+
+
+def test_training_runs__name_corpus_checksum_commit_and_the_whole_recipe(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 3, [(0.5, None, None)], mask=False, gamma=0.99)
+    file = tmp_path / "a" / "run.json"
+    described = json.loads(file.read_text())
+    described["identity"] |= {
+        "environment": {"configuration": "TowerScratch", "corpus": "own"},
+        "tasks_sha256": "e" * 64,
+    }
+    file.write_text(json.dumps({**described, "made": {"commit": "abc"}}))
+    table = training_runs(load_report_data([tmp_path]))
+    assert rows(table) == [("a", "ppo", "TowerScratch", "own", "e" * 10, "abc", "seed 3, mask off, gamma 0.99")]
+
+
+def test_basis__every_row_names_seeds_tasks_supervision_actions_and_commit(tmp_path: Path):
+    recording = written(tmp_path, training_seed=5, seed=7)
+    RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
+    table = basis(load_report_data([tmp_path]))
+    (row,) = (dict(zip(table.columns, row, strict=True)) for row in rows(table))
+    assert (row["training seeds"], row["evaluation seeds"], row["runs"], row["episodes"]) == ("5", "7", 1, 6)
+    assert (row["actions"], row["supervision"]) == ("greedy", "rewards alone")
+    assert (row["tasks"], row["commit"]) == ("f" * 10, "abc")
+
+
+def test_learning_curves__are_means_over_the_runs_of_a_recipe(tmp_path: Path):
+    written(tmp_path)
+    for seed, rates in enumerate(([0.2, 0.4], [0.4, 0.8, 0.9])):
+        trained(tmp_path / str(seed), seed, [(0, 0.1, 0)])
+        lines = [json.dumps({"steps": 10 * (step + 1), "accuracy": rate}) for step, rate in enumerate(rates)]
+        (tmp_path / str(seed) / "progress.jsonl").write_text("\n".join(lines))
+    chart = progress_curves(load_report_data([tmp_path]))
+    assert isinstance(chart, Chart)
+    (axes,) = chart.figure.axes
+    (line,) = axes.lines
+    assert list(line.get_xdata()) == [10, 20]  # to the end of the first run
+    assert list(line.get_ydata()) == pytest.approx([0.3, 0.6])
+    assert axes.get_title(loc="left") == "ppo TowerScratch"
+    assert len(axes.collections) == 1  # the band
+
+
+def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
+    half = MeanStd(2 / 3, None, 3)
+    cells = [("own", 200 / 3, None, half), ("paper †", 1.0, 2.0, None)]
+    made = report_items.table("Table", "Shares", ("a", "b (%)", "c", "d"), cells)
+    assert made.columns == ("a", "b (%)", "d")
+    assert made.texts() == [["own", "66.7", "0.67"], ["paper †", "1.0", "–"]]
+    few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
+    shown = [format_cell(cell, places=1) for cell in (few, few._replace(episodes=100))]
+    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.2 [60.0, 70.1]"]
 
 
 def test_figure_4__uses_all_flipit_tasks_and_explains_missing_evaluations(tmp_path: Path):
@@ -513,8 +666,9 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")
         assert entry is not None
-        assert aggregate_runs(entry.runs, accuracy) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
-        assert aggregate_runs(entry.runs, mean_reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
+        assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
+        reward = mean_where(entry.runs, lambda episode: episode.reward)
+        assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
         invalid = aggregate_runs(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])

@@ -14,7 +14,7 @@ import pytest
 
 from lilgym_mp.actions import STOP, describe
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.cli.commands import format_command
+from lilgym_mp.cli.commands import words_of
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 
@@ -215,7 +215,7 @@ def test_reply__before_the_first_reset_can_be_parsed(make: Make):
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
-@pytest.mark.parametrize("form", [describe, format_command])
+@pytest.mark.parametrize("form", [describe, lambda action: " ".join(words_of(describe(action)))])
 def test_reply__can_name_every_action(appearance: str, form: Callable[[Any], str]):
     known = make_appearance(appearance, RELEASED_GRID)
     for index in range(0, known.action_count, 1 if known.action_count < 100 else 29):

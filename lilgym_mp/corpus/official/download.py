@@ -15,7 +15,7 @@ from typing import NamedTuple, Protocol, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
-from lilgym_mp.corpus.official.fetching import Limits, checked_url, fetch
+from lilgym_mp.corpus.official.fetching import checked_url, fetch
 from lilgym_mp.corpus.official.installing import Installation, install, staging_area
 from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
 
@@ -23,12 +23,9 @@ REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch
 API_URL, RAW_URL = "https://api.github.com", "https://raw.githubusercontent.com"
 
-FileProgress = Callable[[str, int, int | None], None]  # name, bytes so far, total bytes if known
-
 
 class RemoteFile(NamedTuple):
     url: str
-    size: int | None = None
     git_sha1: str | None = None  # Git object id, a checksum of the content
 
 
@@ -40,7 +37,7 @@ class Listing(NamedTuple):
 class Source(Protocol):
     """A server of released files."""
 
-    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
+    def listing(self, names: Sequence[str]) -> Listing:
         """The URLs of the files. Raises CorpusError naming missing ones."""
         ...
 
@@ -57,16 +54,16 @@ class GitHub:
     def __str__(self) -> str:
         return f"{self.repository} at {self.revision}"
 
-    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
+    def listing(self, names: Sequence[str]) -> Listing:
         api = f"{self.api_url}/repos/{self.repository}"
-        commit = _answer(f"{api}/commits/{quote(self.revision)}", limits).get("sha")
+        commit = _answer(f"{api}/commits/{quote(self.revision)}").get("sha")
         if not isinstance(commit, str):
             raise CorpusError(f"{self}: GitHub's response contains no commit")
-        tree = _answer(f"{api}/git/trees/{commit}?recursive=1", limits).get("tree")
+        tree = _answer(f"{api}/git/trees/{commit}?recursive=1").get("tree")
         found: dict[str, RemoteFile] = {}
-        for path, size, sha in _blobs(tree):
+        for path, sha in _blobs(tree):
             name = path.rpartition("/")[2]
-            file = RemoteFile(f"{self.raw_url}/{self.repository}/{commit}/{quote(path)}", size, sha)
+            file = RemoteFile(f"{self.raw_url}/{self.repository}/{commit}/{quote(path)}", sha)
             if name in found and found[name].git_sha1 != file.git_sha1:
                 raise CorpusError(f"{self}: has several different files {name}: {found[name].url}, {file.url}")
             if name in names:
@@ -88,7 +85,7 @@ class WebDirectory:
     def __str__(self) -> str:
         return self.url
 
-    def listing(self, names: Sequence[str], limits: Limits) -> Listing:
+    def listing(self, names: Sequence[str]) -> Listing:
         checked_url(self.url)
         return Listing(None, {name: RemoteFile(f"{self.url.rstrip('/')}/{name}") for name in names})
 
@@ -97,27 +94,26 @@ def download_official(
     source: Source,
     names: Sequence[str],
     target: Path,
-    progress: FileProgress = lambda name, have, total: None,
-    limits: Limits | None = None,
+    on_file: Callable[[str, int], object] = lambda name, size: None,
 ) -> Installation:
-    """Downloads the named released files, verifies them, and installs them at `target`.
+    """Downloads the named released files, verifies them, and installs them at `target`; `on_file` is told of each.
 
     Raises InterruptionError for a broken connection, CorpusError when trying again would not help.
     """
-    limits = limits or Limits()
     with staging_area(target) as staged:
-        listing = source.listing(names, limits)
+        listing = source.listing(names)
         for name in names:
-            _fetch_checked(name, listing.files[name], staged, progress, limits)
+            _fetch_checked(listing.files[name], staged / name)
+            on_file(name, (staged / name).stat().st_size)
         return install(staged, target, str(source), listing.revision, names)
 
 
-def _answer(url: str, limits: Limits) -> dict[str, object]:
+def _answer(url: str) -> dict[str, object]:
     """The JSON object in the server's response."""
     try:
         with tempfile.TemporaryDirectory() as directory:
             path = Path(directory) / "answer"
-            fetch(url, path, limits=limits)
+            fetch(url, path)
             answer = as_object(parse_json(read_text(path).text))
     except JSONFault as fault:
         raise CorpusError(f"{url}: the response cannot be read: {fault}") from None
@@ -126,23 +122,21 @@ def _answer(url: str, limits: Limits) -> dict[str, object]:
     return answer
 
 
-def _blobs(tree: object) -> Iterator[tuple[str, int, str]]:
-    """Path, size and object id of each file in GitHub's tree listing."""
+def _blobs(tree: object) -> Iterator[tuple[str, str]]:
+    """Path and object id of each file in GitHub's tree listing."""
     for entry in cast("list[object]", tree) if isinstance(tree, list) else []:
         match entry:
-            case {"type": "blob", "path": str(path), "size": int(size), "sha": str(sha)}:
-                yield path, size, sha
+            case {"type": "blob", "path": str(path), "sha": str(sha)}:
+                yield path, sha
             case _:
                 continue
 
 
-def _fetch_checked(name: str, remote: RemoteFile, staged: Path, progress: FileProgress, limits: Limits) -> None:
+def _fetch_checked(remote: RemoteFile, path: Path) -> None:
     """Downloads a file and verifies its checksum."""
-    path = staged / name
-    fetch(remote.url, path, lambda have: progress(name, have, remote.size), limits)
+    fetch(remote.url, path)
     if remote.git_sha1 not in (None, found := _git_sha1(path)):
         raise CorpusError(f"{remote.url}: checksum mismatch: Git object id {found}, not {remote.git_sha1}")
-    progress(name, path.stat().st_size, path.stat().st_size)
 
 
 def _git_sha1(path: Path) -> str:

@@ -7,22 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
-from lilgym_mp.appearances.placement import (
-    LARGEST_MOVE,
-    LAST_CORNER,
-    OFFSET_COUNT,
-    cell_areas,
-    clear_templates,
-    placement_tables,
-    search_offsets,
-)
+from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter, placement
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 
 MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
-MOVE_BASE = 2 * LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
+MOVE_BASE = 2 * placement.LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
 TIED = 0  # sentinel instead of a move: several pairs of points are nearest, to be resolved by `tied_move`
 
 
@@ -62,18 +53,18 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     boxes, xs = (values.repeat(rows) for values in np.divmod(np.arange(columns) * width, BOX_PITCH))
     ys = np.tile(np.arange(rows) * height, columns)
     on_separator = xs >= BOX_SIDE
-    last = np.array(LAST_CORNER)
+    last = np.array(placement.LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
     separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
     part_height = height if height <= MOST_ROWS else MOST_ROWS
     searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
     if appearance.searches(rules):
-        searched |= search_offsets(width, height)
+        searched |= placement.search_offsets(width, height)
     clearance, moves = _placement_codes()
     return GridTables(
         clearance=clearance,
         moves=moves,
-        overlaps=_as_bits(~clear_templates()),
+        overlaps=_as_bits(~placement.clear_templates()),
         areas=_area_ranks(width, height),
         last_corners=last,
         cell_count=appearance.cell_count,
@@ -96,8 +87,8 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
 
 def _placement_codes() -> tuple[UInt8Array, UInt8Array]:
     """`GridTables.clearance` and `moves`."""
-    tables = placement_tables()
-    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
+    tables = placement.placement_tables()
+    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, placement.OFFSET_COUNT, placement.OFFSET_COUNT
     both = (b"".join(map(b"".join, by_footprints)) for by_footprints in (tables.clearance, tables.moves))
     clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
     moves[list(tables.ties)] = TIED
@@ -110,7 +101,7 @@ def _as_bits(flags: BoolArray) -> Int64Array:
 
 
 def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
-    areas = np.array(cell_areas(cell_width, cell_height))
+    areas = np.array(placement.cell_areas(cell_width, cell_height))
     _, ranks = np.unique(areas, return_inverse=True)
     return ranks.reshape(areas.shape).astype(np.uint16)
 
@@ -118,5 +109,5 @@ def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:
 def tied_move(footprint: int, x: int, y: int, other: Item, box: int, rules: PlacementRules) -> int:
     """The snap move, encoded as in `GridTables.moves`, if several pairs of points are nearest to each other."""
     frame_x = box * BOX_PITCH if rules.rounds_in_image else 0
-    move_x, move_y = placement_tables().move(footprint, x, y, other, frame_x)
-    return (move_x + LARGEST_MOVE) * MOVE_BASE + move_y + LARGEST_MOVE
+    move_x, move_y = placement.placement_tables().move(footprint, x, y, other, frame_x)
+    return (move_x + placement.LARGEST_MOVE) * MOVE_BASE + move_y + placement.LARGEST_MOVE

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -62,19 +62,13 @@ class Turns:
 
     @classmethod
     def empty(cls, turns: int, games: int, legal: int) -> Turns:
-        shape = turns, games
-        whole, real = np.zeros(shape, np.int64), np.zeros(shape, np.float32)
-        return cls(
-            np.zeros(shape, np.bool_),
-            np.zeros((*shape, BOX_COUNT), np.int64),
-            np.zeros((*shape, len(CONTEXT)), np.int64),
-            np.zeros((*shape, len(CONTEXT)), np.int64),
-            np.zeros((*shape, legal), np.bool_) if legal else None,
-            whole,
-            real,
-            real.copy(),
-            real.copy(),
-        )
+        def zeros(dtype: Any, *shape: int) -> Any:
+            return np.zeros((turns, games, *shape), dtype)
+
+        boxes, context, facts = (zeros(np.int64, count) for count in (BOX_COUNT, len(CONTEXT), len(CONTEXT)))
+        mask = zeros(np.bool_, legal) if legal else None
+        reals = (zeros(np.float32) for _ in range(3))
+        return cls(zeros(np.bool_), boxes, context, facts, mask, zeros(np.int64), *reals)
 
 
 class Claims(NamedTuple):
@@ -86,16 +80,11 @@ class Claims(NamedTuple):
     holds: BoolArray  # (C,)
 
     def rows(self, rows: Int64Array | slice) -> Claims:
-        return Claims(self.items[rows], self.statement_of[rows], self.targets[rows], self.holds[rows])
+        return self._make(part[rows] for part in self)
 
     @classmethod
     def joined(cls, parts: Sequence[Claims]) -> Claims:
-        return cls(
-            np.concatenate([part.items for part in parts]),
-            np.concatenate([part.statement_of for part in parts]),
-            np.concatenate([part.targets for part in parts]),
-            np.concatenate([part.holds for part in parts]),
-        )
+        return cls._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 @dataclass

@@ -45,7 +45,7 @@ from lilgym_mp.learning.ppo.models.weights import weights_digest
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run, resumable_run
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 CRITIC = "critic"  # name of the central critic's network
@@ -391,8 +391,7 @@ class Run:
         )
 
     def _load(self) -> None:
-        state = self.files.load_checkpoint(self._device)
-        try:
+        with self.files.checkpoint(self._device) as state:
             self.networks.load_state_dict(state["networks"])
             for name, optimiser in self._optimisers.items():
                 optimiser.load_state_dict(state["optimisers"][name])
@@ -401,9 +400,6 @@ class Run:
             self._rng.bit_generator.state = json.loads(state["random"])
             if any(not torch.isfinite(tensor).all() for tensor in self.networks.state_dict().values()):
                 raise ValueError("a network holds non-finite values")
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {self.files.path} is not of this run: {reason}") from None
 
     def finish(self, stop: StopRequest) -> GameAgent:
         """Saves the agents."""
@@ -523,21 +519,17 @@ def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
 
     `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
     """
-    run = begin_run(out, required, resume=True)
+    run, recipe = resumable_run(out, {"learner": KIND, **required}, GameRecipe)
     identity = run.identity
     try:
-        if identity["learner"] != KIND:
-            raise ValueError(f"a run of {identity['learner']}, not of {KIND}")
-        partners = {
-            Role[name.upper()]: [Path(one.rsplit(": ", 1)[0]) for one in given]
-            for name, given in identity["partners"].items()
-        }
-        start_from = identity["start_from"]
         return {
             "settings": settings_from_json(identity["game"]),
-            "recipe": GameRecipe.from_json(identity["recipe"]),
-            "partners": partners,
-            "start_from": None if start_from is None else Path(start_from),
+            "recipe": recipe,
+            "partners": {
+                Role[name.upper()]: [Path(one.rsplit(": ", 1)[0]) for one in given]
+                for name, given in identity["partners"].items()
+            },
+            "start_from": None if identity["start_from"] is None else Path(identity["start_from"]),
             "options": run.options,
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -15,6 +15,7 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning import model_file
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
@@ -23,16 +24,6 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import (
-    ModelDescription,
-    check_numbers,
-    check_shapes,
-    check_sizes,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-    save_model,
-)
 from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
@@ -81,7 +72,7 @@ class Architecture:
         if appearance not in ("tower", "scatter"):
             raise ValueError(f"unknown appearance {appearance!r}; choose from scatter, tower")
         sizes = {name: data[name] for name in ("width", "text_layers", "item_layers")}
-        check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
+        model_file.check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
         return cls(appearance, words, **sizes)
 
 
@@ -93,7 +84,7 @@ class ImitationAgent:
         network: ImitationNetwork,
         architecture: Architecture,
         rules: Mapping[str, StopRule],
-        description: ModelDescription,
+        description: model_file.ModelDescription,
     ) -> None:
         """`rules`: by configuration."""
         self.network = network
@@ -102,7 +93,7 @@ class ImitationAgent:
         self._description = description
 
     @property
-    def description(self) -> ModelDescription:
+    def description(self) -> model_file.ModelDescription:
         return self._description
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
@@ -119,7 +110,7 @@ class ImitationAgent:
         return _ImagePolicy(self, appearance, horizon, rule, sampled=sampled or rule.sampled)
 
     def save(self, path: Path) -> None:
-        save_model(path, self._description, self.network.state_dict())
+        model_file.save_model(path, self._description, self.network.state_dict())
 
 
 _PolicyInputs = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxes and targets
@@ -193,21 +184,21 @@ def describe(
     architecture: Architecture,
     rules: Mapping[str, StopRule],
     statistics: Mapping[str, Any],
-) -> ModelDescription:
+) -> model_file.ModelDescription:
     """`statistics`: further details to save, such as the training time."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
     if recipe.pretraining:
         supervision += "; their programs and those of generated statements (pretraining)"
     stop_rules = {name: rule.to_json() for name, rule in rules.items()}
     details = {"network": architecture.to_json(), "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
-    return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
+    return model_file.ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
     torch_device = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
-    with described_network(path):
+    description, tensors = model_file.load_model_of_kind(KIND, VERSION, path, torch_device)
+    with model_file.described_network(path):
         architecture = Architecture.from_json(description.details["network"])
         stop_rules = description.details["stop_rules"]
         rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}
@@ -215,8 +206,8 @@ def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
             raise ValueError(
                 f"a network for {architecture.appearance} cannot play {', '.join(description.configurations)}"
             )
-        check_numbers({name: rule.threshold for name, rule in rules.items()})
-        check_shapes(architecture.network, tensors, path)
+        model_file.check_numbers({name: rule.threshold for name, rule in rules.items()})
+        model_file.check_shapes(architecture.network, tensors, path)
         network = architecture.network()
-    load_weights(network, tensors, path)
+    model_file.load_weights(network, tensors, path)
     return ImitationAgent(network.to(torch_device).eval(), architecture, rules, description)

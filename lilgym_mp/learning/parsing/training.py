@@ -26,15 +26,7 @@ from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription
-from lilgym_mp.learning.parsing.batches import (
-    FINAL_GENERATED,
-    Batch,
-    Example,
-    ExamplePool,
-    PairSources,
-    generated_fraction,
-    sample_batches,
-)
+from lilgym_mp.learning.parsing import batches
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, Pair, Variations
@@ -66,9 +58,9 @@ class Progress(NamedTuple):
 class TrainingData(NamedTuple):
     """Training and held-out data."""
 
-    corpus: ExamplePool
-    generated: ExamplePool
-    held_out: Sequence[Example]
+    corpus: batches.ExamplePool
+    generated: batches.ExamplePool
+    held_out: Sequence[batches.Example]
     vocabulary: SymbolTable
     sha256: str  # checksum of the corpus's statements and programs
     held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
@@ -166,28 +158,28 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    pools = ExamplePool(kept, known), ExamplePool(generated, known)
+    pools = batches.ExamplePool(kept, known), batches.ExamplePool(generated, known)
     return TrainingData(*pools, held_out, vocabulary, digest, digests_sha256(excluded))
 
 
-def corpus_examples(corpus: str) -> list[Example]:
+def corpus_examples(corpus: str) -> list[batches.Example]:
     """The distinct training examples of the corpus."""
-    found: dict[Example, None] = {}
+    found: dict[batches.Example, None] = {}
     for tasks in load_all_tasks(corpus, splits=("train",)):
         appearance = tasks.provenance.appearance
-        found |= dict.fromkeys(Example(task.statement, task.program, appearance) for task in tasks)
+        found |= dict.fromkeys(batches.Example(task.statement, task.program, appearance) for task in tasks)
     return list(found)
 
 
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
-) -> Iterator[Example]:
-    needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.steps * recipe.batch_size)
+) -> Iterator[batches.Example]:
+    needed = int(recipe.generated * (1 + batches.FINAL_GENERATED) / 2 * recipe.steps * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
         yield from (
-            Example(pair.statement, pair.program, appearance)
+            batches.Example(pair.statement, pair.program, appearance)
             for pair in pairs
             if statement_digest(pair.statement) not in excluded
         )
@@ -236,13 +228,13 @@ class _Trainer:
         return decay * min(1.0, (self.step + 1) / self.recipe.warm_up)
 
     def _generated_fraction(self) -> float:
-        return generated_fraction(self.recipe.generated, self.step / self.recipe.steps)
+        return batches.generated_fraction(self.recipe.generated, self.step / self.recipe.steps)
 
-    def _drawn(self) -> Iterator[Batch]:
+    def _drawn(self) -> Iterator[batches.Batch]:
         recipe, data = self.recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
-        sources = PairSources(data.corpus, data.generated if len(data.generated) else None)
-        return sample_batches(
+        sources = batches.PairSources(data.corpus, data.generated if len(data.generated) else None)
+        return batches.sample_batches(
             sources, self._generated_fraction, variations, self._indices, recipe.batch_size, self._rng, self._device
         )
 
@@ -275,7 +267,7 @@ class _Trainer:
 # Calibration on held-out statements
 
 
-def calibrated_temperature(parser: Parser, examples: Sequence[Example]) -> float:
+def calibrated_temperature(parser: Parser, examples: Sequence[batches.Example]) -> float:
     """The temperature that maximises the likelihood of the examples' programs; 1 without examples."""
     if not examples:
         return 1.0
@@ -289,7 +281,7 @@ def calibrated_temperature(parser: Parser, examples: Sequence[Example]) -> float
     return max(scores, key=lambda temperature: scores[temperature])
 
 
-def _candidate_probabilities(parser: Parser, example: Example) -> tuple[list[float], int | None]:
+def _candidate_probabilities(parser: Parser, example: batches.Example) -> tuple[list[float], int | None]:
     """The candidates' probabilities, and the index of the one equivalent to the example's program."""
     candidates = parser.parse(example.statement, example.appearance).candidates
     right = truths(example.program, example.appearance)
@@ -305,14 +297,14 @@ def _tempered(probabilities: Sequence[float], index: int | None, temperature: fl
     return powers[index] / sum(powers)
 
 
-def beam_coverage(parser: Parser, examples: Sequence[Example]) -> float:
+def beam_coverage(parser: Parser, examples: Sequence[batches.Example]) -> float:
     """The fraction of examples with a correct program among the candidates; 1 without examples."""
     if not examples:
         return 1.0
     return sum(_candidate_probabilities(parser, example)[1] is not None for example in examples) / len(examples)
 
 
-def forecasts(parser: Parser, corpus: str, examples: Sequence[Example], objective: str) -> list[Forecast]:
+def forecasts(parser: Parser, corpus: str, examples: Sequence[batches.Example], objective: str) -> list[Forecast]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []

@@ -12,12 +12,12 @@ import torch
 
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus.records import FLIPIT
-from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError
+from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.proposer_verifier import Partner
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
 from lilgym_mp.learning.parsing.agent import ParseAndPlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
@@ -115,12 +115,10 @@ def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
     """The agent in a model file; it plays on the CPU. Raises ModelFileError naming the file and what is wrong."""
     select_device(device)
     description, tensors = load_model_of_kind(KIND, VERSION, path)
-    try:
+    with described_network(path):
         recipe = RewardModelRecipe.from_json(description.recipe)
         vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
         table = BoxTable(CONFIGURATIONS[description.configurations[0]][0])
         network = make_network(recipe, vocabulary, table)
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, VocabularyError) as error:
-        raise ModelFileError(f"{path}: its description cannot be used: {error}") from None
     load_weights(network, tensors, path)
     return RewardModelAgent(description, recipe, network.eval(), vocabulary)

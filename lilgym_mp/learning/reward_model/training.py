@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -37,11 +37,9 @@ from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import CountingNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
-from lilgym_mp.learning.timed_run import cpu_seconds
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
+from lilgym_mp.learning.training_run import TrainingError, begin_run
 
-SAVE_SECONDS = 60.0  # CPU time between checkpoints
-REPORT_SECONDS = 15.0
 ENTRIES_PER_COLLECTION = 16
 STOPS_PER_COLLECTION = 10  # for each of them
 SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
@@ -65,13 +63,8 @@ class Progress(NamedTuple):
 
 
 @dataclass
-class _TrainingState:
-    """The counters in a checkpoint; field names are part of its format."""
-
-    steps: int = 0
-    labels: int = 0
-    cpu_seconds: float = 0.0
-    exploring_seconds: float = 0.0
+class _Counters(Counters):
+    labels: int = 0  # labelled scenes trained on
 
 
 def train_reward_model(
@@ -94,32 +87,30 @@ def train_reward_model(
     TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint
     first.
     """
-    if (minutes is None) == (steps is None):
-        raise ValueError("give a budget: either minutes or steps")
-    if not 0 < (minutes or steps or 0) < math.inf:
-        raise ValueError(f"the budget must be positive, not {minutes or steps}")
-    run = _Run(settings, recipe, out, minutes, steps, seed, device, resume)
-    run.learn(on_progress)
+    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume)
+    run.learn()
     return run.finish()
 
 
-class _Run:
+class _Run(TimedRun[tuple[float, float]]):
+    counters: _Counters
+
     def __init__(
         self,
         settings: Settings,
         recipe: RewardModelRecipe,
         out: Path,
-        minutes: float | None,
-        steps: int | None,
+        budget: Budget,
         seed: int,
         device: str,
+        on_progress: Callable[[Progress], object],
+        *,
         resume: bool,
     ) -> None:
-        self._start_cpu_seconds = cpu_seconds()
-        self._settings, self._recipe, self._seed = settings, recipe, seed
-        self._minutes, self._budget_steps = minutes, steps
+        super().__init__(budget)
+        self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
-        self._state = _TrainingState()
+        self.counters = _Counters()
         tasks = settings.make("train").tasks
         played = {settings.configuration: tasks}
         if settings.start == FLIPIT:
@@ -134,8 +125,8 @@ class _Run:
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
         }
-        self._run = begin_run(out, identity, resume=resume)
-        self._run.remember(minutes=minutes, steps=steps)
+        self.files = begin_run(out, identity, resume=resume)
+        self.files.remember(**budget._asdict())
         self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable(settings.appearance)
@@ -150,46 +141,23 @@ class _Run:
         self._optimiser = torch.optim.AdamW(
             self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
-        if resume and self._run.has_checkpoint:
-            self._load_checkpoint()
-
-    # The budget
-
-    def _seconds(self) -> float:
-        return self._state.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
-
-    def _progress(self) -> float:
-        """The fraction of the budget spent."""
-        if self._budget_steps is not None:
-            return self._state.steps / self._budget_steps
-        assert self._minutes is not None
-        return self._seconds() / (60 * self._minutes)
+        if resume:
+            self.load(self._device)
 
     # Training
 
-    def learn(self, on_progress: Callable[[Progress], object]) -> None:
+    def learn(self) -> None:
         """Collects the first data, then alternates optimiser steps and data collection until the budget is spent."""
-        recent: list[tuple[float, float]] = []
-        try:
-            if not self._state.steps:
+        with self.saved_on_interrupt():
+            if not self.counters.steps:
                 self._collect_first()
-            saved = reported = self._seconds()
-            while self._progress() < 1:
-                if self._is_collection_due():
-                    self._collect_more()
-                recent.append(self._step())
-                now = self._seconds()
-                if now - reported > REPORT_SECONDS:
-                    self._report(recent, on_progress)
-                    recent, reported = [], now
-                if now - saved > SAVE_SECONDS:
-                    self._save()
-                    saved = now
-        except KeyboardInterrupt:
-            self._save()
-            raise
-        if recent:
-            self._report(recent, on_progress)
+            self.optimise()
+
+    def step(self) -> tuple[float, float]:
+        if self._is_collection_due():
+            with self.exploring():
+                self._collect_more()
+        return self._step()
 
     def _step(self) -> tuple[float, float]:
         """One optimiser step. Returns the loss and the accuracy."""
@@ -206,17 +174,14 @@ class _Run:
         loss = F.binary_cross_entropy_with_logits(logits, truths)
         value = loss.item()
         if not math.isfinite(value):
-            raise TrainingError(
-                f"the loss is not finite at step {self._state.steps};"
-                f" the last good checkpoint is kept in {self._run.path}; try a lower learning rate"
-            )
+            raise self.not_finite()
         self._optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
         self._optimiser.step()
-        self._state.steps += 1
-        self._state.labels += truths.numel()
-        decay = min(recipe.averaging, (1 + self._state.steps) / (10 + self._state.steps))
+        self.counters.steps += 1
+        self.counters.labels += truths.numel()
+        decay = min(recipe.averaging, (1 + self.counters.steps) / (10 + self.counters.steps))
         with torch.no_grad():
             for average, parameter in zip(self._averaged.parameters(), self._network.parameters(), strict=True):
                 average.lerp_(parameter, 1 - decay)
@@ -236,8 +201,8 @@ class _Run:
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
-        warm_up = min(1.0, (self._state.steps + 1) / WARM_UP)
-        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self._progress()))))
+        warm_up = min(1.0, (self.counters.steps + 1) / WARM_UP)
+        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self.progress()))))
 
     @torch.inference_mode()
     def _held_out_accuracy(self) -> float | None:
@@ -254,31 +219,28 @@ class _Run:
     # Data collection
 
     def _collect_first(self) -> None:
-        began = self._seconds()
-        for entry in self._entries:
-            self._collector.explore(entry, self._recipe.first_stops)
-        for entry in self._held_out:
-            self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
+        with self.exploring():
+            for entry in self._entries:
+                self._collector.explore(entry, self._recipe.first_stops)
+            for entry in self._held_out:
+                self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
         if not any(entry.pairs for entry in self._entries):
             raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
-        self._state.exploring_seconds += self._seconds() - began
 
     def _is_collection_due(self) -> bool:
-        if self._budget_steps is not None:  # deterministic
-            return self._state.steps % 5 == 4 and self._recipe.exploring > 0
-        is_wanted = self._collector.stops * self._recipe.reuse < self._state.labels
-        return is_wanted and self._state.exploring_seconds < self._recipe.exploring * self._seconds()
+        if self.budget.steps is not None:  # deterministic
+            return self.counters.steps % 5 == 4 and self._recipe.exploring > 0
+        is_wanted = self._collector.stops * self._recipe.reuse < self.counters.labels
+        return is_wanted and self.counters.exploring_seconds < self._recipe.exploring * self.seconds()
 
     def _collect_more(self) -> None:
-        began = self._seconds()
-        searches = self._progress() > SEARCH_AFTER and self._rng.random() < self._recipe.searching
+        searches = self.progress() > SEARCH_AFTER and self._rng.random() < self._recipe.searching
         chosen = self._rng.integers(len(self._entries), size=ENTRIES_PER_COLLECTION)
         for entry in (self._entries[index] for index in chosen.tolist()):
             if searches:
                 self._search(entry)
             else:
                 self._collector.explore(entry, STOPS_PER_COLLECTION)
-        self._state.exploring_seconds += self._seconds() - began
 
     def _search(self, entry: Entry) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
@@ -291,65 +253,55 @@ class _Run:
 
     # Files
 
-    def _report(self, recent: Sequence[tuple[float, float]], on_progress: Callable[[Progress], object]) -> None:
-        state, collector = self._state, self._collector
+    def report(self, recent: Sequence[tuple[float, float]]) -> None:
+        counters, collector = self.counters, self._collector
         loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
         held_out = self._held_out_accuracy()
         progress = Progress(
-            state.steps,
-            state.labels,
+            counters.steps,
+            counters.labels,
             collector.stops,
             collector.steps,
-            round(self._seconds(), 1),
-            round(state.exploring_seconds, 1),
+            round(self.seconds(), 1),
+            round(counters.exploring_seconds, 1),
             loss,
             accuracy,
             None if held_out is None else round(held_out, 4),
         )
-        self._run.record(progress._asdict())
-        on_progress(progress)
+        self.files.record(progress._asdict())
+        self._on_progress(progress)
 
-    def _save(self) -> None:
-        collector = self._collector
-        state = {
+    def state(self) -> dict[str, Any]:
+        return {
             "network": self._network.state_dict(),
             "averaged": self._averaged.state_dict(),
             "optimiser": self._optimiser.state_dict(),
-            "standing": {**vars(self._state), "cpu_seconds": self._seconds()},
-            "played": [collector.stops, collector.steps],
+            "played": [self._collector.stops, self._collector.steps],
             "data": stored([*self._entries, *self._held_out], self._table),
         }
-        self._run.save_checkpoint(state)
 
-    def _load_checkpoint(self) -> None:
-        state = self._run.load_checkpoint(self._device)
-        try:
-            self._network.load_state_dict(state["network"])
-            self._averaged.load_state_dict(state["averaged"])
-            self._optimiser.load_state_dict(state["optimiser"])
-            self._state = _TrainingState(**state["standing"])
-            self._collector.stops, self._collector.steps = state["played"]
-            restored([*self._entries, *self._held_out], self._table, state["data"])
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {self._run.path} is not of this run: {reason}") from None
-        self._rng = self._collector.rng = np.random.default_rng([self._seed, self._state.steps])
+    def restore(self, state: dict[str, Any]) -> None:
+        self._network.load_state_dict(state["network"])
+        self._averaged.load_state_dict(state["averaged"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self._collector.stops, self._collector.steps = state["played"]
+        restored([*self._entries, *self._held_out], self._table, state["data"])
+        self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.steps])
 
     def finish(self) -> RewardModelAgent:
         """Saves the averaged network as the agent."""
-        self._save()
+        self.save()
         statistics = {
             "seed": self._seed,
             "steps": self._collector.steps,
             "stops": self._collector.stops,
-            "labels": self._state.labels,
-            "cpu_minutes": round(self._seconds() / 60, 2),
-            "exploring_cpu_minutes": round(self._state.exploring_seconds / 60, 2),
+            "labels": self.counters.labels,
+            **self.statistics(),
             "held_out_accuracy": self._held_out_accuracy(),
         }
         vocabulary = self._reader.vocabulary
         description = describe(self._settings, self._recipe, self._configurations, vocabulary, statistics)
-        self._run.save_agent(description, self._averaged.state_dict())
+        self.files.save_agent(description, self._averaged.state_dict())
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
 
 

@@ -4,107 +4,94 @@ from __future__ import annotations
 
 from typing import Any
 
-from lilgym_mp.programs.words import (
-    AnyArg,
-    BoolArg,
-    CollectionArg,
-    ColorsArg,
-    FunctionArg,
-    IntArg,
-    ShapesArg,
-    SizesArg,
-    elements,
-    is_collection,
-    value_key,
-    word,
-)
+from lilgym_mp.programs import words
 
 
-@word("comparison")
-def le(a: IntArg, b: IntArg) -> bool:
+@words.word("comparison")
+def le(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether a <= b."""
     return a <= b
 
 
-@word("comparison")
-def ge(a: IntArg, b: IntArg) -> bool:
+@words.word("comparison")
+def ge(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether a >= b."""
     return a >= b
 
 
-@word("comparison")
-def lt(a: IntArg, b: IntArg) -> bool:
+@words.word("comparison")
+def lt(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether a < b."""
     return a < b
 
 
-@word("comparison")
-def gt(a: IntArg, b: IntArg) -> bool:
+@words.word("comparison")
+def gt(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether a > b."""
     return a > b
 
 
-@word("comparison")
-def equal_int(a: IntArg, b: IntArg) -> bool:
+@words.word("comparison")
+def equal_int(a: words.IntArg, b: words.IntArg) -> bool:
     """Whether the numbers `a` and `b` are equal."""
     return a == b
 
 
-@word("comparison", steps_per_element=8)
-def equal(a: AnyArg, b: AnyArg) -> bool:
+@words.word("comparison", steps_per_element=8)
+def equal(a: words.AnyArg, b: words.AnyArg) -> bool:
     """Whether `a` equals `b`. Values of different types are compared as sets, a single value as {value}."""
     if type(a) is type(b):
         return a == b
-    return {value_key(x) for x in _as_list(a)} == {value_key(x) for x in _as_list(b)}
+    return {words.value_key(x) for x in _as_list(a)} == {words.value_key(x) for x in _as_list(b)}
 
 
-@word("comparison")
-def equal_color(a: ColorsArg, b: ColorsArg) -> bool:
+@words.word("comparison")
+def equal_color(a: words.ColorsArg, b: words.ColorsArg) -> bool:
     """`equal`, restricted to colours and collections of colours."""
     return equal(a, b)
 
 
-@word("comparison")
-def equal_size(a: SizesArg, b: SizesArg) -> bool:
+@words.word("comparison")
+def equal_size(a: words.SizesArg, b: words.SizesArg) -> bool:
     """`equal`, restricted to sizes and collections of sizes."""
     return equal(a, b)
 
 
-@word("comparison")
-def equal_shape(a: ShapesArg, b: ShapesArg) -> bool:
+@words.word("comparison")
+def equal_shape(a: words.ShapesArg, b: words.ShapesArg) -> bool:
     """`equal`, restricted to shapes and collections of shapes."""
     return equal(a, b)
 
 
-@word("logic")
-def AND(a: BoolArg, b: BoolArg) -> bool:
+@words.word("logic")
+def AND(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether both are true. Both must be bools, and both are evaluated."""
     return a and b
 
 
-@word("logic")
-def OR(a: BoolArg, b: BoolArg) -> bool:
+@words.word("logic")
+def OR(a: words.BoolArg, b: words.BoolArg) -> bool:
     """Whether at least one is true. Both must be bools, and both are evaluated."""
     return a or b
 
 
-@word("logic")
-def NOT(a: BoolArg) -> bool:
+@words.word("logic")
+def NOT(a: words.BoolArg) -> bool:
     """Whether `a` is false. It must be a bool."""
     return not a
 
 
-@word("logic", name="All")
-def every(s: CollectionArg, f: FunctionArg) -> bool:
+@words.word("logic", name="All")
+def every(s: words.CollectionArg, f: words.FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for all x in `s`; false for an empty `s`. Stops at the first failure."""
     return bool(s) and all(f(x) is True for x in s)
 
 
-@word("logic", name="Any")
-def some(s: CollectionArg, f: FunctionArg) -> bool:
+@words.word("logic", name="Any")
+def some(s: words.CollectionArg, f: words.FunctionArg) -> bool:
     """Whether f(x) is True, not merely truthy, for some x in `s`. Stops at the first success."""
     return any(f(x) is True for x in s)
 
 
 def _as_list(value: Any) -> list[Any]:
-    return elements(value) if is_collection(value) else [value]
+    return words.elements(value) if words.is_collection(value) else [value]

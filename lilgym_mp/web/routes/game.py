@@ -10,21 +10,10 @@ from pydantic import BaseModel, Field
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, Partner, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.web import live_games
+from lilgym_mp.web import field_types, live_games
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import (
-    ColourName,
-    ConfigurationName,
-    Name,
-    PresetName,
-    ProtocolName,
-    RandomId,
-    ShapeName,
-    SizeName,
-    SplitName,
-)
 from lilgym_mp.web.templating import render_page
 from lilgym_mp.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
 
@@ -39,10 +28,10 @@ PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", descri
 class NewGame(BaseModel):
     """Settings of a game and who takes each seat; at least one must be a person."""
 
-    configuration: ConfigurationName = "TowerScratch"
-    split: SplitName = "dev"
-    protocol: ProtocolName = "veto"
-    rewards: PresetName = "common"
+    configuration: field_types.ConfigurationName = "TowerScratch"
+    split: field_types.SplitName = "dev"
+    protocol: field_types.ProtocolName = "veto"
+    rewards: field_types.PresetName = "common"
     verdict_bins: int | None = Field(
         None, ge=2, le=9, description="audit: number of probabilities the verifier chooses from; null: accept or reject"
     )
@@ -55,7 +44,7 @@ class NewGame(BaseModel):
 class SeatAction(BaseModel):
     """An action by name, such as ADD(LEFT, BLUE) or accept, and the number of actions this seat took before."""
 
-    action: Name
+    action: field_types.Name
     own_actions: int = Field(ge=0, le=100_000)
 
 
@@ -115,7 +104,7 @@ def _partner(services: AppServices, role: Role, name: str, new: NewGame) -> Part
 
 
 @api.get("/seats/{key}")
-def seat(key: RandomId, services: Services) -> live_games.SeatBody:
+def seat(key: field_types.RandomId, services: Services) -> live_games.SeatBody:
     """What the agent in this seat observes now."""
     game, role = services.games.find(key)
     with game.lock:
@@ -124,11 +113,11 @@ def seat(key: RandomId, services: Services) -> live_games.SeatBody:
 
 @api.get("/seats/{key}/legal")
 def legal(
-    key: RandomId,
+    key: field_types.RandomId,
     services: Services,
-    shape: ShapeName | None = None,
-    colour: ColourName | None = None,
-    size: SizeName | None = None,
+    shape: field_types.ShapeName | None = None,
+    colour: field_types.ColourName | None = None,
+    size: field_types.SizeName | None = None,
 ) -> live_games.LegalBody:
     """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
     game, role = services.games.find(key)
@@ -137,7 +126,7 @@ def legal(
 
 
 @api.post("/seats/{key}/actions")
-def act(key: RandomId, taken: SeatAction, services: Services) -> live_games.SeatBody:
+def act(key: field_types.RandomId, taken: SeatAction, services: Services) -> live_games.SeatBody:
     """Takes an action in this seat; partners then play until a person must act."""
     game, role = services.games.find(key)
     with game.lock:

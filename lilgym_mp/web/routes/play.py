@@ -11,20 +11,10 @@ from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.web import played_episodes
+from lilgym_mp.web import field_types, played_episodes
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import (
-    ColourName,
-    ConfigurationName,
-    Name,
-    RandomId,
-    RulesName,
-    ShapeName,
-    SizeName,
-    SplitName,
-)
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
@@ -38,17 +28,17 @@ Nickname = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1,
 class NewEpisode(BaseModel):
     """Settings of an episode; without `task_id` a random task is drawn."""
 
-    configuration: ConfigurationName = "TowerScratch"
-    split: SplitName = "dev"
-    task_id: Name | None = None
-    rules: RulesName = "paper"
+    configuration: field_types.ConfigurationName = "TowerScratch"
+    split: field_types.SplitName = "dev"
+    task_id: field_types.Name | None = None
+    rules: field_types.RulesName = "paper"
     strict: bool = Field(False, description="whether an illegal action ends the episode, as it does for agents")
 
 
 class ActionTaken(BaseModel):
     """An action by name, such as ADD(LEFT, BLUE), and the step count that the player saw when taking it."""
 
-    action: Name
+    action: field_types.Name
     steps: int = Field(ge=0, le=1_000)
 
 
@@ -92,8 +82,8 @@ def play_page(request: Request, services: Services) -> Response:
 @api.get("/tasks")
 def tasks(
     services: Services,
-    configuration: ConfigurationName,
-    split: SplitName = "dev",
+    configuration: field_types.ConfigurationName,
+    split: field_types.SplitName = "dev",
     text: Annotated[str, Query(max_length=200)] = "",
 ) -> TasksBody:
     """Searches the tasks of a configuration and split."""
@@ -125,14 +115,14 @@ def _load(services: AppServices, visitor_id: str, episode_id: str) -> played_epi
 
 
 @api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.EpisodeBody:
+def episode(episode_id: field_types.RandomId, services: Services, caller: CurrentCaller) -> played_episodes.EpisodeBody:
     """The current state of an episode of this browser."""
     return played_episodes.episode_body(_load(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
 async def act(
-    episode_id: RandomId, taken: ActionTaken, services: Services, caller: CurrentCaller
+    episode_id: field_types.RandomId, taken: ActionTaken, services: Services, caller: CurrentCaller
 ) -> played_episodes.EpisodeBody:
     """Takes an action."""
 
@@ -145,12 +135,12 @@ async def act(
 
 @api.get("/episodes/{episode_id}/legal")
 def legal(
-    episode_id: RandomId,
+    episode_id: field_types.RandomId,
     services: Services,
     caller: CurrentCaller,
-    shape: ShapeName | None = None,
-    colour: ColourName | None = None,
-    size: SizeName | None = None,
+    shape: field_types.ShapeName | None = None,
+    colour: field_types.ColourName | None = None,
+    size: field_types.SizeName | None = None,
 ) -> LegalBody:
     """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
     loaded = _load(services, caller.id, episode_id)
@@ -158,13 +148,17 @@ def legal(
 
 
 @api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.ExplanationBody:
+def explanation(
+    episode_id: field_types.RandomId, services: Services, caller: CurrentCaller
+) -> played_episodes.ExplanationBody:
     """Why the episode ended, with the value of each part of the program."""
     return played_episodes.explanation(_load(services, caller.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/solution")
-async def solution(episode_id: RandomId, services: Services, caller: CurrentCaller) -> played_episodes.SolutionBody:
+async def solution(
+    episode_id: field_types.RandomId, services: Services, caller: CurrentCaller
+) -> played_episodes.SolutionBody:
     """The expert's solution. An episode whose solution is requested before its end is excluded from statistics."""
 
     def load_and_mark(session: Session) -> played_episodes.LoadedEpisode:

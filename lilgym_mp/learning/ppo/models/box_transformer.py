@@ -21,16 +21,7 @@ from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.learning.imitation.network import (
-    MAX_WORDS,
-    MIN_PADDED_WORDS,
-    Attention,
-    Feedforward,
-    Packing,
-    StatementEncodings,
-    TextEncoder,
-    attention_mask,
-)
+from lilgym_mp.learning.imitation import network
 from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisation
 from lilgym_mp.learning.ppo.models.grouping import GroupedRows, group_by_statement
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
@@ -88,23 +79,23 @@ class BoxTransformer(Model):
         self.vocabulary = vocabulary
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.factorisation = joint_factorisation(appearance)
-        self.text = TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
+        self.text = network.TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
-        self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
-        self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
+        self.readings = nn.ModuleList(network.Attention(width, heads) for _ in range(pair_layers))
+        self.feedforwards = nn.ModuleList(network.Feedforward(width) for _ in range(pair_layers))
         self.part = nn.Linear(width, width)
         self.part_place = nn.Parameter(0.02 * torch.randn(BOX_COUNT, width))
         self.scene_in = nn.Linear(width, width)
-        self.scene_reading = Attention(width, heads)
-        self.scene_feedforward = Feedforward(width)
+        self.scene_reading = network.Attention(width, heads)
+        self.scene_feedforward = network.Feedforward(width)
         self.truth = nn.Linear(width, 1)
         self.target = nn.Embedding(2, width)
-        self.judge = Feedforward(width)
+        self.judge = network.Feedforward(width)
         self.types = nn.Linear(width, len(ActionType))
         self.value = nn.Linear(width, 1)
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
-        self.act_feedforward = Feedforward(width)
+        self.act_feedforward = network.Feedforward(width)
         self.arguments = TowerArguments(width) if appearance.grid is None else ScatterArguments(appearance.grid, width)
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
@@ -158,7 +149,7 @@ class BoxTransformer(Model):
         return self.truth(encoded.scenes).squeeze(1) * (2 * encoded.targets - 1)
 
     def _encode_scenes(
-        self, pairs: Tensor, pairs_of: Tensor, statements: StatementEncodings, packing: Packing
+        self, pairs: Tensor, pairs_of: Tensor, statements: network.StatementEncodings, packing: network.Packing
     ) -> Tensor:
         """(N, d) scene vectors from statement-box pairs (R, d) and each scene's three pairs (N, 3)."""
         parts = _gather(self.part(pairs), pairs_of)
@@ -186,7 +177,7 @@ class BoxTransformer(Model):
         rows = torch.tensor([self._box_rows[box_hash] for box_hash in hashes], device=device)
         return EncodedBoxes(*(part.index_select(0, rows) for part in self._cached_boxes))
 
-    def _encode_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
+    def _encode_statements(self, statements: tuple[str, ...]) -> network.StatementEncodings:
         """The statements encoded; without gradients, encodings are cached until `clear_cache`."""
         if torch.is_grad_enabled():
             return self._compute_statements(statements)
@@ -198,22 +189,22 @@ class BoxTransformer(Model):
             for row, statement in enumerate(new):
                 count = int((encodings.mask[row, 0, 0] == 0).sum())
                 self._cached_statements[statement] = [key_value[row, :count] for key_value in encodings.key_values]
-        return StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
+        return network.StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
 
-    def _compute_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
-        rows = [self.vocabulary.encode(one, MAX_WORDS) for one in statements]
+    def _compute_statements(self, statements: tuple[str, ...]) -> network.StatementEncodings:
+        rows = [self.vocabulary.encode(one, network.MAX_WORDS) for one in statements]
         words = np.stack(rows)
-        words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
+        words = words[:, : max(network.MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # an empty statement becomes one unknown word
         indices = torch.from_numpy(words).to(self.value.weight.device)
-        mask = attention_mask(indices)
+        mask = network.attention_mask(indices)
         x = self.text(indices)
         attentions = (*self.readings, self.scene_reading)
-        return StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+        return network.StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
-def _packing(rows: GroupedRows, device: torch.device) -> Packing:
-    return Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.positions).to(device))
+def _packing(rows: GroupedRows, device: torch.device) -> network.Packing:
+    return network.Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.positions).to(device))
 
 
 def _gather(rows: Tensor, indices: Tensor) -> Tensor:
@@ -240,7 +231,7 @@ class BoxEncoder(nn.Module):
         self.patch = nn.Linear(PATCH_BYTES, channels)
         self.around = nn.Conv2d(channels, channels, 3, padding=1)
         self.whole = nn.Linear(PATCHES**2 * channels, width)
-        self.feedforward = Feedforward(width)
+        self.feedforward = network.Feedforward(width)
 
     def forward(self, patches: Tensor, patches_of: Tensor) -> EncodedBoxes:
         """Encodes U boxes, given as distinct patches (Q, 300) uint8 and patch indices (U, 25)."""
