@@ -21,9 +21,9 @@ from lilgym_mp.learning.model_file import ModelDescription, described_network, l
 from lilgym_mp.learning.parsing.agent import ParseAndPlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
-from lilgym_mp.learning.reward_model.network import CountingNetwork
+from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Breadth, Judge, Planner
+from lilgym_mp.learning.reward_model.search import Judge, Planner
 from lilgym_mp.rules import State
 from lilgym_mp.scene import BOX_COUNT, Scene
 
@@ -32,21 +32,15 @@ VERSION = 1
 SUPERVISION = "rewards; knows the rules of editing"
 
 
-def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTable) -> CountingNetwork:
-    return CountingNetwork(
+def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTable) -> ModulatedNetwork:
+    return ModulatedNetwork(
         len(vocabulary),
         table.item_width,
         table.box_width,
         width=recipe.width,
-        predicates=recipe.predicates,
-        box_units=recipe.box_units,
-        scene_units=recipe.scene_units,
+        tokens=recipe.tokens,
         dropout=recipe.dropout,
     )
-
-
-def breadth_of(recipe: RewardModelRecipe) -> Breadth:
-    return Breadth(recipe.beam, recipe.averaged_exchanges, recipe.edit_cost)
 
 
 @dataclass(frozen=True)
@@ -55,7 +49,7 @@ class RewardModelAgent:
 
     description: ModelDescription
     recipe: RewardModelRecipe
-    network: CountingNetwork
+    network: ModulatedNetwork
     vocabulary: Vocabulary
 
     @property
@@ -71,8 +65,7 @@ class RewardModelAgent:
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         is_flipit = settings.start == FLIPIT
-        breadth = breadth_of(self.recipe)
-        return Planner(self.network, self._reader(), settings.dynamics(), breadth, is_flipit=is_flipit)
+        return Planner(self.network, self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
 
     def verifier(self) -> Partner:
         """The model as the verifier of the two-agent game."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ from torch import Tensor
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.numbering import ITEM_TYPES, add_index, remove_index
-from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, Shape, Size
@@ -23,6 +23,8 @@ Rng = np.random.Generator
 Boxes = tuple[int, int, int]  # a scene as indices in the box table
 MAX_TRIES = 20  # random edits until one is legal
 LONGEST_WALK = 4  # edits from a start or a known scene
+CLIMB_LENGTH = 6  # edits
+CLIMB_WIDTH = 12  # random edits, of which one is made
 LONGEST_BUILD = 10  # edits from the empty scene
 
 
@@ -102,15 +104,7 @@ class Collector:
 
     def _walk(self, entry: Entry, enough: int) -> None:
         rng = self.rng
-        choice = rng.random()
-        if entry.pairs and choice < 0.4:
-            index = entry.pairs[rng.integers(len(entry.pairs))][rng.integers(2)]
-        elif entry.scenes and choice < 0.7:
-            side = entry.by_truth[rng.integers(2)] or range(len(entry.scenes))
-            index = side[rng.integers(len(side))]
-        else:
-            task_index = entry.random_task(rng)
-            index = self.stop(entry, task_index, entry.tasks[task_index].start, 0)
+        index = self._begin(entry)
         task_index, edits, _ = entry.known[index]
         scene = self.table.scene(entry.scenes[index])
         is_build = not any(box.items for box in scene.boxes)
@@ -124,6 +118,44 @@ class Collector:
             index = self.stop(entry, task_index, scene, edits)
             self._compare(entry, before, index)
             task_index, edits, _ = entry.known[index]
+
+    def _begin(self, entry: Entry) -> int:
+        """The index of a known scene, or of a start."""
+        rng = self.rng
+        choice = rng.random()
+        if entry.pairs and choice < 0.4:
+            return entry.pairs[rng.integers(len(entry.pairs))][rng.integers(2)]
+        if entry.scenes and choice < 0.7:
+            side = entry.by_truth[rng.integers(2)] or range(len(entry.scenes))
+            return side[rng.integers(len(side))]
+        task_index = entry.random_task(rng)
+        return self.stop(entry, task_index, entry.tasks[task_index].start, 0)
+
+    def climb(self, entries: Sequence[Entry], judge: Callable[[Sequence[Sequence[Scene]]], Float64Array]) -> None:
+        """Walks, one of each entry, of the edits that the model likes best for a truth value, among random ones.
+
+        `judge` gives (E, CLIMB_WIDTH) logits of truth. Where the wanted value is met, the walk turns to the other one.
+        """
+        rng = self.rng
+        standing = [self._begin(entry) for entry in entries]
+        wanted = rng.integers(2, size=len(entries)).astype(bool)
+        for _ in range(CLIMB_LENGTH):
+            found = [
+                [self.edited(scene) or scene for _ in range(CLIMB_WIDTH)]
+                for scene in (
+                    self.table.scene(entry.scenes[index]) for entry, index in zip(entries, standing, strict=True)
+                )
+            ]
+            best = np.where(wanted[:, None], 1, -1) * judge(found)
+            for row, choice in enumerate(best.argmax(1).tolist()):
+                entry, before = entries[row], standing[row]
+                task_index, edits, _ = entry.known[before]
+                if edits + 1 >= self.dynamics.horizon:
+                    standing[row] = self._begin(entry)
+                    continue
+                after = standing[row] = self.stop(entry, task_index, found[row][choice], edits + 1)
+                self._compare(entry, before, after)
+                wanted[row] ^= entry.known[after].truth == wanted[row]
 
     def follow(self, entry: Entry, task_index: int, actions: Sequence[Action]) -> None:
         """Plays a plan from the task's start, and stops in each of its scenes, in an episode of its own."""

@@ -14,9 +14,7 @@ class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
     width: int = setting(64, "network width; a multiple of 4", 4)
-    predicates: int = setting(12, "item predicates that a statement selects", 1)
-    box_units: int = setting(12, "units that judge a box", 1)
-    scene_units: int = setting(8, "units that judge the scene", 1)
+    tokens: int = setting(6, "queries that read the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
     statements: int = setting(32, "statements per batch", 1)
     scenes: int = setting(64, "scenes per statement in a batch", 4)

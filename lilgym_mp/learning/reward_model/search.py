@@ -1,14 +1,13 @@
 """Search for the scene, within reach of edits, where the model is surest that the statement has a truth value.
 
 Tower: from the start and the best scenes so far, every box is replaced by any other, three times over. Scatter: from a
-few best scenes, every ADD and REMOVE, and pairs of the best of them, are judged by the change of the counts that they
+few best scenes, every ADD and REMOVE, and pairs of the best of them, are judged by the change of the sums that they
 cause; the best are made by the rules. Progress is measured in logits, the choice by mean probabilities.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple
@@ -28,7 +27,8 @@ from lilgym_mp.learning.reward_model.features import (
     scatter_item_features,
 )
 from lilgym_mp.learning.reward_model.inputs import InputReader
-from lilgym_mp.learning.reward_model.network import CountingNetwork, sum_boxes
+from lilgym_mp.learning.reward_model.network import ModulatedNetwork, sum_boxes
+from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
 from lilgym_mp.solver.canonical_items import canonical_items
@@ -55,20 +55,11 @@ class Plan(NamedTuple):
     goals: tuple[()] = ()  # no programs
 
 
-@dataclass(frozen=True)
-class Breadth:
-    """How much is searched."""
-
-    beam: int
-    exchanges: int  # of what a statement does not name, over which the choice is averaged
-    edit_cost: float
-
-
 class Judge:
     """The model's opinion of scenes for one statement, made true or false, under at most `exchanges` exchanges, E."""
 
     def __init__(
-        self, network: CountingNetwork, reader: InputReader, statement: str, exchanges: int, *, target: bool
+        self, network: ModulatedNetwork, reader: InputReader, statement: str, exchanges: int, *, target: bool
     ) -> None:
         self.network, self.reader = network, reader
         self._sign = 1.0 if target else -1.0
@@ -76,14 +67,14 @@ class Judge:
         self.reading = network.read(*reader.statements([statement] * len(kinds), kinds))
 
     def logits(self, sums: Tensor) -> Tensor:
-        """(E, N) of success, from values (E, N, K + H) summed over boxes."""
+        """(E, N) of success, from values (E, N, 2 d) summed over boxes."""
         return self._sign * self.network.logits(self.reading, sums)
 
     def box_values(self, indices: Int64Array) -> tuple[Tensor, Tensor]:
-        """(E, U, K) counts in boxes and (E, U, K + H) their values."""
+        """(E, U, d) item sums of boxes and (E, U, 2 d) their values."""
         items, looks, present = self.reader.boxes(indices[None])
-        counts = self.network.count_items(self.reading, items, present)
-        return counts, self.network.box_values(self.reading, counts, looks)
+        sums = self.network.item_sums(self.reading, items, present)
+        return sums, self.network.box_values(self.reading, sums, looks)
 
 
 class Planner:
@@ -91,15 +82,15 @@ class Planner:
 
     def __init__(
         self,
-        network: CountingNetwork,
+        network: ModulatedNetwork,
         reader: InputReader,
         dynamics: Dynamics,
-        breadth: Breadth,
+        recipe: RewardModelRecipe,
         *,
         is_flipit: bool,
     ) -> None:
         """`is_flipit`: a start is never solved, so that STOP is no plan there."""
-        self.dynamics, self.breadth = dynamics, breadth
+        self.dynamics, self.recipe = dynamics, recipe
         self._network, self._reader, self._is_flipit = network, reader, is_flipit
 
     @torch.inference_mode()
@@ -108,13 +99,13 @@ class Planner:
         table = self._reader.table
         if len(table) > MOST_BOXES:
             self._reader.table = table = BoxTable(table.appearance)
-        judge = Judge(self._network, self._reader, statement, self.breadth.exchanges, target=target)
+        judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
         if isinstance(self.dynamics.appearance, Scatter):
-            search = _ScatterSearch(judge, self.dynamics, self.dynamics.appearance, self.breadth)
+            search = _ScatterSearch(judge, self.dynamics, self.dynamics.appearance, self.recipe)
             return search.plan(scene, most_edits, may_stop=may_stop)
-        return _plan_tower(judge, table.of(scene), most_edits, self.breadth, may_stop=may_stop)
+        return _plan_tower(judge, table.of(scene), most_edits, self.recipe, may_stop=may_stop)
 
 
 # Tower
@@ -135,7 +126,9 @@ def _box_edits(index: int, before: int, after: int) -> list[Action]:
     return [*removals, *(AddBlock(index, Colour(int(colours[after, level]))) for level in range(kept, heights[after]))]
 
 
-def _plan_tower(judge: Judge, start: Sequence[int], most_edits: int, breadth: Breadth, *, may_stop: bool) -> Plan:
+def _plan_tower(
+    judge: Judge, start: Sequence[int], most_edits: int, recipe: RewardModelRecipe, *, may_stop: bool
+) -> Plan:
     distances = _box_distances()[list(start)]  # (3, 121)
     boxes = distances.shape[1]
     _, values = judge.box_values(np.arange(boxes))
@@ -151,9 +144,9 @@ def _plan_tower(judge: Judge, start: Sequence[int], most_edits: int, breadth: Br
             found[:, index, :, index] = np.arange(boxes)
         candidates = _distinct(found.reshape(-1, BOX_COUNT), distances, most_edits)
         first = values[:1], torch.from_numpy(candidates)[None]
-        scores = judge.logits(sum_boxes(*first))[0].numpy() - breadth.edit_cost * edits_to(candidates)
+        scores = judge.logits(sum_boxes(*first))[0].numpy() - recipe.edit_cost * edits_to(candidates)
         best = np.argsort(-scores, kind="stable")
-        beam = candidates[best[: breadth.beam]]
+        beam = candidates[best[: recipe.beam]]
         known = np.concatenate([known, candidates[best[:FINALISTS]]])
     if not may_stop:
         known = known[edits_to(known) > 0]
@@ -162,7 +155,7 @@ def _plan_tower(judge: Judge, start: Sequence[int], most_edits: int, breadth: Br
     probabilities = _mean_probabilities(
         judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
     )
-    chosen = int((probabilities - breadth.edit_cost * edits_to(known)).argmax())
+    chosen = int((probabilities - recipe.edit_cost * edits_to(known)).argmax())
     edits = [
         edit
         for index, (before, after) in enumerate(zip(start, known[chosen].tolist(), strict=True))
@@ -202,11 +195,11 @@ class _Edit(NamedTuple):
 
 
 class _ScatterSearch:
-    def __init__(self, judge: Judge, dynamics: Dynamics, scatter: Scatter, breadth: Breadth) -> None:
-        self._judge, self._dynamics, self._scatter, self._breadth = judge, dynamics, scatter, breadth
+    def __init__(self, judge: Judge, dynamics: Dynamics, scatter: Scatter, recipe: RewardModelRecipe) -> None:
+        self._judge, self._dynamics, self._scatter, self._recipe = judge, dynamics, scatter, recipe
         self._table = judge.reader.table
         items = torch.from_numpy(_canonical_features()).float()
-        self._added = judge.network.count_items(judge.reading, items[None, :, None])  # (E, 1323, K)
+        self._added = judge.network.item_sums(judge.reading, items[None, :, None])  # (E, 1323, d)
 
     def plan(self, scene: Scene, most_edits: int, *, may_stop: bool) -> Plan:
         start = self._nodes([(scene, ())])[0]
@@ -219,7 +212,7 @@ class _ScatterSearch:
                 after = self._made(node, edits)
                 if after is not None and after[0] not in reached:
                     made.setdefault(*after)
-                if len(made) >= self._breadth.beam:
+                if len(made) >= self._recipe.beam:
                     break
             nodes = self._nodes(list(made.items()))
             reached.update((node.scene, node) for node in nodes)
@@ -229,7 +222,7 @@ class _ScatterSearch:
         choices = [node for node in reached.values() if may_stop or node.actions]
         if not choices:
             return Plan((STOP,), 0.0)
-        best = max(choices, key=lambda node: node.probability - self._breadth.edit_cost * len(node.actions))
+        best = max(choices, key=lambda node: node.probability - self._recipe.edit_cost * len(node.actions))
         return Plan((*map(self._scatter.decode, best.actions), STOP), best.probability)
 
     def _nodes(self, scenes: Sequence[tuple[Scene, tuple[int, ...]]]) -> list[_Node]:
@@ -243,68 +236,45 @@ class _ScatterSearch:
         return [_Node(*one) for one in zip(*zip(*scenes, strict=True), means, probabilities, strict=True)]
 
     def _expanded(self, node: _Node, most_edits: int) -> list[tuple[float, _Node, tuple[_Edit, ...]]]:
-        """Single edits and pairs of the best of them, with the logits that the changed counts give."""
+        """Single edits and pairs of the best of them, with the logits that the changed sums give."""
         left = most_edits - len(node.actions)
         if left <= 0:
             return []
         judge = self._judge
         edits = [edit for index in range(BOX_COUNT) for edit in self._edits(node.scene, index)]
         indices = np.array(self._table.of(node.scene))
-        counts, values = judge.box_values(indices)
+        sums, values = judge.box_values(indices)
         looks = np.stack([_looks_of(self._table, index) for index in indices.tolist()])
         items = judge.reader.boxes(indices[None])[0]
-        each = judge.network.count_items(judge.reading, items.flatten(1, 2)[:, :, None]).unflatten(1, items.shape[1:3])
+        each = judge.network.item_sums(judge.reading, items.flatten(1, 2)[:, :, None]).unflatten(1, items.shape[1:3])
         change, look_change = self._changes(node.scene, edits, each)
         box = np.array([edit.box for edit in edits])
-        total = values.sum(1, keepdim=True)
 
-        def scores(box_counts: Tensor, box_looks: Int64Array, of: Int64Array) -> Float64Array:
-            features = torch.from_numpy(scatter_box_features(box_looks)).float()[None]
-            after = judge.network.box_values(judge.reading, box_counts, features)
-            return judge.logits(total - values[:, of] + after).mean(0).double().numpy()
+        def scores(*parts: tuple[Int64Array, ...]) -> Float64Array:
+            """Mean logits after some edits, of a box each part."""
+            total = values.sum(1, keepdim=True)
+            for part in parts:
+                at = box[part[0]]
+                box_sums = sums[:, at] + sum(change[:, index] for index in part)
+                after = looks[at] + sum(look_change[index] for index in part)
+                features = torch.from_numpy(scatter_box_features(after)).float()[None]
+                total = total - values[:, at] + judge.network.box_values(judge.reading, box_sums, features)
+            return judge.logits(total).mean(0).double().numpy()
 
-        single = scores(counts[:, box] + change, looks[box] + look_change, box)
-        wanted = [(float(single[at]), node, (edits[at],)) for at in np.argsort(-single)[: 4 * self._breadth.beam]]
+        single = scores((np.arange(len(edits)),))
+        most = 4 * self._recipe.beam
+        wanted = [(float(single[at]), node, (edits[at],)) for at in np.argsort(-single)[:most]]
         if left < 2:
             return wanted
-        best = np.argsort(-single)[:MACRO_PARTS]
-        pairs = np.array([(one, two) for one, two in combinations_with_replacement(best.tolist(), 2)])
-        pairs = pairs[[self._may_combine(edits[one], edits[two]) for one, two in pairs.tolist()]]
-        if not len(pairs):
-            return wanted
-        one, two = pairs.T
-        double = scores(
-            counts[:, box[one]] + change[:, one] + change[:, two],
-            looks[box[one]] + look_change[one] + look_change[two],
-            box[one],
-        )
-        apart = box[one] != box[two]  # two boxes: the changes of their values add up
-        if apart.any():
-            double[apart] = self._apart(values, counts, looks, change, look_change, box, one[apart], two[apart])
-        order = np.argsort(-double)[: 4 * self._breadth.beam]
-        return wanted + [(float(double[at]), node, (edits[one[at]], edits[two[at]])) for at in order]
-
-    def _apart(
-        self,
-        values: Tensor,
-        counts: Tensor,
-        looks: Int64Array,
-        change: Tensor,
-        look_change: Int64Array,
-        box: Int64Array,
-        one: Int64Array,
-        two: Int64Array,
-    ) -> Float64Array:
-        judge = self._judge
-        sums = values.sum(1, keepdim=True)
-        for edit in (one, two):
-            features = torch.from_numpy(scatter_box_features(looks[box[edit]] + look_change[edit])).float()[None]
-            after = judge.network.box_values(judge.reading, counts[:, box[edit]] + change[:, edit], features)
-            sums = sums - values[:, box[edit]] + after
-        return judge.logits(sums).mean(0).double().numpy()
+        pairs = combinations_with_replacement(np.argsort(-single)[:MACRO_PARTS].tolist(), 2)
+        pairs = [pair for pair in pairs if self._may_combine(*(edits[at] for at in pair))]
+        one, two = np.array(pairs, np.int64).reshape(-1, 2).T
+        double = np.where(box[one] == box[two], scores((one, two)), scores((one,), (two,)))
+        order = np.argsort(-double)[:most].tolist()
+        return wanted + [(float(double[at]), node, tuple(edits[edit] for edit in pairs[at])) for at in order]
 
     def _changes(self, scene: Scene, edits: Sequence[_Edit], each: Tensor) -> tuple[Tensor, Int64Array]:
-        """The changes of a box's counts (E, n, K) and looks (n, 9) by each edit."""
+        """The changes of a box's item sums (E, n, d) and looks (n, 9) by each edit."""
         canonical = np.array([edit.canonical for edit in edits])
         box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
         is_removal = canonical < 0

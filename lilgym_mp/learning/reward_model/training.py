@@ -15,14 +15,14 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.arrays import Int64Array
+from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.batches import vocabulary_of
-from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, breadth_of, describe, make_network
+from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, describe, make_network
 from lilgym_mp.learning.reward_model.collection import (
     Collector,
     Entry,
@@ -34,14 +34,16 @@ from lilgym_mp.learning.reward_model.collection import (
 )
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
-from lilgym_mp.learning.reward_model.network import CountingNetwork
+from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Planner
+from lilgym_mp.learning.reward_model.search import MOST_BOXES, Planner
 from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
 from lilgym_mp.learning.training_run import TrainingError, begin_run
+from lilgym_mp.scene import Scene
 
 ENTRIES_PER_COLLECTION = 16
 STOPS_PER_COLLECTION = 10  # for each of them
+SEARCHES_PER_COLLECTION = 4
 SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
 HELD_OUT_STOPS = 150  # per held-out statement
 JUDGED = 60  # scenes per held-out statement in a measurement of accuracy
@@ -188,7 +190,7 @@ class _Run(TimedRun[tuple[float, float]]):
         return value, float(((logits > 0) == (truths > 0.5)).float().mean())
 
     def _judged(
-        self, network: CountingNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
+        self, network: ModulatedNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
     ) -> tuple[Tensor, Tensor]:
         """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
         scenes = np.array(
@@ -234,19 +236,37 @@ class _Run(TimedRun[tuple[float, float]]):
         return is_wanted and self.counters.exploring_seconds < self._recipe.exploring * self.seconds()
 
     def _collect_more(self) -> None:
-        searches = self.progress() > SEARCH_AFTER and self._rng.random() < self._recipe.searching
-        chosen = self._rng.integers(len(self._entries), size=ENTRIES_PER_COLLECTION)
-        for entry in (self._entries[index] for index in chosen.tolist()):
-            if searches:
-                self._search(entry)
-            else:
+        rng, recipe = self._rng, self._recipe
+        chosen = rng.integers(len(self._entries), size=ENTRIES_PER_COLLECTION).tolist()
+        entries = [self._entries[index] for index in chosen]
+        if self.progress() < SEARCH_AFTER or rng.random() >= recipe.searching:
+            for entry in entries:
                 self._collector.explore(entry, STOPS_PER_COLLECTION)
+        elif rng.random() < 0.5:
+            self._climb(entries)
+        else:
+            for entry in entries[:SEARCHES_PER_COLLECTION]:
+                self._search(entry)
+
+    @torch.inference_mode()
+    def _climb(self, entries: Sequence[Entry]) -> None:
+        reader = self._search_reader
+        if len(reader.table) > MOST_BOXES:
+            reader.table = BoxTable(reader.table.appearance)
+        kinds = [int(self._rng.choice(reader.kinds(entry.statement))) for entry in entries]
+        reading = self._averaged.read(*reader.statements([entry.statement for entry in entries], kinds))
+
+        def judge(scenes: Sequence[Sequence[Scene]]) -> Float64Array:
+            features, local = reader.scenes(np.array([[reader.table.of(scene) for scene in row] for row in scenes]))
+            return self._averaged(reading, features, local).double().numpy()
+
+        self._collector.climb(entries, judge)
 
     def _search(self, entry: Entry) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
-        breadth = replace(breadth_of(self._recipe), exchanges=1)
-        planner = Planner(self._averaged, self._search_reader, self._settings.dynamics(), breadth, is_flipit=False)
+        recipe = replace(self._recipe, averaged_exchanges=1)
+        planner = Planner(self._averaged, self._search_reader, self._settings.dynamics(), recipe, is_flipit=False)
         target = bool(self._rng.integers(2))
         plan = planner.plan(entry.tasks[task_index].start, entry.statement, target)
         self._collector.follow(entry, task_index, plan.actions)

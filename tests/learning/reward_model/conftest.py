@@ -12,9 +12,6 @@ __all__ = ["small_recipe", "statements"]
 
 SMALL: dict[str, Any] = {
     "width": 32,
-    "predicates": 4,
-    "box_units": 4,
-    "scene_units": 4,
     "dropout": 0.0,
     "statements": 3,
     "scenes": 32,

@@ -15,8 +15,9 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchanges, standard_exchanges
 from lilgym_mp.learning.reward_model.inputs import InputReader
-from lilgym_mp.learning.reward_model.network import CountingNetwork
-from lilgym_mp.learning.reward_model.search import Breadth, Planner, _box_distances
+from lilgym_mp.learning.reward_model.network import ModulatedNetwork
+from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
+from lilgym_mp.learning.reward_model.search import Planner, _box_distances
 from lilgym_mp.rules import Outcome, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.task import Task
@@ -28,10 +29,10 @@ VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the
 def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Planner:
     table = BoxTable(appearance)
     torch.manual_seed(seed)
-    network = CountingNetwork(len(VOCABULARY), table.item_width, table.box_width, predicates=3, box_units=3).eval()
+    network = ModulatedNetwork(len(VOCABULARY), table.item_width, table.box_width).eval()
     reader = InputReader(VOCABULARY, table, torch.device("cpu"))
     dynamics = make_dynamics(make_appearance(appearance))
-    return Planner(network, reader, dynamics, Breadth(3, 2, 0.003), is_flipit=is_flipit)
+    return Planner(network, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
