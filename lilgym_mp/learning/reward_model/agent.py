@@ -38,6 +38,7 @@ def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTa
         table.item_width,
         table.box_width,
         width=recipe.width,
+        counts=recipe.counts,
         tokens=recipe.tokens,
         dropout=recipe.dropout,
     )

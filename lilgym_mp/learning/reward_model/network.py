@@ -1,8 +1,9 @@
 """V(statement, scene) = P(true): what is computed of items, boxes and the scene is modulated by the statement.
 
 With binary features f_i of item i and g_b of box b, and elementwise scales s_n and shifts t_n computed from the words:
-s_b = sum over items of relu(s_1 * A relu(F f_i) + t_1), v_b = relu(s_2 * B s_b + t_2 + G g_b), x = sum over boxes of
-[s_b, v_b], logit = c . relu(s_4 * D relu(s_3 * C x + t_3) + t_4) + constant; biases of A to G are left out here.
+a_b = sum over items of act(s_1 * A relu(F f_i) + t_1), u_b = act(s_2 * B code(a_b) + t_2 + G g_b), x = sum over boxes
+of [a_b, u_b], logit = c . relu(s_4 * D relu(s_3 * C code(x) + t_3) + t_4) + constant; biases of A to G are left out.
+`act` is relu, but a sigmoid in a few units, whose sums are soft counts; `code` compares these with 1/2, 3/2, ... 13/2.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from torch import Tensor, nn
 
 from lilgym_mp.learning.imitation.network import Attention, Feedforward, TextEncoder, attention_mask
 
-MODULATED = 4  # layers
+CODE = 8  # values for a count: seven comparisons, and itself
+SPARSE = -1.5  # initial bias of what is counted: few items are
 
 
 class Reading(NamedTuple):
@@ -24,11 +26,13 @@ class Reading(NamedTuple):
 
     item_weights: Tensor  # (S, F, d)
     box_weights: Tensor  # (S, G, d)
-    scales: Tensor  # (4, S, 1, d)
-    shifts: Tensor  # (4, S, 1, d)
+    scales: tuple[Tensor, ...]  # of the modulated layers, (S, 1, d or d + k)
+    shifts: tuple[Tensor, ...]
 
 
 class ModulatedNetwork(nn.Module):
+    """Width d, of which no unit is a count, and k soft counts of items and of boxes besides."""
+
     def __init__(
         self,
         vocabulary: int,
@@ -36,21 +40,26 @@ class ModulatedNetwork(nn.Module):
         box_width: int,
         *,
         width: int = 64,
+        counts: int = 0,
         tokens: int = 6,
         dropout: float = 0.1,
         heads: int = 4,
         layers: int = 2,
     ) -> None:
         super().__init__()
+        self.width, self.counts = width, counts
         self.text = TextEncoder(vocabulary, width, heads, layers, dropout)
         self.queries = nn.Parameter(0.3 * torch.randn(tokens, width))
         self.readings = nn.ModuleList(Attention(width, heads) for _ in range(layers))
         self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(layers))
         self.norm = nn.LayerNorm(width)
-        self.modulation = nn.Linear(tokens * width, 2 * MODULATED * width)
+        self._modulated = [width + counts, width + counts, width, width]
+        self.modulation = nn.Linear(tokens * width, 2 * sum(self._modulated))
         self.item, self.box = nn.Linear(item_width, width), nn.Linear(box_width, width)
-        self.item_layer, self.box_layer = nn.Linear(width, width), nn.Linear(width, width)
-        self.scene_layer, self.last_layer = nn.Linear(2 * width, width), nn.Linear(width, width)
+        self.item_layer = nn.Linear(width, width + counts)
+        self.box_layer = nn.Linear(width + CODE * counts, width + counts)
+        self.scene_layer = nn.Linear(2 * (width + CODE * counts), width)
+        self.last_layer = nn.Linear(width, width)
         self.output = nn.Linear(width, 1)
 
     def read(self, words: Tensor, item_columns: Tensor, box_columns: Tensor) -> Reading:
@@ -60,29 +69,47 @@ class ModulatedNetwork(nn.Module):
         layers = zip(self.readings, self.feedforwards, strict=True)
         for reading, feedforward in cast("Iterable[tuple[Attention, Feedforward]]", layers):
             x = self.text.dropout(feedforward(reading(x, reading.key_value(text), mask)))
-        modulation = self.modulation(self.norm(x).flatten(1)).unflatten(-1, (2, MODULATED, 1, -1))
-        scales, shifts = modulation.permute(1, 2, 0, 3, 4)
+        scales, shifts = self.modulation(self.norm(x).flatten(1))[:, None].chunk(2, -1)
         # permuted weights give of a scene what they would give of the exchanged one
         item_weights, box_weights = self.item.weight.t()[item_columns], self.box.weight.t()[box_columns]
-        return Reading(item_weights, box_weights, 1 + scales, shifts)
+        return Reading(
+            item_weights, box_weights, (1 + scales).split(self._modulated, -1), shifts.split(self._modulated, -1)
+        )
 
     def item_sums(self, reading: Reading, items: Tensor, present: Tensor | None = None) -> Tensor:
-        """(S, U, d) of boxes: (S or 1, U, I, F) item features and whether each is there (S or 1, U, I)."""
+        """(S, U, d + k) of boxes: (S or 1, U, I, F) item features and whether each is there (S or 1, U, I)."""
         hidden = F.relu(items.flatten(1, 2) @ reading.item_weights + self.item.bias)
-        hidden = F.relu(self.item_layer(hidden) * reading.scales[0] + reading.shifts[0]).unflatten(1, items.shape[1:3])
+        hidden = self._activated(self.item_layer(hidden) * reading.scales[0] + reading.shifts[0], SPARSE)
+        hidden = hidden.unflatten(1, items.shape[1:3])
         return hidden.sum(2) if present is None else (hidden * present[..., None]).sum(2)
 
     def box_values(self, reading: Reading, sums: Tensor, looks: Tensor) -> Tensor:
-        """(S, U, 2 d) from item sums (S, U, d), which come first, and box features (S or 1, U, G)."""
-        looks = looks @ reading.box_weights + self.box.bias
-        values = F.relu(self.box_layer(sums) * reading.scales[1] + reading.shifts[1] + looks)
-        return torch.cat([sums, values], -1)
+        """(S, U, 2 (d + k)), counts last, from item sums (S, U, d + k) and box features (S or 1, U, G)."""
+        looks = F.pad(looks @ reading.box_weights + self.box.bias, (0, self.counts))
+        units = self.box_layer(self._coded(sums, self.width)) * reading.scales[1] + reading.shifts[1] + looks
+        parts = [part.split([self.width, self.counts], -1) for part in (sums, self._activated(units, 0.0))]
+        return torch.cat([column for pair in zip(*parts, strict=True) for column in pair], -1)
 
     def logits(self, reading: Reading, sums: Tensor) -> Tensor:
-        """(S, N) of scenes, from their boxes' values summed (S, N, 2 d)."""
-        x = F.relu(self.scene_layer(sums) * reading.scales[2] + reading.shifts[2])
+        """(S, N) of scenes, from their boxes' values summed (S, N, 2 (d + k))."""
+        x = F.relu(self.scene_layer(self._coded(sums, 2 * self.width)) * reading.scales[2] + reading.shifts[2])
         x = F.relu(self.last_layer(x) * reading.scales[3] + reading.shifts[3])
         return self.output(x).squeeze(-1)
+
+    def _activated(self, x: Tensor, bias: float) -> Tensor:
+        if not self.counts:
+            return F.relu(x)
+        hidden, counted = x.split([self.width, self.counts], -1)
+        return torch.cat([F.relu(hidden), torch.sigmoid(counted + bias)], -1)
+
+    def _coded(self, sums: Tensor, width: int) -> Tensor:
+        """Codes all but the first `width` columns."""
+        if not self.counts:
+            return sums
+        counts = sums[..., width:, None]
+        thresholds = torch.arange(CODE - 1, device=sums.device, dtype=sums.dtype) + 0.5
+        code = torch.cat([torch.sigmoid(4 * (counts - thresholds)), 0.25 * counts], -1)
+        return torch.cat([sums[..., :width], code.flatten(-2)], -1)
 
     def forward(self, reading: Reading, features: tuple[Tensor, Tensor, Tensor], scenes: Tensor) -> Tensor:
         """(S, N) logits of `scenes` (S, N, 3), which index the U boxes with these features."""

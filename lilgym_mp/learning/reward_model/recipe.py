@@ -14,10 +14,11 @@ class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
     width: int = setting(64, "network width; a multiple of 4", 4)
+    counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")
     tokens: int = setting(6, "queries that read the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
     statements: int = setting(32, "statements per batch", 1)
-    scenes: int = setting(64, "scenes per statement in a batch", 4)
+    scenes: int = setting(48, "scenes per statement in a batch", 4)
     paired: float = setting(0.5, "fraction of them in pairs that one edit and the truth value set apart", 0, 1)
     learning_rate: float = setting(3e-3, "peak learning rate of AdamW", 0, 1)
     weight_decay: float = setting(0.02, "weight decay of AdamW")
@@ -44,4 +45,7 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
     return RewardModelRecipe(**{**_BY_APPEARANCE[appearance], **changes})
 
 
-_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {"tower": {"reuse": 120}, "scatter": {"first_stops": 250, "beam": 3}}
+_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
+    "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
+    "scatter": {"first_stops": 250, "reuse": 12, "beam": 3},
+}
