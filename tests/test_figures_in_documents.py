@@ -13,6 +13,9 @@ import pytest
 
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play
+from lilgym_mp.evaluation.named_policies import built_in_policy
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.model_file import read_description
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 
@@ -127,3 +130,13 @@ def test_croissant__is_valid_and_can_be_read() -> None:
     _, *entries = dataset.records("entries")  # the first is the header
     assert len(entries) == 2_900
     assert entries[0]["entries/statement"].startswith(b"There should be")
+
+
+def test_results__rows_of_random_policies_are_reproduced(official_data: Path) -> None:
+    results = {
+        row[0]: row[1::2] for row in table_rows((DOCS / "results.md").read_text(encoding="utf-8")) if len(row) == 9
+    }
+    for name in ("random-legal", "random-type"):
+        plans = [EvaluationPlan(Settings(configuration, "lilgym"), "dev") for configuration in CONFIGURATIONS]
+        played = [play(built_in_policy(name), plan, set()).summary.accuracy for plan in plans]
+        assert results[name.replace("-", " ")] == [f"{100 * accuracy:.2f}" for accuracy in played]
