@@ -36,7 +36,7 @@ with the same attributes and coordinates in two boxes are different, and count t
 
 Members of a box `b` and of an item `x`:
 
-| | |
+| member | value |
 | --- | --- |
 """
 
@@ -52,7 +52,7 @@ Values:
 SYNTAX = """
 ## Syntax
 
-| | |
+| syntax | meaning |
 | --- | --- |
 | non-negative integers, `True`, `False` | at most {max_int} |
 | calls of the words below | positional or keyword arguments: `is_touching_wall(x, side=Side.TOP)` |
@@ -154,7 +154,7 @@ def document() -> str:
         parts.append(f"- `{name}`: {', '.join(f'`{name}.{member.name}`' for member in enum)}\n")
     parts.append(SYNTAX.format(max_int=syntax.MAX_INT))
     for group in GROUPS:
-        parts.append(f"\n### {group.capitalize()}\n\n| | |\n| --- | --- |\n")
+        parts.append(f"\n### {group.capitalize()}\n\n| word | meaning |\n| --- | --- |\n")
         words = (word for word in WORDS.values() if word.group == group)
         parts.extend(f"| `{word.signature}` | {' '.join(word.meaning.split())} |\n" for word in words)
     parts.append(

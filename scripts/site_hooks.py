@@ -63,7 +63,9 @@ def on_page_markdown(markdown: str, page: Any, config: Any, files: Files) -> str
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """Loads the search worker from the site instead of the network."""
+    """Loads the search worker from the site instead of the network, and names the search dialog."""
+    dialog = 'data-md-component="search" role="dialog"'
+    output = output.replace(dialog, f'{dialog} aria-label="Search"')
     return output.replace(SHIM_URL, posixpath.relpath(SHIM, posixpath.dirname(page.file.dest_uri) or "."))
 
 

@@ -19,7 +19,7 @@ import pytest
 import lilgym_mp  # noqa: F401
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from tests.browser import chromium, watched_page
+from tests.browser import axe_script, chromium, watched_page
 from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
@@ -132,11 +132,44 @@ def test_site__opened_from_its_directory_shows_its_pages_without_a_fault(browser
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
+def test_site__passes_axe(browser: Any, site: Path, *, dark: bool):
+    rules = "{rules: {'empty-table-header': {enabled: false}}}"  # the corner of a matrix is empty
+    check = f"async () => (await axe.run({rules})).violations.map(one => [one.id, one.nodes.map(node => node.html)])"
+    with watched_page(browser, dark=dark) as watched:
+        for page in VISITED:
+            watched.page.goto((site / page).as_uri())
+            watched.page.add_script_tag(content=axe_script())
+            assert watched.page.evaluate(check) == [], page
+
+
+@pytest.mark.long
+def test_site__pages_lead_to_the_next_and_long_tables_are_folded(browser: Any, site: Path):
+    with watched_page(browser) as watched:
+        watched.page.goto((site / "tutorials" / "first_steps.html").as_uri())
+        assert watched.page.locator(".md-footer__link--prev").count() == 1
+        watched.page.locator(".md-footer__link--next").click()
+        watched.page.wait_for_url("**/stable_baselines3.html")
+        for page in ("results.html", "benchmarks.html"):
+            watched.page.goto((site / page).as_uri())
+            rows = (
+                "tables => Math.max(...tables.filter(table => table.checkVisibility()).map(table => table.rows.length))"
+            )
+            assert watched.page.locator("article table").evaluate_all(rows) <= 26
+            watched.page.locator("summary").first.click()
+            assert watched.page.locator("details[open] :is(table, pre)").first.is_visible()
+
+
+@pytest.mark.long
 def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
+    first = {"stop forcing": "masks_and_stop_forcing.html", "ScatterFlipIt reward": "environments/scatter_flipit.html"}
     with watched_page(browser, 1400) as watched:
-        watched.page.goto((site / "index.html").as_uri())
-        watched.page.locator(".md-search__input").click()
-        watched.page.keyboard.type("stop forcing")
-        watched.page.locator(".md-search-result__item").first.wait_for()
+        for words, page in first.items():
+            watched.page.goto((site / "index.html").as_uri())
+            watched.page.locator(".md-search__input").click()
+            watched.page.keyboard.type(words)
+            watched.page.locator(".md-search-result__item a").first.wait_for()
+            watched.page.wait_for_function("document.querySelector('.md-search-result__meta').textContent.match(/\\d/)")
+            assert page in (watched.page.locator(".md-search-result__item a").first.get_attribute("href") or "")
         assert watched.requests == []
         assert watched.faults == []

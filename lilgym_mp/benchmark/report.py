@@ -11,7 +11,7 @@ from typing import Any
 from lilgym_mp.benchmark.measuring import EFFORTS, Bench, Measurement
 from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.evaluation.recording_metadata import cpu_model
-from lilgym_mp.evaluation.report import markdown_table, software
+from lilgym_mp.evaluation.report import fold_long_blocks, markdown_table, software
 
 FORMAT, VERSION = "lilgym_mp-benchmark", 1
 BEGIN, END = "<!-- written by lilgym-mp bench: begin -->", "<!-- written by lilgym-mp bench: end -->"
@@ -129,4 +129,4 @@ def insert_tables(document: str, text: str) -> str:
     _, end, after = rest.partition(END)
     if not begin or not end:
         raise DocumentError(f"no marks for the tables: it needs two lines, {BEGIN} and {END}")
-    return f"{before}{BEGIN}\n\n{text}\n\n{END}{after}"
+    return f"{before}{BEGIN}\n\n{fold_long_blocks(text)}\n\n{END}{after}"

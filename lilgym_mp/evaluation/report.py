@@ -16,6 +16,7 @@ from lilgym_mp.terminal import table as aligned
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
+LONG_BLOCK = 24
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
 LEGEND = (
@@ -90,6 +91,19 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
         "|" + "|".join("-" * (width + 2) if n == 0 else "-" * (width + 1) + ":" for n, width in enumerate(widths)) + "|"
     )
     return "\n".join([lines[0], rule, *lines[1:]])
+
+
+def fold_long_blocks(text: str) -> str:
+    """A Markdown page whose tables and listings of more than LONG_BLOCK lines open on a click."""
+    return "\n\n".join(map(_folded, text.split("\n\n")))
+
+
+def _folded(block: str) -> str:
+    rows = block.count("\n") - 1  # without head and rule, or the fences
+    if rows <= LONG_BLOCK or not block.startswith(("|", "```")):
+        return block
+    summary = f"<summary>{rows} {'rows' if block.startswith('|') else 'lines'}</summary>"
+    return f'<details markdown="1">\n{summary}\n\n{block}\n\n</details>'
 
 
 def _justified(cell: str, width: int, *, first: bool) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
 from lilgym_mp.evaluation.recording_metadata import MODIFIED_SUFFIX, RecordingMetadata
+from lilgym_mp.evaluation.report import fold_long_blocks
 from lilgym_mp.plotting import save
 from lilgym_mp.report.items import Chart, Item, MissingItem, Table
 from lilgym_mp.report.report_data import ReportData
@@ -34,7 +35,7 @@ def write_document(file: Path, data: ReportData, made: Sequence[tuple[str, Seque
     for heading, items in made:
         item_blocks = [block for item in items for block in _item_blocks(file, item)]
         blocks += [f"## {heading}", *item_blocks] if item_blocks else []
-    write_text(file, "\n\n".join([MARK, *map(_without_markup, blocks)]) + "\n")
+    write_text(file, fold_long_blocks("\n\n".join([MARK, *map(_without_markup, blocks)])) + "\n")
 
 
 def _without_markup(block: str) -> str:

@@ -13,6 +13,7 @@ from lilgym_mp.evaluation.metrics import SuccessCount
 from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import (
     LEGEND,
+    fold_long_blocks,
     legend,
     markdown_table,
     results_json,
@@ -168,3 +169,9 @@ def test_built_in_policy__unknown_name_error_has_the_choices():
 def test_training_statements__are_those_of_the_train_split():
     statements = training_statements(Settings("TowerScratch"))
     assert statements == {task.statement for task in Settings("TowerScratch").make("train").tasks}
+
+
+def test_markdown_pages__long_tables_and_listings_open_on_a_click():
+    long, short = (markdown_table([("a", "b"), *[("1", "2")] * count]) for count in (25, 24))
+    folded = f'<details markdown="1">\n<summary>25 rows</summary>\n\n{long}\n\n</details>'
+    assert fold_long_blocks(f"# Title\n\n{long}\n\nA note.\n\n{short}") == f"# Title\n\n{folded}\n\nA note.\n\n{short}"
