@@ -185,11 +185,11 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
     ppo = f"ppo ({run})"
     assert [row[0] for row in table] == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
     assert {tuple(row[1:3]) for row in table} == {("TowerScratch", "3")}
-    assert "rewards alone" in output
+    assert "rewards, and programs to exchange colours" in output
     written = json.loads((tmp_path / "results.json").read_text())
     agent = written["results"][0]
     assert (agent["configuration"], agent["split"], agent["start_scenes"]) == ("TowerScratch", "dev", 3)
-    assert agent["supervision"].startswith("rewards alone")
+    assert agent["supervision"].startswith("rewards, and programs to exchange colours (corpus")
     assert agent["recipe"]["recolour"] is True
     assert 0 <= agent["accuracy"] <= 1
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()

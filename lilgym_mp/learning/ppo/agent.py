@@ -94,9 +94,12 @@ def describe(
     statistics: Mapping[str, Any],
 ) -> ModelDescription:
     """`statistics`: further details to save, such as the training time."""
-    supervision = f"rewards alone (corpus {settings.corpus}); {MASKED if recipe.mask else UNMASKED}"
-    if model.pretraining:
-        supervision += f"; {model.pretraining}"
+    exchanged = " and ".join(
+        name for name, used in (("colours", recipe.recolour), ("shapes", recipe.exchange_shapes)) if used
+    )
+    source = f"rewards, and programs to exchange {exchanged}" if exchanged else "rewards alone"
+    notes = [MASKED if recipe.mask else UNMASKED, model.restriction, model.pretraining]
+    supervision = f"{source} (corpus {settings.corpus}); {'; '.join(filter(None, notes))}"
     details = {
         "settings": settings.to_json(),
         "recipe_name": recipe_name,

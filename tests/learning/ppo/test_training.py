@@ -17,12 +17,14 @@ import pytest
 import torch
 from torch import Tensor
 
-from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
+from lilgym_mp.corpus import CorpusError, Vocabulary, load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.dev_evaluation import DevEvaluator
 from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.ppo.agent import describe
+from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
@@ -134,6 +136,15 @@ def test_train__reports_and_records_each_rollout(tmp_path: Path):
     assert agent.description.supervision == "rewards alone (corpus builtin); no mask of legal actions"
     with pytest.raises(TrainingRunError, match="already has 96 steps; request more"):
         trained(tmp_path / "run", 96, resume=True)
+
+
+def test_supervision__names_programs_that_exchange_colours_and_actions_that_the_network_lacks() -> None:
+    recipe, settings = replace(SMALL, recolour=True), Settings("ScatterScratch", "builtin")
+    model = BoxTransformer(settings.dynamics().appearance, Vocabulary.from_statements(STATEMENTS))
+    description = describe(settings, recipe, "ours", (settings.configuration,), model, {})
+    assert description.supervision == (
+        "rewards, and programs to exchange colours (corpus builtin); no mask of legal actions; no actions on separators"
+    )
 
 
 def test_train__is_reproducible_by_seed(tmp_path: Path):

@@ -79,6 +79,7 @@ class BoxTransformer(Model):
         self.vocabulary = vocabulary
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.factorisation = joint_factorisation(appearance)
+        self.restriction = "" if appearance.grid is None else "no actions on separators"
         self.text = network.TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(network.Attention(width, heads) for _ in range(pair_layers))

@@ -24,6 +24,7 @@ class Model(nn.Module):
 
     factorisation: Factorisation
     pretraining: str = ""  # what it was trained on before PPO; empty for nothing
+    restriction: str = ""  # actions that it cannot take; empty for none
 
     def forward(self, states: States) -> Prediction:
         raise NotImplementedError
@@ -50,7 +51,8 @@ class SeparateCritic(Model):
 
     def __init__(self, actor: Model, critic: Model) -> None:
         super().__init__()
-        self.factorisation, self.pretraining = actor.factorisation, actor.pretraining
+        self.factorisation = actor.factorisation
+        self.pretraining, self.restriction = actor.pretraining, actor.restriction
         self.actor, self.critic = actor, critic
 
     def forward(self, states: States) -> Prediction:
