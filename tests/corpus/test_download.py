@@ -76,6 +76,13 @@ def test_fetch__a_refusal_is_not_retried(status: int, web: FileServer, tmp_path:
     assert not pauses
 
 
+def test_fetch__a_body_above_the_limit_is_an_error(web: FileServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("lilgym_mp.corpus.official.fetching.MAX_BYTES", 1000)
+    with pytest.raises(CorpusError, match="sends more than 1000 bytes"):
+        fetch(f"{web.url}/file", tmp_path / "file")
+    assert not list(tmp_path.iterdir())
+
+
 def test_fetch__unreachable_server_error_names_the_host(tmp_path: Path):
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
