@@ -239,7 +239,7 @@ def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_p
                 break
             page.press("#seat-title", "1")
             page.wait_for_selector("#board:not([aria-busy])")
-        assert "The game is over: the goal is " in page.inner_text("#turn")
+        assert "The game is over: the goal was " in page.inner_text("#turn")
         assert "The verifier saw everything" in page.inner_text("#end-lines")
         page.click("#again")
         page.wait_for_selector("#turn:text-matches('your turn')")
@@ -266,6 +266,8 @@ def test_pages__fit_360_pixels_and_load_no_external_resources(browser: Any, tmp_
                 watched.page.wait_for_selector(".cells button")
             wider = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
             assert watched.page.evaluate(wider) <= 0, path
+            tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
+            assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
         _assert_clean(watched, url, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 

@@ -99,7 +99,7 @@ function showExpertStep() {
 }
 
 function table(headings, rows, caption) {
-  const cellsOf = (values, tag) => values.map((value) => element(tag, { class: typeof value === "number" ? "number" : null }, String(value)));
+  const cellsOf = (values, tag) => values.map((value) => element(tag, { class: /^[-\d.]+$/.test(value) ? "number" : null }, String(value)));
   return element(
     "table",
     { "aria-label": caption },
@@ -112,9 +112,9 @@ async function showTables() {
   const [own, best] = await Promise.all([request("GET", "/api/play/progress"), request("GET", "/api/play/best")]);
   byId("no-progress").hidden = own.configurations.length > 0;
   if (own.nickname && !byId("nickname").nickname.value) byId("nickname").nickname.value = own.nickname;
-  const ownRows = own.configurations.map((line) => [line.configuration, line.successes, line.episodes, line.mean_reward]);
+  const ownRows = own.configurations.map((line) => [line.configuration, line.successes, line.episodes, line.mean_reward.toFixed(2)]);
   byId("progress").replaceChildren(...(ownRows.length ? [table(["Configuration", "Solved", "Played", "Mean reward"], ownRows, "Your results")] : []));
-  const bestRows = best.map((line) => [line.you ? `${line.player} (you)` : line.player, line.configuration, line.successes, line.mean_reward]);
+  const bestRows = best.map((line) => [line.you ? `${line.player} (you)` : line.player, line.configuration, line.successes, line.mean_reward.toFixed(2)]);
   byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks solved", "Mean reward"], bestRows, "Leaderboard") : element("p", { class: "soft" }, "Nobody has solved a task yet."));
 }
 
