@@ -20,6 +20,7 @@ from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
+from lilgym_mp.terminal import note_after
 
 CACHED_SETS = 16
 # Loader of generated corpora, a string like a Gymnasium entry point: the generator depends on this package, so it is
@@ -82,7 +83,7 @@ def _status(file: Path) -> os.stat_result:
 def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, start: str, split: str) -> TaskSet:
     """`mtime_ns` and `size` are part of the cache key only."""
     faults = FaultLog(stop_at_first=True)
-    with _garbage_collection_paused():
+    with _garbage_collection_paused(), note_after(f"loading corpus {corpus}"):
         if path.is_dir():
             source = ReleasedFile(released_path(path, appearance, start, split), start)
             records, tags, trusted = source.records(faults), None, False

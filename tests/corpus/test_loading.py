@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pickle
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import pytest
 
 from lilgym_mp.corpus import CorpusError, TaskSet, contexts, load_tasks, official_directory
 from lilgym_mp.scene import Colour, Scene
+from lilgym_mp.terminal import note_after
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]
@@ -166,3 +168,14 @@ OFFICIAL_TASKS = [  # tasks and contexts, as the paper reports them
 def test_official_counts(official_data: Path, appearance: str, start: str, split: str, tasks: int, pairs: int):
     loaded = load_tasks(official_data, appearance, start, split)
     assert (len(loaded), contexts(loaded)) == (tasks, pairs)
+
+
+def test_load__says_what_it_waits_for(
+    entries: Entries, written: Writer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setattr("lilgym_mp.corpus.loading.note_after", lambda note: note_after(note, seconds=0.0))
+    path = written(entries)
+    monkeypatch.setattr("lilgym_mp.corpus.loading.CorpusFile", lambda *args, **kwargs: time.sleep(0.2))
+    with pytest.raises(AttributeError):
+        load_tasks(path, "tower", "scratch", "train")
+    assert capsys.readouterr().err == f"loading corpus {path} ...\n"
