@@ -10,13 +10,24 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.actions import STOP, Action
-from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.numbering import ITEM_TYPES, add_index, remove_index
+from lilgym_mp.actions import STOP, Action, AddItem, RemoveItem
+from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    BOX_PITCH,
+    BOX_SIDE,
+    IMAGE_HEIGHT,
+    IMAGE_WIDTH,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    Shape,
+    Size,
+)
 from lilgym_mp.task import Task
 
 Rng = np.random.Generator
@@ -177,29 +188,28 @@ class Collector:
 
     def edited(self, scene: Scene) -> Scene | None:
         """The scene after a random legal edit: an ADD or a REMOVE; None if none was found."""
-        rng, appearance = self.rng, self.dynamics.appearance
+        appearance = self.dynamics.appearance
         for _ in range(MAX_TRIES):
-            if isinstance(appearance, Scatter):
-                action = self._scatter_edit(appearance, scene)
-            else:
-                action = 1 + int(rng.integers(appearance.action_count - 1))
-            after, invalid = appearance.apply(scene, appearance.decode(action), self.dynamics.rules.placement)
+            after, invalid = appearance.apply(scene, self._random_edit(scene), self.dynamics.rules.placement)
             if invalid is None:
                 return after
         return None
 
-    def _scatter_edit(self, scatter: Scatter, scene: Scene) -> int:
-        """The index of a random action in a box: the REMOVE of an item, or an ADD of a random one, often a like one."""
-        rng = self.rng
+    def _random_edit(self, scene: Scene) -> Action:
+        """In a grid, where a random REMOVE would rarely find an item, one of an item's cell as often as an ADD."""
+        rng, appearance = self.rng, self.dynamics.appearance
+        if appearance.grid is None:
+            return appearance.decode(1 + int(rng.integers(appearance.action_count - 1)))
+        width, height = IMAGE_WIDTH // appearance.grid[0], IMAGE_HEIGHT // appearance.grid[1]
         box = int(rng.integers(BOX_COUNT))
         items = scene.boxes[box].items
-        cells = scatter.box_cells[box]
         if items and rng.random() < 0.5:
             item = items[rng.integers(len(items))]
-            width, height = scatter.cell
-            column, row = (item.x + item.side // 2) // width, (item.y + item.side // 2) // height
-            return remove_index(cells.start + column * (len(cells) // (100 // width)) + row, scatter.cell_count)
-        return add_index(int(rng.choice(cells)), int(rng.integers(len(ITEM_TYPES))))
+            x, y = item.x + item.side // 2, item.y + item.side // 2
+            return RemoveItem((box * BOX_PITCH + x) // width, y // height)
+        x, y = rng.integers(BOX_SIDE, size=2).tolist()
+        item_type = ITEM_TYPES[rng.integers(len(ITEM_TYPES))]
+        return AddItem((box * BOX_PITCH + x) // width, y // height, *item_type)
 
 
 def sample_scenes(entry: Entry, count: int, paired: float, rng: Rng) -> Int64Array:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from itertools import combinations_with_replacement
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 import torch
@@ -102,10 +102,8 @@ class Planner:
         judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
-        if isinstance(self.dynamics.appearance, Scatter):
-            search = _ScatterSearch(judge, self.dynamics, self.dynamics.appearance, self.recipe)
-            return search.plan(scene, most_edits, may_stop=may_stop)
-        return _plan_tower(judge, table.of(scene), most_edits, self.recipe, may_stop=may_stop)
+        plan = {"tower": _plan_tower, "scatter": _plan_scatter}[table.appearance]
+        return plan(judge, scene, most_edits, self.dynamics, self.recipe, may_stop=may_stop)
 
 
 # Tower
@@ -127,8 +125,9 @@ def _box_edits(index: int, before: int, after: int) -> list[Action]:
 
 
 def _plan_tower(
-    judge: Judge, start: Sequence[int], most_edits: int, recipe: RewardModelRecipe, *, may_stop: bool
+    judge: Judge, scene: Scene, most_edits: int, dynamics: Dynamics, recipe: RewardModelRecipe, *, may_stop: bool
 ) -> Plan:
+    start = judge.reader.table.of(scene)
     distances = _box_distances()[list(start)]  # (3, 121)
     boxes = distances.shape[1]
     _, values = judge.box_values(np.arange(boxes))
@@ -194,9 +193,16 @@ class _Edit(NamedTuple):
     position: int
 
 
+def _plan_scatter(
+    judge: Judge, scene: Scene, most_edits: int, dynamics: Dynamics, recipe: RewardModelRecipe, *, may_stop: bool
+) -> Plan:
+    return _ScatterSearch(judge, dynamics, recipe).plan(scene, most_edits, may_stop=may_stop)
+
+
 class _ScatterSearch:
-    def __init__(self, judge: Judge, dynamics: Dynamics, scatter: Scatter, recipe: RewardModelRecipe) -> None:
-        self._judge, self._dynamics, self._scatter, self._recipe = judge, dynamics, scatter, recipe
+    def __init__(self, judge: Judge, dynamics: Dynamics, recipe: RewardModelRecipe) -> None:
+        self._judge, self._dynamics, self._recipe = judge, dynamics, recipe
+        self._scatter = cast("Scatter", dynamics.appearance)
         self._table = judge.reader.table
         items = torch.from_numpy(_canonical_features()).float()
         self._added = judge.network.item_sums(judge.reading, items[None, :, None])  # (E, 1323, d)

@@ -29,7 +29,8 @@ VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the
 def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Planner:
     table = BoxTable(appearance)
     torch.manual_seed(seed)
-    network = ModulatedNetwork(len(VOCABULARY), table.item_width, table.box_width).eval()
+    counts = 4 if appearance == "scatter" else 0
+    network = ModulatedNetwork(len(VOCABULARY), table.item_width, table.box_width, counts=counts).eval()
     reader = InputReader(VOCABULARY, table, torch.device("cpu"))
     dynamics = make_dynamics(make_appearance(appearance))
     return Planner(network, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
@@ -101,10 +102,13 @@ def test_exchange__replaces_words_by_those_of_what_it_exchanges():
     )
 
 
-def test_network__ignores_the_order_of_boxes():
-    planner = new_planner("tower")
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_network__ignores_the_order_of_boxes(appearance: str):
+    planner = new_planner(appearance)
+    starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:9]]
+    one, two, three = (planner._reader.table.of(start)[0] for start in starts[::4])
     reading = planner._network.read(*planner._reader.statements([STATEMENT], [0]))
-    features, scenes = planner._reader.scenes(np.array([[[1, 5, 20], [20, 1, 5], [5, 5, 5]]]))
+    features, scenes = planner._reader.scenes(np.array([[[one, two, three], [three, one, two], [two, two, two]]]))
     logits = planner._network(reading, features, scenes)[0].detach()
     assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
     assert abs(logits[0] - logits[2]) > 1e-4

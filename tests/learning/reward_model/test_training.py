@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 import torch
 
 from lilgym_mp.actions import Action, Stop
+from lilgym_mp.arrays import Float64Array
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -113,6 +115,25 @@ def test_package__imports_neither_programs_nor_the_expert():
                 assert not name.startswith("lilgym_mp.programs"), file
                 allowed = ("lilgym_mp.solver.edit_tables", "lilgym_mp.solver.canonical_items")
                 assert not name.startswith("lilgym_mp.solver") or name in allowed, file
+
+
+@pytest.mark.parametrize("name", ["TowerScratch", "ScatterScratch"])
+def test_climb__stops_in_the_edits_that_the_model_likes_best_for_a_truth_value(statements: str, name: str):
+    entry, collector = labelled_entry(Settings(name, corpus=statements), stops=5)
+    rng, liked = np.random.default_rng(2), set[Scene]()
+
+    def judge(scenes: Sequence[Sequence[Scene]]) -> Float64Array:
+        logits = rng.normal(size=(len(scenes), len(scenes[0])))
+        for row, found in zip(logits, scenes, strict=True):
+            liked.update((found[row.argmin()], found[row.argmax()]))
+        return logits
+
+    before = len(entry.scenes)
+    collector.climb([entry], judge)
+    starts = {entry.tasks[known.task].start for known in entry.known}
+    after = {collector.table.scene(boxes) for boxes in entry.scenes[before:]}
+    assert after - starts
+    assert after <= liked | starts
 
 
 def test_collector__refuses_a_stop_beyond_the_horizon(statements: str):
