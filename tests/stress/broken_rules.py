@@ -176,7 +176,7 @@ BREAKS = (
     Break(
         "a word counts distinct objects",
         f"{PROGRAMS}/functions/collections.py",
-        "return len({identity_key(x) for x in s})",
+        "return len({words.identity_key(x) for x in s})",
         "return len(s)",
         ("tests/programs",),
     ),
