@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.terminal import Progress, table, time_left
+from lilgym_mp.terminal import Progress, show_markdown, table, time_left
 
 
 class _Terminal(StringIO):
@@ -124,3 +124,13 @@ def test_table__continues_below_what_does_not_fit(width: int):
 def test_progress__counts_the_time_left_down_between_two_steps(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("time.monotonic", lambda: 100.0)
     assert (time_left(190.4), time_left(20.0), time_left(None)) == ("1:30 left", "0:00 left", "")
+
+
+def test_show_markdown__fits_a_terminal(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setenv("TERM", "dumb")
+    terminal = _Terminal()
+    monkeypatch.setattr("sys.stdout", terminal)
+    show_markdown("| steps per second of a batch | median |\n|---|---:|\n| without copies of images | 1,010,000 |\n")
+    assert max(map(len, terminal.getvalue().splitlines())) <= 40
+    assert {"second", "copies", "1,010,000"} <= set(terminal.getvalue().split())

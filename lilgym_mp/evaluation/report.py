@@ -46,7 +46,7 @@ def terminal_tables(results: Sequence[Result], width: int) -> str:
         episodes = next(r.summary.all.episodes for r in results if r.plan.settings.configuration == configuration)
         parts += [f"{configuration}, {episodes:,} episodes", aligned(heads, rows, width)]
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
-    notes = [*(f"{name}: learnt from {text}" for name, text in supervision), legend(results)]
+    notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
     return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
 
 

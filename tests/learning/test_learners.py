@@ -14,7 +14,7 @@ import pytest
 
 from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
-from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
 from lilgym_mp.learning.model_file import ModelDescription, save_model
 from lilgym_mp.learning.recipes import setting
@@ -83,6 +83,12 @@ def test_new_learner__can_be_part_of_an_experiment(tmp_path: Path) -> None:
 def test_new_learner__has_agents_that_can_be_opened(tmp_path: Path) -> None:
     save_model(tmp_path / "agent.safetensors", ModelDescription("guessing", 1, ("TowerScratch",), "none", {}, {}), {})
     assert open_agent(tmp_path, "cpu") == "agent of agent.safetensors on cpu"
+
+
+def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> None:
+    assert open_agent(Path("imitation-tower"), "cpu").description.kind == "imitation"
+    with pytest.raises(AgentError, match=r"no trained agent at imitation-towers: .*imitation-tower, parse-and-plan"):
+        open_agent(Path("imitation-towers"), "cpu")
 
 
 def test_new_learner__has_a_training_curve() -> None:

@@ -14,6 +14,8 @@ from lilgym_mp.actions import describe
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.options import split_of
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.solver import Solution, Solver
 from lilgym_mp.task import Task
@@ -27,7 +29,7 @@ def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, 
     printed = capsys.readouterr()
     assert f"corpus {corpus}, rules paper, horizon 12, grid 19x5" in printed.out
     for name, count in (("TowerScratch dev", 3), ("ScatterFlipIt dev", 9)):
-        assert f"| {name} | {count} | {count} (100.00 %) | {count} |" in printed.out
+        assert f"{name} {count} {count} (100.00 %) {count} " in " ".join(printed.out.split())
         assert f"{name}: {count} of {count} solutions succeed in the environment" in printed.out
         assert f"{count} of {count} tasks of {name}" in printed.err
     data = json.loads(out.read_text())
@@ -37,7 +39,7 @@ def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, 
 
 def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):
     assert main(["solve", "TowerFlipIt", "--corpus", corpus, "--split", "dev", "train", "--limit", "2"]) == 0
-    assert "| TowerFlipIt train | 2 | 2 (100.00 %) | 2 |" in capsys.readouterr().out
+    assert "TowerFlipIt train 2 2 (100.00 %) 2 " in " ".join(capsys.readouterr().out.split())
 
 
 def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
@@ -67,9 +69,7 @@ def test_demos__are_the_same_from_one_process_and_from_two(corpus: str, tmp_path
     command = ["demos", "ScatterScratch", "--corpus", corpus, "--episodes", "7", "--seed", "3"]
     for jobs in ("1", "2"):
         assert main([*command, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.npz")]) == 0
-    printed = capsys.readouterr()
-    assert "7 demonstrations of 7 tasks" in printed.out
-    assert "7 of 7 tasks" in printed.err or "of 7 tasks" not in printed.err  # only the drawn tasks are solved
+    assert "7 demonstrations of 7 tasks" in capsys.readouterr().out  # only the drawn tasks are solved
     assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
     with np.load(tmp_path / "1.npz") as read:
         assert len(read["statement"]) == 7
@@ -166,3 +166,17 @@ def test_results__are_not_overwritten_unasked(command: str, corpus: str, tmp_pat
     assert out.read_text() == "precious"
     assert main([*line, "--force"]) == 0
     assert out.read_bytes() != b"precious"
+
+
+def test_task__is_found_in_its_split(capsys: Captured):
+    assert main(["solve", "TowerScratch", "--task", "tower-train-005"]) == 0
+    assert "tower-train-005: make" in capsys.readouterr().out
+    assert main(["solve", "TowerScratch", "--task", "tower-train-005", "--split", "dev"]) == 2
+    assert "tower-train-005 of TowerScratch is in train, not dev" in capsys.readouterr().err
+
+
+def test_split__is_that_of_the_task_else_dev():
+    settings = Settings("TowerScratch")
+    assert split_of(settings, None) == "dev"
+    assert split_of(settings, None, "tower-train-005") == "train"
+    assert split_of(settings, "test", None) == "test"
