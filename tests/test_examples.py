@@ -23,8 +23,7 @@ TESTED_ELSEWHERE = {  # example: the test file that runs it
     "language_model_agent.py": "wrappers/test_text.py",
     "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
     "game_ppo.py": "envs/proposer_verifier/test_examples.py",
-    "actor_critic.py": "test_actor_critic.py",
-    "maskable_policy.py": "test_maskable_policy.py",
+    "train_masked_ppo.py": "test_train_masked_ppo.py",
     "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
 }
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
@@ -83,9 +82,13 @@ def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> No
     assert (tmp_path / "first_steps.png").stat().st_size > 0
 
 
-def test_train_masked_ppo__evaluates_the_trained_agent(run: Run) -> None:
+def test_train_masked_ppo__shows_progress_and_evaluates_the_trained_agent(run: Run, tmp_path: Path) -> None:
     _needs("train_masked_ppo.py", "sb3_contrib", "sb3")
-    assert "trained agent" in run("train_masked_ppo.py", "--steps", "64", "--envs", "1")
+    options = ["--backend", "batched", "--envs", "2", "--rollout", "32", "--every", "32", "--curve", "curve.csv"]
+    output = run("train_masked_ppo.py", "--steps", "64", *options)
+    assert re.search(r"^ +64 steps +\d+ s  success", output, re.MULTILINE)
+    assert "trained agent, masked | " in output
+    assert len((tmp_path / "curve.csv").read_text().splitlines()) == 2
 
 
 @pytest.mark.long

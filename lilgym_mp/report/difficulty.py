@@ -184,7 +184,14 @@ def comparison_items(data: ReportData) -> Iterator[Item]:
         return
     corrected = holm([difference.p_value for *_, difference in pairs])
     rows = [
-        [entry.agent, other.agent, entry.configuration, entry.split, *difference[:3], f"{p_value:.4f}"]
+        [
+            entry.agent,
+            other.agent,
+            entry.configuration,
+            entry.split,
+            *difference[:3],
+            f"{p_value:.4f}" if p_value >= 1e-4 else "< 0.0001",
+        ]
         for (entry, other, difference), p_value in zip(pairs, corrected, strict=True)
     ]
     columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
