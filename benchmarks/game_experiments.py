@@ -34,10 +34,18 @@ from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.evaluation.game_partners import ExpertProposer
 from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.plotting import new_figure, save
-from lilgym_mp.report.aggregation import accuracy_interval, paired_difference
+from lilgym_mp.report.aggregation import accuracy_where, paired_difference
 
 APPEARANCE = "tower"
 SAMPLES = 8
+FAILURES = {
+    "lazy": "veto",
+    "veto-both": "veto",
+    "paranoid": "audit",
+    "hidden": "audit",
+    "base-rate": "audit",
+    "audit": "audit",
+}
 
 
 class Episode(NamedTuple):
@@ -213,6 +221,21 @@ class Experiments:
             if baseline and name != "alone, none":
                 print(f"- {name}, minus the proposer alone: {compare(games, baseline)}")
 
+    def failures(self) -> None:
+        """Verifiers that fail, and their cures, with their own proposers and with experts."""
+        rows: list[list[str]] = []
+        for name, protocol in FAILURES.items():
+            for path in self.paths(name)[:1]:
+                (proposer,), (verifier,) = (self.sides([path], role) for role in Role)
+                own = self.play(protocol, proposer, verifier)
+                experts = [game for one in self.experts(protocol) for game in self.play(protocol, one, verifier)]
+                number_of_claims = sum(len(game.judgements) for game in own)
+                rows.append(
+                    [name, *judged(summarise(own)), str(number_of_claims), *list(judged(summarise(experts)))[1:]]
+                )
+        claims = ["complete, target true / false", "sound", "J"]
+        table(["run", "success", *claims, "claims", *(f"experts: {one}" for one in claims)], rows)
+
     def samples(self) -> None:
         """The best of several sampled plans, chosen by verifiers, by an oracle and at random."""
         verifiers = self.sides(self.paths("veto-both"), Role.VERIFIER)
@@ -318,7 +341,12 @@ class Experiments:
                 end = min(line[0][-1] for line in lines)
                 minutes = np.linspace(0, end, 60)
                 values = 100 * np.array([np.interp(minutes, *line) for line in lines])
-                axes.plot(minutes, values.mean(0), color=f"C{index}", label=f"{label}, {len(lines)} seeds")
+                axes.plot(
+                    minutes,
+                    values.mean(0),
+                    color=f"C{index}",
+                    label=f"{label}, {len(lines)} seed{'s' * (len(lines) > 1)}",
+                )
                 axes.fill_between(minutes, values.min(0), values.max(0), color=f"C{index}", alpha=0.2, linewidth=0)
         for axes, title in zip(
             panels.values(), ("training games won, %", "J of the verifier on training claims"), strict=True
@@ -353,9 +381,8 @@ def as_runs(games: Sequence[Sequence[GameRecord]]) -> list[Any]:
 
 
 def interval(games: Sequence[Sequence[GameRecord]]) -> str:
-    won = [episode.is_success for run in as_runs(games) for episode in run.episodes]
-    low, high = accuracy_interval(as_runs(games)) or (np.nan, np.nan)
-    return f"{100 * np.mean(won):.1f} [{low:.1f}, {high:.1f}]"
+    found = accuracy_where(as_runs(games))
+    return "-" if found is None else f"{found.mean:.1f} [{found.low:.1f}, {found.high:.1f}]"
 
 
 def by_seed(games: Sequence[Sequence[GameRecord]]) -> str:
@@ -407,7 +434,10 @@ def main() -> None:
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures into this directory")
     parser.add_argument("--reward-model", type=Path, metavar="RUN", help="a run of `train reward-model`: a verifier")
     parser.add_argument(
-        "--only", nargs="+", metavar="SECTION", help="joint, cross-play, audit, filters, samples, rounds, curves"
+        "--only",
+        nargs="+",
+        metavar="SECTION",
+        help="joint, cross-play, audit, filters, samples, failures, rounds, curves",
     )
     args = parser.parse_args()
     found = Experiments(args.results, args.corpus, args.split, args.pictures, args.reward_model)
@@ -417,6 +447,7 @@ def main() -> None:
         "audit": lambda: found.matrix("audit", "audit", "j", "game_audit_j"),
         "filters": found.filters,
         "samples": found.samples,
+        "failures": found.failures,
         "rounds": found.rounds,
         "curves": found.curves,
     }

@@ -159,7 +159,7 @@ class GameToPlay:
             self._env((proposer, verifier), args.split), proposer.partner, verifier.partner, seed=args.seed
         )
         exploitability = None
-        if args.best_response is not None and verifier.run is not None and proposer.run == verifier.run:
+        if args.best_response is not None and verifier.run is not None and proposer is self._first_opponent(verifier):
             exploitability = self._exploitability(verifier, args)
         return {
             "proposer": proposer.name,
@@ -173,6 +173,11 @@ class GameToPlay:
             "exploitability": exploitability,
             **_without(measured, "success_rate"),
         }
+
+    def _first_opponent(self, verifier: Player) -> Player:
+        """In whose row the verifier's exploitability is given: its own run's proposer, or else the expert."""
+        own = [player for player in self.proposers.values() if player.run == verifier.run]
+        return own[0] if own else self.proposers["expert"]
 
     def _exploitability(self, verifier: Player, args: argparse.Namespace) -> float:
         """The share of games in which a proposer trained against the verifier gets a false claim accepted."""

@@ -11,6 +11,7 @@ import pytest
 from lilgym_mp.cli import evaluate_game, main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
+from lilgym_mp.learning.game import population
 
 
 class Trained:
@@ -58,6 +59,21 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path:
     assert main(["evaluate-game", "a", "--json", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
     assert results(file).keys() == pairs
+
+
+@pytest.mark.parametrize("role", [None, Role.VERIFIER])
+def test_best_response__is_trained_once_for_each_verifier(
+    tmp_path: Path, runs: dict[str, Trained], monkeypatch: pytest.MonkeyPatch, role: Role | None
+):
+    runs["a"] = Trained(protocol="audit")
+    partner = runs["a"].partner
+    monkeypatch.setattr(runs["a"], "partner", lambda asked: partner(asked) if role in (None, asked) else None)
+    monkeypatch.setattr(population, "best_response", lambda *args, **options: SCRIPTED["sneaky"])
+    file = tmp_path / "results.json"
+    assert main(["evaluate-game", "a", "--best-response", "1", "--json", str(file)]) == 0
+    found = {pair: entry["exploitability"] for pair, entry in results(file).items()}
+    assert {pair for pair, value in found.items() if value is not None} == {("expert" if role else "a", "a")}
+    assert 0.0 in found.values()  # an oracle is not exploited
 
 
 def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, runs: dict[str, Trained]):
