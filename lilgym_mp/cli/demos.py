@@ -18,7 +18,7 @@ from lilgym_mp.corpus import NoTasksError, load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
 from lilgym_mp.extras import install
-from lilgym_mp.observation import ARRAYS, TEXT
+from lilgym_mp.observation import ARRAYS, TEXT, item_capacity
 from lilgym_mp.options import (
     CommandError,
     add_configuration,
@@ -32,7 +32,6 @@ from lilgym_mp.solver.action_sets import explore, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.task import Task
 from lilgym_mp.wrappers import StructuredObservation
-from lilgym_mp.wrappers.structured import PRESENT
 
 STRUCTURED = "structured"
 OBSERVATIONS = (TEXT, ARRAYS, STRUCTURED)
@@ -167,6 +166,6 @@ def _write_minari(episodes: Sequence[Demonstration], settings: Settings, args: a
         with suppress(NoTasksError):
             envs.append(gym.make(settings.id, observation=form, **settings.arguments(split)))
     if args.observation == STRUCTURED:
-        slots = max(StructuredObservation(env).observation_space[PRESENT].shape[1] for env in envs)
+        slots = max(item_capacity(env.get_wrapper_attr("tasks"), settings.dynamics()) for env in envs)
         envs = [StructuredObservation(env, slots=slots) for env in envs]
     write_minari(args.minari, episodes, envs[0], envs[-1], f"Shortest solutions. {metadata}")
