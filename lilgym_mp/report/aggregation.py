@@ -120,7 +120,7 @@ class Totals(NamedTuple):
 
 
 def add_up(runs: Sequence[Sequence[RecordedEpisode]], value: Value) -> Totals:
-    statements = tuple(dict.fromkeys(episode.statement for episodes in runs for episode in episodes))
+    statements = tuple(sorted({episode.statement for episodes in runs for episode in episodes}))
     column = {statement: index for index, statement in enumerate(statements)}
     totals = np.zeros((2, len(runs), len(statements)))
     for row, episodes in enumerate(runs):
@@ -135,11 +135,11 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
     Each resample draws one set of statements for both agents, and runs for each. p is that of a normal distribution
     with the resamples' standard deviation; if they are all equal, that of the sign test.
     """
-    one, other = (add_up([run.episodes for run in runs], success) for runs in (first, second))
-    shared = [statement for statement in one.statements if statement in set(other.statements)]
+    recorded = [[run.episodes for run in runs] for runs in (first, second)]
+    shared = set.intersection(*({e.statement for episodes in runs for e in episodes} for runs in recorded))
     if not shared:
         return None
-    kept = [_of_statements(each, shared) for each in (one, other)]
+    kept = [add_up([[e for e in episodes if e.statement in shared] for episodes in runs], success) for runs in recorded]
     points = float(np.subtract(*(each.values.sum() / each.episodes.sum() for each in kept)))
     differences = np.subtract(*(_resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
     deviation = float(differences.std())
@@ -158,12 +158,6 @@ def holm(p_values: Sequence[float]) -> list[float]:
         largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
         corrected[index] = largest
     return corrected
-
-
-def _of_statements(totals: Totals, statements: Sequence[str]) -> Totals:
-    column = {statement: index for index, statement in enumerate(totals.statements)}
-    chosen = [column[statement] for statement in statements]
-    return Totals(tuple(statements), totals.values[:, chosen], totals.episodes[:, chosen])
 
 
 def _resampled_means(totals: Totals, run_seed: int = 1) -> np.ndarray:

@@ -134,7 +134,7 @@ def errors(data: ReportData) -> Iterator[Item]:
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
     if panels:
-        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors", columns=1))
+        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors"))
 
 
 def _published(configuration: str) -> Iterator[Sequence[Cell]]:

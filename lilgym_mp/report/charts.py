@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
+
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.plotting import new_figure
 from lilgym_mp.report.aggregation import MeanStd
@@ -31,77 +33,70 @@ class BarPanel(NamedTuple):
     unit: str = ""  # label of the y axis, if not that of the whole chart
 
 
-def series_colours(names: Sequence[str]) -> dict[str, str]:
-    """Colours by name, assigned in order."""
-    return {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(names)}
-
-
-def bar_chart(panels: Sequence[BarPanel], unit: str, *, columns: int = 2, top: float | None = None) -> Figure:
+def bar_chart(panels: Sequence[BarPanel], unit: str, *, top: float | None = None) -> Figure:
     """A grouped bar chart with error bars for each panel; each series has the same colour everywhere.
 
     Error bars are intervals, or the deviation over runs. Panels with the chart's unit share their y axis; `top`: its
     fixed upper limit.
     """
-    columns = min(columns, len(panels))
-    rows = -(-len(panels) // columns)
+    columns = min(2, len(panels))
     names = list(dict.fromkeys(name for panel in panels for name in panel.values))
-    figure: Any = new_figure(WIDTH, PANEL_HEIGHT * rows + 40)
-    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=not any(panel.unit for panel in panels))
-    colours = series_colours(names)
-    for index, axes in enumerate(grid.flat):
-        if index >= len(panels):
-            axes.set_visible(False)
-            continue
-        _draw_bars(axes, panels[index], colours, panels[index].unit or unit, top, WIDTH / columns)
-    _legend(figure, grid.flat[0], names, colours)
+    shared = not any(panel.unit for panel in panels)
+    figure, grid, colours = _empty_panels(len(panels), columns, names, shared=shared)
+    for axes, panel in zip(grid, panels, strict=True):
+        style_axes(axes, panel.title, panel.unit or unit)
+        _draw_bars(axes, panel, colours, WIDTH / columns)
+        if top is not None:
+            axes.set_ylim(0, top)
+        elif not any(_mean(value) < 0 for values in panel.values.values() for value in values):
+            axes.set_ylim(bottom=0)
     return figure
 
 
-def _draw_bars(
-    axes: Any, panel: BarPanel, colours: Mapping[str, str], unit: str, top: float | None, panel_width: float
-) -> None:
+def _empty_panels(
+    count: int, columns: int, names: Sequence[str], *, shared: bool, width: int = WIDTH
+) -> tuple[Figure, list[Any], dict[str, str]]:
+    """A figure with a legend, the axes of its panels, and the colour of each name."""
+    from matplotlib.patches import Patch
+
+    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, names)) + 40)))
+    legend_rows = -(-len(names) // legend_columns) if len(names) > 1 else 0
+    rows = -(-count // columns)
+    figure = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
+    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=shared)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    colours = {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(names)}
+    if len(names) > 1:
+        handles = [Patch(color=colour) for colour in colours.values()]
+        figure.legend(handles, names, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
+    return figure, list(grid.flat[:count]), colours
+
+
+def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_width: float) -> None:
     width = 0.8 / max(1, len(panel.values))
-    labelled = 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH
     for series, (name, values) in enumerate(panel.values.items()):
         xs = [index + (series - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
         heights = [_mean(value) for value in values]
-        axes.bar(xs, heights, width * 0.92, color=colours[name])
-        for x, value in zip(xs, values, strict=True):
-            if isinstance(value, MeanStd):
-                low, high = value.spread
-                axes.errorbar(x, value.mean, [[value.mean - low], [high - value.mean]], color=INK, lw=1, capsize=2)
-        for x, value in zip(xs, values, strict=True) if labelled else ():
-            if value is not None:
-                _label_bar(axes, x, value)
-    style_axes(axes, panel.title, unit)
-    axes.set_xticks(range(len(panel.categories)), labels=panel.categories, fontsize=8)
-    axes.grid(visible=False, axis="x")
+        ends = np.array([value.spread if isinstance(value, MeanStd) else (_mean(value),) * 2 for value in values]).T
+        errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
+        bars = axes.bar(
+            *(xs, heights, width * 0.92),
+            color=colours[name],
+            yerr=errors if np.nansum(errors) > 0 else None,
+            error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
+        )
+        if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
+            texts = ["" if value is None else _short_number(_mean(value)) for value in values]
+            axes.bar_label(bars, texts, fontsize=7, color=INK, padding=2)
+    count = len(panel.categories)
+    axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
+    axes.set_xlim(-0.5, count - 0.5)
     axes.margins(y=0.12)
-    if top is not None:
-        axes.set_ylim(0, top)
-    elif all(_mean(value) >= 0 for values in panel.values.values() for value in values):
-        axes.set_ylim(bottom=0)
-
-
-def _label_bar(axes: Any, x: float, value: MeanStd | float) -> None:
-    """Prints the value at the end of the bar, clear of the error bar."""
-    height = _mean(value)
-    low, high = value.spread if isinstance(value, MeanStd) else (height, height)
-    below = height < 0
-    axes.annotate(
-        _short_number(height),
-        (x, low if below else high),
-        (0, -2 if below else 2),
-        textcoords="offset points",
-        fontsize=7,
-        color=INK,
-        ha="center",
-        va="top" if below else "bottom",
-    )
 
 
 def _mean(value: MeanStd | float | None) -> float:
-    return value.mean if isinstance(value, MeanStd) else (value or 0.0)
+    return value.mean if isinstance(value, MeanStd) else float("nan") if value is None else value
 
 
 def _short_number(value: float) -> str:
@@ -119,17 +114,6 @@ def style_axes(axes: Any, title: str, unit: str = "") -> None:
         axes.set_ylabel(unit, fontsize=8, color=FAINT)
 
 
-def _legend(figure: Any, axes: Any, names: Sequence[str], colours: Mapping[str, str]) -> None:
-    handles = [axes.bar([0], [0], color=colours[name]) for name in names]
-    if len(names) > 1:
-        figure.legend(handles, names, loc="outside upper left", ncols=_legend_columns(names), frameon=False, fontsize=8)
-
-
-def _legend_columns(names: Sequence[str], width: int = WIDTH) -> int:
-    """Number of legend columns, at most 4, that fit into the width in pixels."""
-    return max(1, min(4, (width - 40) // (6 * max(map(len, names)) + 40)))
-
-
 class Line(NamedTuple):
     """A series of a line chart."""
 
@@ -141,37 +125,24 @@ class Line(NamedTuple):
 
 def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
     """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers."""
-    columns = min(2 if len(panels) <= 4 else 3, len(panels))
-    rows = -(-len(panels) // columns)
-    width = WIDTH if columns > 1 else WIDTH // 2
-    names = list(dict.fromkeys(line.name for _, _, _, lines in panels for line in lines))
-    legend_rows = -(-len(names) // _legend_columns(names, width)) if len(names) > 1 else 0
     from matplotlib.ticker import EngFormatter
 
-    figure: Any = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
-    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=len({y_label for _, _, y_label, _ in panels}) == 1)
-    colours = series_colours(names)
-    for index, axes in enumerate(grid.flat):
-        if index >= len(panels):
-            axes.set_visible(False)
-            continue
-        title, x_label, y_label, lines = panels[index]
+    columns = min(2 if len(panels) <= 4 else 3, len(panels))
+    names = list(dict.fromkeys(line.name for *_, lines in panels for line in lines))
+    shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2
+    figure, grid, colours = _empty_panels(len(panels), columns, names, shared=shared, width=width)
+    for axes, (title, x_label, y_label, lines) in zip(grid, panels, strict=True):
         style_axes(axes, title, y_label)
         axes.set_xlabel(x_label, fontsize=8, color=FAINT)
         for line in lines:
             axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker="o" if diagonal else None)
             if line.deviations is not None:
-                pairs = list(zip(line.ys, line.deviations, strict=True))
-                low, high = [y - d for y, d in pairs], [y + d for y, d in pairs]
-                axes.fill_between(line.xs, low, high, color=colours[line.name], alpha=0.15, linewidth=0)
+                band = np.subtract(line.ys, line.deviations), np.add(line.ys, line.deviations)
+                axes.fill_between(line.xs, *band, color=colours[line.name], alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
         else:
             axes.xaxis.set_major_formatter(EngFormatter())
-    if len(names) > 1:
-        handles = [grid.flat[0].plot([], [], color=colours[name])[0] for name in names]
-        legend_columns = _legend_columns(names, width)
-        figure.legend(handles, names, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
     return figure
 
 

@@ -71,7 +71,7 @@ def stop_accuracy_by_actions_left(data: ReportData) -> Item:
     panels = _panels(data, names, left)
     if not panels:
         return MissingItem("Horizon left at STOP", title, "no recorded episode ends with STOP")
-    return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", columns=1, top=109), note)
+    return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", top=109), note)
 
 
 def _panels(

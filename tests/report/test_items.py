@@ -8,10 +8,12 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from matplotlib.container import BarContainer
 
 from lilgym_mp.actions import Action, named
 from lilgym_mp.cli import USAGE_ERROR, main
@@ -32,7 +34,8 @@ from lilgym_mp.report.aggregation import (
     paired_difference,
     success,
 )
-from lilgym_mp.report.behaviour import ADDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
+from lilgym_mp.report.behaviour import ADDS, ERROR_KINDS, REMOVES, ROLLOUT_STATISTICS, action_map, error_kind, errors
+from lilgym_mp.report.charts import BarPanel, bar_chart
 from lilgym_mp.report.difficulty import _regret, calibration_line, comparison_items, edits_category
 from lilgym_mp.report.html_report import chapters
 from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
@@ -259,9 +262,9 @@ def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path
 
 def test_totals__are_by_run_and_statement(data: ReportData):
     totals = add_up([run.episodes for run in runs(data)], success)
-    assert totals.statements == ("There is a blue item.", "No blue.", "B", "C")
-    assert totals.values.tolist() == [[100, 100, 0, 0]]
-    assert totals.episodes.tolist() == [[1, 1, 2, 2]]
+    assert totals.statements == ("B", "C", "No blue.", "There is a blue item.")
+    assert totals.values.tolist() == [[0, 0, 100, 100]]
+    assert totals.episodes.tolist() == [[2, 2, 1, 1]]
 
 
 def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
@@ -387,8 +390,9 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
             assert (tmp_path / "one" / suffix.format(item.name)).stat().st_size
     with next((tmp_path / "one" / "tables").glob("table-2*.csv")).open() as file:
         first = next(csv.DictReader(file))
-    assert float(first["ScatterFlipIt dev mean"]) == pytest.approx(100 / 3)
-    assert (first["agent"], first["ScatterFlipIt dev sd"], first["ScatterFlipIt dev runs"]) == ("mine", "", "1")
+    column = "ScatterFlipIt dev, n = 6"
+    assert float(first[f"{column} mean"]) == pytest.approx(100 / 3)
+    assert (first["agent"], first[f"{column} sd"], first[f"{column} runs"]) == ("mine", "", "1")
 
 
 def test_report__escapes_statements(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -559,6 +563,22 @@ def test_learning_curves__are_means_over_the_runs_of_a_recipe(tmp_path: Path):
     assert list(line.get_ydata()) == pytest.approx([0.3, 0.6])
     assert axes.get_title(loc="left") == "ppo TowerScratch"
     assert len(axes.collections) == 1  # the band
+
+
+def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide():
+    measured = MeanStd(50.0, None, 1, 40.0, 65.0)
+    names = [kind.replace(" ", "\n") for kind in ERROR_KINDS]
+    values = {f"agent {index}": [measured, None, *[20.0] * 7] for index in range(5)}
+    figure = bar_chart([BarPanel("one", names, values), BarPanel("other", names[:2], {"agent 0": [1.0, 2.0]})], "%")
+    one, other = figure.axes
+    assert one.get_ylim() == other.get_ylim()
+    assert [axes.get_ylabel() for axes in figure.axes] == ["%", "%"]
+    (lines,) = next(bars.errorbar for bars in one.containers if isinstance(bars, BarContainer)).lines[2]
+    assert lines.get_segments()[0][:, 1].tolist() == [40, 65]
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [label.get_window_extent() for label in (*axes.get_xticklabels(), *axes.texts) if label.get_text()]
+        assert not any(box.overlaps(after) for box, after in pairwise(boxes))
 
 
 def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
