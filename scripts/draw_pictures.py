@@ -1,6 +1,6 @@
 """Draws the pictures and films of README and docs into docs/pictures: `python scripts/draw_pictures.py [NAME ...]`.
 
-Without names it draws those that take a minute or two: films of the agent parse-and-plan (needs the extra `sb3`), games
+Without names it draws those that take a minute or two: films of included agents (needs the extra `sb3`), games
 (`pettingzoo`), and the architecture. `--list` prints the commands for the others, which need a training run or the
 official data.
 """
@@ -35,7 +35,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
-from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
+from lilgym_mp.evaluation.film import episode_frames, film_frames, film_grid, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.render.drawing import COLOUR_RGB
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
@@ -56,7 +56,6 @@ LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
-    "demo_imitation.gif": "lilgym-mp demo --out OUT; cp OUT/imitation.gif docs/pictures/demo_imitation.gif",
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
@@ -99,6 +98,13 @@ def draw_films() -> None:
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
         films.append(list(episode_frames(Settings(configuration).make(SPLIT), episode)))
     film_frames(PICTURES / "agent.gif", films, columns=2)
+
+
+def draw_imitation() -> None:
+    """Six episodes of a shipped network, evenly spaced in dev, whatever their outcome."""
+    settings = Settings("TowerFlipIt")
+    episodes = list(evaluate(lilgym_mp.load_agent("imitation-tower", "cpu").policy(settings), settings, SPLIT))
+    film_grid(PICTURES / "imitation.gif", settings, SPLIT, episodes[:: len(episodes) // 6][:6], columns=2)
 
 
 def draw_games() -> None:
@@ -212,6 +218,7 @@ def _run(*command: str) -> None:
 
 DRAWN: dict[str, Callable[[], None]] = {
     "films": draw_films,
+    "imitation": draw_imitation,
     "games": draw_games,
     "episode": draw_episode,
     "architecture": draw_architecture,
@@ -221,6 +228,7 @@ FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
     *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
     "agent.gif",
+    "imitation.gif",
     "episode.png",
     "architecture.svg",
     "logo.svg",
