@@ -90,7 +90,14 @@ def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
 # Learning
 
 
-@pytest.mark.parametrize(("algorithm", "verifier"), [("shared", "both"), ("independent", "ppo"), ("central", "both")])
+@pytest.mark.parametrize(
+    ("algorithm", "verifier"),
+    [
+        ("independent", "ppo"),
+        pytest.param("shared", "both", marks=pytest.mark.long),
+        pytest.param("central", "both", marks=pytest.mark.long),
+    ],
+)
 def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
     tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str, verifier: str
 ):
@@ -226,6 +233,7 @@ def schedule_free() -> GameRecipe:
     return replace(SMALL, algorithm="central")
 
 
+@pytest.mark.long
 def test_train__survives_being_killed(tmp_path: Path):
     command = [sys.executable, "-m", "lilgym_mp", "train", "game", "TowerScratch", "--protocol", "joint", "--out"]
     small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]

@@ -449,6 +449,7 @@ def test_shipped_agent__solves_most_tasks_of_every_configuration_from_pixels(con
     assert outcomes.count(Outcome.SUCCESS) >= 0.8 * len(some)
 
 
+@pytest.mark.long
 def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
     new_word = """
         from lilgym_mp.programs.values import ItemView

@@ -36,7 +36,7 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Pl
     return Planner(network, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+@pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
 @given(data=st.data())
 def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: str, data: st.DataObject):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
