@@ -66,18 +66,6 @@ def mean_std(values: Sequence[float]) -> MeanStd | None:
     return MeanStd(mean(values), stdev(values) if len(values) > 1 else None, len(values))
 
 
-def aggregate_runs(
-    runs: Iterable[Recording], metric: Callable[[Sequence[RecordedEpisode]], float | None]
-) -> MeanStd | None:
-    """Mean and deviation over runs of a metric of each run's episodes; runs where it is None are left out."""
-    return mean_std([value for run in runs if (value := metric(run.episodes)) is not None])
-
-
-def accuracy(episodes: Sequence[RecordedEpisode]) -> float | None:
-    """Task-completion rate in per cent; None for no episodes."""
-    return share(episodes, lambda episode: episode.is_success)
-
-
 def accuracy_where(runs: Iterable[Recording], predicate: Predicate = every) -> MeanStd | None:
     """Accuracy over runs in per cent on the episodes that satisfy a predicate, with its interval."""
     return mean_where(runs, success, predicate)
@@ -91,15 +79,6 @@ def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate = e
         return None
     low, high = _percentile_interval(_resampled_means(add_up(kept, value)))
     return found._replace(low=low, high=high, episodes=min(map(len, kept)))
-
-
-def share(episodes: Sequence[RecordedEpisode], holds: Callable[[RecordedEpisode], bool]) -> float | None:
-    """Per cent of the episodes that satisfy a predicate; None for no episodes."""
-    return 100 * sum(map(holds, episodes)) / len(episodes) if episodes else None
-
-
-def average(episodes: Sequence[RecordedEpisode], value: Callable[[RecordedEpisode], float]) -> float | None:
-    return mean(map(value, episodes)) if episodes else None
 
 
 class Difference(NamedTuple):

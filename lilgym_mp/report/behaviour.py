@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, aggregate_runs, average, share
+from lilgym_mp.report.aggregation import MeanStd, Value, mean_where
 from lilgym_mp.report.charts import BarPanel, bar_chart, heat_maps
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import AgentResults, ReportData
@@ -27,13 +27,13 @@ def count_actions(episode: RecordedEpisode, types: tuple[type, ...]) -> int:
     return sum(isinstance(action, types) for action in episode.actions)
 
 
-# Metrics of a run's episodes by name.
-ROLLOUT_STATISTICS: Mapping[str, Callable[[Sequence[RecordedEpisode]], float | None]] = {
-    "without STOP (%)": lambda episodes: share(episodes, lambda episode: not ends_with_stop(episode)),
-    "with an invalid action (%)": lambda episodes: share(episodes, lambda episode: episode.invalid_reason is not None),
-    "mean actions": lambda episodes: average(episodes, lambda episode: len(episode.actions)),
-    "mean ADD": lambda episodes: average(episodes, lambda episode: count_actions(episode, ADDS)),
-    "mean REMOVE": lambda episodes: average(episodes, lambda episode: count_actions(episode, REMOVES)),
+# By name, a value of each episode, of which the mean is shown.
+ROLLOUT_STATISTICS: Mapping[str, Value] = {
+    "without STOP (%)": lambda episode: 100.0 * (not ends_with_stop(episode)),
+    "with an invalid action (%)": lambda episode: 100.0 * (episode.invalid_reason is not None),
+    "mean actions": lambda episode: len(episode.actions),
+    "mean ADD": lambda episode: count_actions(episode, ADDS),
+    "mean REMOVE": lambda episode: count_actions(episode, REMOVES),
 }
 
 
@@ -47,19 +47,19 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     """Rollout statistics of all agents."""
     title = f"Rollout statistics on {data.main_split}"
     rows: list[list[Cell]] = []
-    values: dict[str, dict[str, list[MeanStd | float | None]]] = {name: {} for name in ROLLOUT_STATISTICS}
+    series: list[dict[str, list[MeanStd | float | None]]]
+    series = [{agent: [] for agent in data.agents} for _ in ROLLOUT_STATISTICS]
     for agent in data.agents:
-        entries = [data.find(agent, name) for name in data.configurations]
-        for name, metric in ROLLOUT_STATISTICS.items():
-            values[name][agent] = [entry and aggregate_runs(entry.runs, metric) for entry in entries]
-        for entry in entries:
+        for configuration in data.configurations:
+            entry = data.find(agent, configuration)
+            means = [entry and mean_where(entry.runs, value) for value in ROLLOUT_STATISTICS.values()]
+            for values, mean in zip(series, means, strict=True):
+                values[agent].append(mean)
             if entry is not None:
-                statistics = (aggregate_runs(entry.runs, metric) for metric in ROLLOUT_STATISTICS.values())
-                rows.append([agent, entry.configuration, *statistics])
-    units = ["episodes, %" if "%" in name else "actions" for name in values]
+                rows.append([agent, configuration, *means])
     panels = [
-        BarPanel(name.removesuffix(" (%)"), data.configurations, series, unit)
-        for (name, series), unit in zip(values.items(), units, strict=True)
+        BarPanel(name.removesuffix(" (%)"), data.configurations, values, "episodes, %" if "%" in name else "actions")
+        for name, values in zip(ROLLOUT_STATISTICS, series, strict=True)
     ]
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."

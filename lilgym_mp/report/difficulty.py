@@ -13,11 +13,10 @@ from lilgym_mp.report.aggregation import (
     INTERVAL_NOTE,
     Difference,
     accuracy_where,
-    aggregate_runs,
-    average,
+    every,
     holm,
+    mean_where,
     paired_difference,
-    share,
 )
 from lilgym_mp.report.behaviour import ends_with_stop
 from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
@@ -142,27 +141,18 @@ def regret(data: ReportData) -> Item:
         return MissingItem("Regret", title, NEEDS_EXPERT)
     note = "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones."
     columns = ("agent", "configuration", "extra actions of a success", "successes optimal (%)", "episodes optimal (%)")
-    return table(
-        "Regret",
-        title,
-        columns,
-        rows,
-        note,
-    )
+    return table("Regret", title, columns, rows, note)
 
 
 def _regret(entry: AgentResults) -> Sequence[Cell]:
-    def solved(episodes: Sequence[RecordedEpisode]) -> list[RecordedEpisode]:
-        return [episode for episode in episodes if episode.is_success and episode.optimal_actions is not None]
+    def solved(episode: RecordedEpisode) -> bool:
+        return episode.is_success and episode.optimal_actions is not None
 
-    def optimal(episode: RecordedEpisode) -> bool:
-        return bool(solved([episode])) and extra_actions(episode) <= 0
+    def optimal(episode: RecordedEpisode) -> float:
+        return 100.0 * (solved(episode) and extra_actions(episode) <= 0)
 
-    return (
-        aggregate_runs(entry.runs, lambda episodes: average(solved(episodes), extra_actions)),
-        aggregate_runs(entry.runs, lambda episodes: share(solved(episodes), optimal)),
-        aggregate_runs(entry.runs, lambda episodes: share(episodes, optimal)),
-    )
+    means = ((extra_actions, solved), (optimal, solved), (optimal, every))
+    return [mean_where(entry.runs, value, predicate) for value, predicate in means]
 
 
 def extra_actions(episode: RecordedEpisode) -> int:

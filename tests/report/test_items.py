@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from statistics import mean
 from typing import Any
 
 import pytest
@@ -27,7 +28,6 @@ from lilgym_mp.report.aggregation import (
     MeanStd,
     accuracy_where,
     add_up,
-    aggregate_runs,
     holm,
     mean_std,
     mean_where,
@@ -173,7 +173,7 @@ def test_figure_5__splits_by_target(data: ReportData):
 
 
 def test_figures_6_and_9__rollout_statistics():
-    shares = {name: number(EPISODES) for name, number in ROLLOUT_STATISTICS.items()}
+    shares = {name: mean(map(value, EPISODES)) for name, value in ROLLOUT_STATISTICS.items()}
     assert shares == {
         "without STOP (%)": pytest.approx(100 / 6),
         "with an invalid action (%)": pytest.approx(100 / 6),
@@ -240,11 +240,11 @@ def test_edits_needed__come_from_the_experts_solution():
 
 
 def test_regret__extra_actions_and_shares_of_optimal_episodes(data: ReportData):
-    assert _regret(data.entries[0]) == (
+    assert list(map(plain, _regret(data.entries[0]))) == [
         MeanStd(0.5, None, 1),
         MeanStd(50.0, None, 1),
         MeanStd(pytest.approx(100 / 6), None, 1),
-    )
+    ]
 
 
 def test_calibration__compares_the_probability_of_stop_with_its_success(tmp_path: Path):
@@ -689,6 +689,6 @@ def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, c
         assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
         reward = mean_where(entry.runs, lambda episode: episode.reward)
         assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
-        invalid = aggregate_runs(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
+        invalid = mean_where(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
         assert invalid is not None
         assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
