@@ -13,6 +13,7 @@ from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.batches import StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS
 from lilgym_mp.learning.reward_model.features import BoxTable, exchanges, standard_exchanges
+from lilgym_mp.learning.reward_model.network import BoxFeatures
 
 Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
@@ -58,14 +59,19 @@ class InputReader:
         words, items, boxes = (torch.from_numpy(array).to(self.device) for array in arrays)
         return words, items, boxes
 
-    def boxes(self, indices: Int64Array) -> tuple[Tensor, Tensor, Tensor]:
-        """Features of the boxes (S, U): items (S, U, I, F), boxes (S, U, G), and which items there are (S, U, I)."""
-        items, looks, present = (
-            torch.from_numpy(array).to(self.device, torch.float32) for array in self.table.features(indices)
-        )
-        return items, looks, present
+    def boxes(self, indices: Int64Array) -> BoxFeatures:
+        """Features of the boxes (S, U)."""
+        items, looks, present = self.table.features(indices)
+        row, box, place = present.nonzero()
+        counts = present.sum((1, 2))
+        column = np.arange(len(row)) - np.repeat(counts.cumsum() - counts, counts)
+        packed = np.zeros((len(indices), max(1, int(counts.max())), items.shape[-1]), np.float32)
+        owners = np.full(packed.shape[:2], indices.shape[1])
+        packed[row, column], owners[row, column] = items[row, box, place], box
+        arrays = packed, owners, looks.astype(np.float32)
+        return BoxFeatures(*(torch.from_numpy(array).to(self.device) for array in arrays))
 
-    def scenes(self, scenes: Int64Array) -> tuple[tuple[Tensor, Tensor, Tensor], Tensor]:
+    def scenes(self, scenes: Int64Array) -> tuple[BoxFeatures, Tensor]:
         """The features of the distinct boxes of (S, N, 3) scenes, and the scenes as indices into them."""
         if self.table.appearance == "tower":
             indices, local = np.arange(len(self.table))[None], scenes

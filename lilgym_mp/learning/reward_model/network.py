@@ -21,6 +21,14 @@ CODE = 8  # values for a count: seven comparisons, and itself
 SPARSE = -1.5  # initial bias of what is counted: few items are
 
 
+class BoxFeatures(NamedTuple):
+    """Of U boxes of each statement, or of all statements alike (S = 1), with M items."""
+
+    items: Tensor  # (S, M, F)
+    owners: Tensor  # (S, M) the box of each item; U for padding
+    looks: Tensor  # (S, U, G)
+
+
 class Reading(NamedTuple):
     """What the network computes of S statements, before it sees a scene."""
 
@@ -76,12 +84,19 @@ class ModulatedNetwork(nn.Module):
             item_weights, box_weights, (1 + scales).split(self._modulated, -1), shifts.split(self._modulated, -1)
         )
 
-    def item_sums(self, reading: Reading, items: Tensor, present: Tensor | None = None) -> Tensor:
-        """(S, U, d + k) of boxes: (S or 1, U, I, F) item features and whether each is there (S or 1, U, I)."""
-        hidden = F.relu(items.flatten(1, 2) @ reading.item_weights + self.item.bias)
-        hidden = self._activated(self.item_layer(hidden) * reading.scales[0] + reading.shifts[0], SPARSE)
-        hidden = hidden.unflatten(1, items.shape[1:3])
-        return hidden.sum(2) if present is None else (hidden * present[..., None]).sum(2)
+    def item_units(self, reading: Reading, items: Tensor) -> Tensor:
+        """(S, M, d + k) of items with features (S or 1, M, F)."""
+        hidden = F.relu(items @ reading.item_weights + self.item.bias)
+        return self._activated(self.item_layer(hidden) * reading.scales[0] + reading.shifts[0], SPARSE)
+
+    def item_sums(self, reading: Reading, features: BoxFeatures) -> Tensor:
+        """(S, U, d + k) of U boxes."""
+        units = self.item_units(reading, features.items)
+        boxes = features.looks.shape[1]
+        first = torch.arange(len(units), device=units.device)[:, None] * (boxes + 1)
+        sums = units.new_zeros(len(units) * (boxes + 1), units.shape[-1])
+        sums = sums.index_add(0, (features.owners + first).flatten(), units.flatten(0, 1))
+        return sums.unflatten(0, (len(units), -1))[:, :-1]
 
     def box_values(self, reading: Reading, sums: Tensor, looks: Tensor) -> Tensor:
         """(S, U, 2 (d + k)), counts last, from item sums (S, U, d + k) and box features (S or 1, U, G)."""
@@ -111,10 +126,9 @@ class ModulatedNetwork(nn.Module):
         code = torch.cat([torch.sigmoid(4 * (counts - thresholds)), 0.25 * counts], -1)
         return torch.cat([sums[..., :width], code.flatten(-2)], -1)
 
-    def forward(self, reading: Reading, features: tuple[Tensor, Tensor, Tensor], scenes: Tensor) -> Tensor:
+    def forward(self, reading: Reading, features: BoxFeatures, scenes: Tensor) -> Tensor:
         """(S, N) logits of `scenes` (S, N, 3), which index the U boxes with these features."""
-        items, looks, present = features
-        values = self.box_values(reading, self.item_sums(reading, items, present), looks)
+        values = self.box_values(reading, self.item_sums(reading, features), features.looks)
         return self.logits(reading, sum_boxes(values, scenes))
 
 

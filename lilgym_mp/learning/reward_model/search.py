@@ -67,14 +67,14 @@ class Judge:
         self.reading = network.read(*reader.statements([statement] * len(kinds), kinds))
 
     def logits(self, sums: Tensor) -> Tensor:
-        """(E, N) of success, from values (E, N, 2 d) summed over boxes."""
+        """(E, N) of success, from values (E, N, 2 (d + k)) summed over boxes."""
         return self._sign * self.network.logits(self.reading, sums)
 
     def box_values(self, indices: Int64Array) -> tuple[Tensor, Tensor]:
-        """(E, U, d) item sums of boxes and (E, U, 2 d) their values."""
-        items, looks, present = self.reader.boxes(indices[None])
-        sums = self.network.item_sums(self.reading, items, present)
-        return sums, self.network.box_values(self.reading, sums, looks)
+        """(E, U, d + k) item sums of boxes and (E, U, 2 (d + k)) their values."""
+        features = self.reader.boxes(indices[None])
+        sums = self.network.item_sums(self.reading, features)
+        return sums, self.network.box_values(self.reading, sums, features.looks)
 
 
 class Planner:
@@ -205,7 +205,7 @@ class _ScatterSearch:
         self._scatter = cast("Scatter", dynamics.appearance)
         self._table = judge.reader.table
         items = torch.from_numpy(_canonical_features()).float()
-        self._added = judge.network.item_sums(judge.reading, items[None, :, None])  # (E, 1323, d)
+        self._added = judge.network.item_units(judge.reading, items[None])  # (E, 1323, d + k)
 
     def plan(self, scene: Scene, most_edits: int, *, may_stop: bool) -> Plan:
         start = self._nodes([(scene, ())])[0]
@@ -251,9 +251,8 @@ class _ScatterSearch:
         indices = np.array(self._table.of(node.scene))
         sums, values = judge.box_values(indices)
         looks = np.stack([_looks_of(self._table, index) for index in indices.tolist()])
-        items = judge.reader.boxes(indices[None])[0]
-        each = judge.network.item_sums(judge.reading, items.flatten(1, 2)[:, :, None]).unflatten(1, items.shape[1:3])
-        change, look_change = self._changes(node.scene, edits, each)
+        units = judge.network.item_units(judge.reading, judge.reader.boxes(indices[None]).items)
+        change, look_change = self._changes(node.scene, edits, units)
         box = np.array([edit.box for edit in edits])
 
         def scores(*parts: tuple[Int64Array, ...]) -> Float64Array:
@@ -279,8 +278,8 @@ class _ScatterSearch:
         order = np.argsort(-double)[:most].tolist()
         return wanted + [(float(double[at]), node, tuple(edits[edit] for edit in pairs[at])) for at in order]
 
-    def _changes(self, scene: Scene, edits: Sequence[_Edit], each: Tensor) -> tuple[Tensor, Int64Array]:
-        """The changes of a box's item sums (E, n, d) and looks (n, 9) by each edit."""
+    def _changes(self, scene: Scene, edits: Sequence[_Edit], units: Tensor) -> tuple[Tensor, Int64Array]:
+        """The changes of a box's item sums (E, n, d + k) and looks (n, 9) by each edit; `units` are its items'."""
         canonical = np.array([edit.canonical for edit in edits])
         box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
         is_removal = canonical < 0
@@ -288,7 +287,8 @@ class _ScatterSearch:
         look_change = _canonical_looks()[canonical.clip(0)]
         if is_removal.any():
             change = change.clone()
-            change[:, torch.from_numpy(is_removal)] = -each[:, box[is_removal], position[is_removal]]
+            first = np.cumsum([0, *(len(each.items) for each in scene.boxes)])
+            change[:, torch.from_numpy(is_removal)] = -units[:, (first[box] + position)[is_removal]]
             removed = [scene.boxes[edit.box].items[edit.position] for edit in edits if edit.canonical < 0]
             look_change[is_removal] = -look_counts(np.array(removed)[:, None])
         return change, look_change
