@@ -203,9 +203,7 @@ async def assignment(services: Services, person: CurrentPerson, assignment_id: R
 
     body, is_new = await run_sync(read)
     if is_new:
-        await services.database.write(
-            lambda session: annotation.record_first_opening(session, assignment_id), durable=False
-        )
+        await services.database.write(lambda session: annotation.record_first_opening(session, assignment_id))
     return body
 
 
@@ -214,7 +212,6 @@ async def draft(services: Services, person: CurrentPerson, assignment_id: RowId,
     """Saves the editor's text."""
     version = await services.database.write(
         lambda session: annotation.save_draft(session, person, assignment_id, written.program, written.version),
-        durable=False,
     )
     return SavedDraft(version=version)
 

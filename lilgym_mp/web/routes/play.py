@@ -104,7 +104,7 @@ async def begin(new: NewEpisode, services: Services, caller: CurrentCaller) -> p
     task = await run_sync(played_episodes.find_task, catalogue, new.configuration, new.split, new.task_id)
     settings = new.model_dump(exclude={"task_id"})
     started = await services.database.write(
-        lambda session: played_episodes.begin(session, catalogue, caller.id, task, **settings), durable=False
+        lambda session: played_episodes.begin(session, catalogue, caller.id, task, **settings)
     )
     return played_episodes.episode_body(started)
 
@@ -130,7 +130,7 @@ async def act(
         loaded = played_episodes.find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
         return played_episodes.act(loaded, taken.action, taken.steps)
 
-    return played_episodes.episode_body(await services.database.write(load_and_act, durable=False))
+    return played_episodes.episode_body(await services.database.write(load_and_act))
 
 
 @api.get("/episodes/{episode_id}/legal")
@@ -166,7 +166,7 @@ async def solution(
         loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
         return loaded
 
-    loaded = await services.database.write(load_and_mark, durable=False)
+    loaded = await services.database.write(load_and_mark)
     return await run_sync(played_episodes.solution, services.catalogue, loaded)
 
 

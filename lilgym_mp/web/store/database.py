@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import secrets
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from functools import partial
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -19,10 +17,9 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError as AlembicError
-from anyio.to_thread import run_sync
 from sqlalchemy import Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
-from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, OperationalError, SQLAlchemyError, TimeoutError
+from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError, TimeoutError
 from sqlalchemy.orm import Session
 
 from lilgym_mp.web.store.models import Secret
@@ -30,7 +27,6 @@ from lilgym_mp.web.store.models import Secret
 MIGRATIONS = Path(__file__).parent / "migrations"
 LOCK_SECONDS = 5.0  # a write waits this long for its turn and for a lock held by another process, then fails
 POSTGRES_WRITERS = 20  # threads
-CHECKPOINT_COMMITS = 500  # between checkpoints of SQLite's write-ahead log
 COOKIE_KEY = "cookie key"
 
 T = TypeVar("T")
@@ -45,9 +41,9 @@ class Database:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
-        self._log = _WriteAheadLog(engine) if engine.dialect.name == "sqlite" else None
+        self._is_sqlite = engine.dialect.name == "sqlite"
         # SQLite makes concurrent writers poll for its lock; queueing for a single thread is faster and fairer.
-        self._writers = ThreadPoolExecutor(1 if self._log else POSTGRES_WRITERS, "lilgym-mp writer")
+        self._writers = ThreadPoolExecutor(1 if self._is_sqlite else POSTGRES_WRITERS, "lilgym-mp writer")
 
     @contextmanager
     def read_session(self) -> Iterator[Session]:
@@ -57,19 +53,15 @@ class Database:
 
     @contextmanager
     def write_session(self) -> Iterator[Session]:
-        """A durable write session outside of requests, as at startup; requests use `write`."""
-        with self._session(LOCK_SECONDS, durable=True) as session:
+        """A write session outside of requests, as at startup; requests use `write`."""
+        with self._session(LOCK_SECONDS) as session:
             yield session
-        if self._log:
-            self._log.after_commit(durable=True)
 
-    async def write(self, work: Callable[[Session], T], *, durable: bool = True) -> T:
+    async def write(self, work: Callable[[Session], T]) -> T:
         """Runs `work` in a session that is then committed, or rolled back if it raises; returns its result.
 
-        A commit survives a crash of this process; with `durable` it also survives a power failure, at the price of
-        waiting for the disk. On SQLite a single thread runs all of them, holding the write lock from the start: what
-        they read cannot change before they write, and the lock is never held by a thread waiting to be scheduled, nor
-        while syncing to disk. Raises sqlalchemy's TimeoutError or OperationalError after LOCK_SECONDS of waiting.
+        On SQLite a single thread runs all of them, holding the write lock from the start: what they read cannot change
+        before they write. Raises sqlalchemy's TimeoutError or OperationalError after LOCK_SECONDS of waiting.
         """
         deadline = time.monotonic() + LOCK_SECONDS
 
@@ -77,25 +69,18 @@ class Database:
             seconds = deadline - time.monotonic()
             if seconds <= 0:
                 raise TimeoutError("other writes did not end in time")
-            with self._session(seconds, durable=durable) as session:
+            with self._session(seconds) as session:
                 return work(session)
 
-        result = await asyncio.wrap_future(self._writers.submit(run_in_session))
-        if self._log and (durable or self._log.needs_checkpoint):
-            await run_sync(partial(self._log.after_commit, durable=durable))
-        return result
+        return await asyncio.wrap_future(self._writers.submit(run_in_session))
 
     @contextmanager
-    def _session(self, lock_seconds: float, *, durable: bool) -> Iterator[Session]:
+    def _session(self, lock_seconds: float) -> Iterator[Session]:
         with Session(self.engine, expire_on_commit=False) as session, session.begin():
-            if self._log:
+            if self._is_sqlite:
                 session.connection().exec_driver_sql(f"PRAGMA busy_timeout={int(1000 * lock_seconds)}")
                 session.connection().exec_driver_sql("BEGIN IMMEDIATE")
-            elif not durable:
-                session.execute(text("SET LOCAL synchronous_commit TO off"))
             yield session
-        if self._log:
-            self._log.commits += 1
 
     def secret(self, name: str) -> str:
         """The secret with that name, generated on the first call."""
@@ -109,37 +94,6 @@ class Database:
     def close(self) -> None:
         self._writers.shutdown()
         self.engine.dispose()
-
-
-class _WriteAheadLog:
-    """Syncs and checkpoints SQLite's write-ahead log after commits, outside of the write lock.
-
-    SQLite itself would do both while holding the lock.
-    """
-
-    def __init__(self, engine: Engine) -> None:
-        self._engine = engine
-        self._path = Path(str(engine.url.database) + "-wal").absolute()
-        self.commits = 0  # since the last checkpoint
-
-    @property
-    def needs_checkpoint(self) -> bool:
-        return self.commits >= CHECKPOINT_COMMITS
-
-    def after_commit(self, *, durable: bool) -> None:
-        if durable:
-            self._sync()
-        if self.needs_checkpoint:
-            self.commits = 0
-            with self._engine.connect() as connection, suppress(OperationalError):  # locked: the next one will do
-                connection.exec_driver_sql("PRAGMA wal_checkpoint(PASSIVE)")
-
-    def _sync(self) -> None:
-        descriptor = os.open(self._path, os.O_RDWR)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 def open_database(url: str) -> Database:
@@ -196,7 +150,7 @@ def _create_engine(url: str, label: str) -> Engine:
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
     connection.isolation_level = None  # `Database.write_session` begins transactions itself
-    for setting in ("journal_mode=WAL", "synchronous=NORMAL", "wal_autocheckpoint=0", "foreign_keys=ON"):
+    for setting in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
         connection.execute(f"PRAGMA {setting}")
 
 
