@@ -70,6 +70,24 @@ class RandomRefusal:
         return encode_answers(turn.game, is_edit | (turn.uniform() >= self.share))
 
 
+@dataclass(frozen=True)
+class StrongDoubts:
+    """Refuses the claims that a judge thinks improbable, and accepts every edit."""
+
+    judge: Callable[[BatchTurn], Any]
+    below: float = 0.1
+
+    def __call__(self, turn: Any) -> int:
+        raise NotImplementedError("for batches")
+
+    def batch(self, turn: BatchTurn) -> Any:
+        accepts = turn.games.proposals[turn.indices] > STOP_ACTION
+        claims = np.flatnonzero(~accepts)
+        if len(claims):
+            accepts[claims] = self.judge(replace(turn, indices=turn.indices[claims])) >= self.below
+        return encode_answers(turn.game, accepts)
+
+
 class Scorer:
     """Accepts everything, and notes how probable each judge thinks it that a claim holds."""
 
@@ -199,9 +217,12 @@ class Experiments:
                 "an oracle": [OracleVerifier()] * len(paths),
             }
             if len(verifiers) > 1:
-                kinds["another seed's"] = [verifiers[(n + 1) % len(verifiers)] for n in range(len(paths))]
+                others = [verifiers[(n + 1) % len(verifiers)] for n in range(len(paths))]
+                kinds["another seed's"] = others
+                kinds["another seed's, strong doubts"] = [StrongDoubts(one.acceptance) for one in others]
             if self.reward_model is not None:
                 kinds["a reward model"] = [self.reward_model.verifier()] * len(paths)
+                kinds["a reward model, strong doubts"] = [StrongDoubts(self._by_reward_model)] * len(paths)
             if paths is both:
                 kinds["its own"] = verifiers
             for name, judges in kinds.items():

@@ -17,7 +17,7 @@ from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agents import AgentError
@@ -25,7 +25,7 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.policies import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import proposer_choices
+from lilgym_mp.learning.game.rollout import proposer_choices, without_refused
 from lilgym_mp.learning.game.situations import SituationReader, Situations
 from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
 from lilgym_mp.learning.ppo.states import BoxImageTable
@@ -99,7 +99,9 @@ class SeatPartner:
         legal = None
         if self.role is Role.PROPOSER and self._mask:
             sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
+            refused = NO_CHOICE if state.refused is None else state.refused
             legal = turn.action_mask[None, : choices * sizes : sizes].astype(np.bool_)
+            legal = without_refused(legal, np.array([refused]))
         task = state.mdp.task
         policy = self._read(situations, [task.statement], np.array([int(task.target)]), legal)
         action = int(self._act(policy, lambda: turn.rng.random(1))[0])

@@ -12,7 +12,7 @@ import numpy as np
 from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int16Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
-from lilgym_mp.envs.proposer_verifier.protocols import Role
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, make_parts
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -287,10 +287,19 @@ class RolloutPlayer:
 
 
 def proposer_choices(arrays: GameArrays, indices: Int64Array) -> BoolArray:
-    """(k, actions of the MDP) the proposer's legal choices, whatever the message."""
+    """(k, actions of the MDP) the choices of a proposer with a mask, whatever the message."""
     game = arrays.game
     sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
-    return arrays.masks(Role.PROPOSER, indices)[:, : choices * sizes : sizes].astype(np.bool_)
+    legal = arrays.masks(Role.PROPOSER, indices)[:, : choices * sizes : sizes].astype(np.bool_)
+    return without_refused(legal, arrays.refused[indices])
+
+
+def without_refused(legal: BoolArray, refused: Int64Array) -> BoolArray:
+    """`legal` (k, actions), in place, without the action refused last, which a proposer would only repeat, in rows that
+    have another one."""
+    rows = np.flatnonzero((refused != NO_CHOICE) & (legal.sum(1) > 1))
+    legal[rows, refused[rows]] = False
+    return legal
 
 
 def own_turn_advantages(

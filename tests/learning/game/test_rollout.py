@@ -7,9 +7,10 @@ import pytest
 
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.learning.game.agent import VIEWS
-from lilgym_mp.learning.game.rollout import Turns, own_turn_advantages
+from lilgym_mp.learning.game.rollout import Turns, own_turn_advantages, without_refused
 from lilgym_mp.learning.game.situations import (
     EDIT_PENDING,
     INTENT,
@@ -92,3 +93,9 @@ def test_situations__show_each_agent_what_it_may_know():
         assert np.array_equal(alone.context[0], verifier.context[row])
     games.step(np.zeros(2, np.int64), np.zeros(2, np.int64))  # both proposals are rejected
     assert reader.read(games, Role.PROPOSER, rows).context[:, REFUSED].tolist() == [1 + stop, 1 + add]
+
+
+def test_without_refused__leaves_out_the_action_refused_last_unless_it_is_the_only_one():
+    legal = np.array([[True, True, False], [True, False, False], [True, True, True]])
+    found = without_refused(legal, np.array([0, 0, NO_CHOICE]))
+    assert found.tolist() == [[False, True, False], [True, False, False], [True, True, True]]
