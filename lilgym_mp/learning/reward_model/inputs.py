@@ -15,6 +15,7 @@ from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS
 from lilgym_mp.learning.reward_model.features import BoxTable, exchanges, standard_exchanges
 from lilgym_mp.learning.reward_model.network import BoxFeatures
 
+MOST_BOXES = 100_000
 Rng = np.random.Generator
 Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
 
@@ -36,6 +37,12 @@ class InputReader:
         columns = [kind.columns(table.appearance) for kind in kinds]
         self._item_columns = np.stack([items for items, _ in columns])
         self._box_columns = np.stack([boxes for _, boxes in columns])
+
+    def renewed_table(self) -> BoxTable:
+        """Its table, or a new one if there are many boxes in it; for scenes that are not kept."""
+        if len(self.table) > MOST_BOXES:
+            self.table = BoxTable(self.table.appearance)
+        return self.table
 
     def kinds(self, statement: str) -> list[int]:
         """The `standard_exchanges` of the statement."""

@@ -44,7 +44,6 @@ TOWER_ROUNDS = 3
 FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
 SURE = 0.995  # mean probability with which a search in Scatter ends
 MACRO_PARTS = 10  # best single edits of a scene that are combined to pairs
-MOST_BOXES = 100_000  # in the table, before a search begins with a new one
 
 
 class Plan(NamedTuple):
@@ -96,9 +95,7 @@ class Planner:
     @torch.inference_mode()
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         """A plan from the scene, after `steps` actions of the episode."""
-        table = self._reader.table
-        if len(table) > MOST_BOXES:
-            self._reader.table = table = BoxTable(table.appearance)
+        table = self._reader.renewed_table()
         judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0

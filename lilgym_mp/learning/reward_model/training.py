@@ -36,7 +36,7 @@ from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import MOST_BOXES, Planner
+from lilgym_mp.learning.reward_model.search import Planner
 from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
 from lilgym_mp.learning.training_run import TrainingError, begin_run
 from lilgym_mp.scene import Scene
@@ -250,14 +250,14 @@ class _Run(TimedRun[tuple[float, float]]):
 
     @torch.inference_mode()
     def _climb(self, entries: Sequence[Entry]) -> None:
+        """Walks of the edits that the averaged model likes best."""
         reader = self._search_reader
-        if len(reader.table) > MOST_BOXES:
-            reader.table = BoxTable(reader.table.appearance)
+        table = reader.renewed_table()
         kinds = [int(self._rng.choice(reader.kinds(entry.statement))) for entry in entries]
         reading = self._averaged.read(*reader.statements([entry.statement for entry in entries], kinds))
 
         def judge(scenes: Sequence[Sequence[Scene]]) -> Float64Array:
-            features, local = reader.scenes(np.array([[reader.table.of(scene) for scene in row] for row in scenes]))
+            features, local = reader.scenes(np.array([[table.of(scene) for scene in row] for row in scenes]))
             return self._averaged(reading, features, local).double().numpy()
 
         self._collector.climb(entries, judge)
