@@ -225,18 +225,18 @@ class Experiments:
                 kinds["a reward model, strong doubts"] = [StrongDoubts(self._by_reward_model)] * len(paths)
             if paths is both:
                 kinds["its own"] = verifiers
-            for name, judges in kinds.items():
+            for name, judges in list(kinds.items()):
                 games = [self.play("veto", one, judge) for one, judge in zip(proposers, judges, strict=True)]
                 results[f"{label}, {name}"] = games
-                rows.append([label, name, by_seed(games), interval(games), refused(games)])
                 if name not in ("none", "an oracle"):
                     controls = [RandomRefusal(refusal_share(one)) for one in games]
-                    games = [self.play("veto", one, judge) for one, judge in zip(proposers, controls, strict=True)]
-                    results[f"{label}, random like {name}"] = games
-                    rows.append(
-                        [label, f"random, refusing as often as {name}", by_seed(games), interval(games), refused(games)]
-                    )
-        table(["proposer trained", "verifier at test", "by seed", "success", "claims refused"], rows)
+                    results[f"{label}, random like {name}"] = [
+                        self.play("veto", one, judge) for one, judge in zip(proposers, controls, strict=True)
+                    ]
+        for name, games in results.items():
+            by_seen = map(interval, self.by_seen(games))
+            rows.append([*name.split(", ", 1), by_seed(games), interval(games), refused(games), *by_seen])
+        table(["proposer trained", "verifier at test", "by seed", "success", "claims refused", "seen", "unseen"], rows)
         baseline = results.get("alone, none")
         for name, games in results.items():
             if baseline and name != "alone, none":
@@ -362,6 +362,8 @@ class Experiments:
                 end = min(line[0][-1] for line in lines)
                 minutes = np.linspace(0, end, 60)
                 values = 100 * np.array([np.interp(minutes, *line) for line in lines])
+                if not values.any():  # J of a verifier that accepts everything
+                    continue
                 axes.plot(
                     minutes,
                     values.mean(0),

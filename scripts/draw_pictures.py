@@ -60,6 +60,7 @@ ELSEWHERE = {  # pictures made by other commands
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
+    "game_*.svg": "python benchmarks/game_experiments.py RESULTS --corpus lilgym --pictures docs/pictures",
     "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
 }

@@ -55,7 +55,7 @@ def test_sections__print_tables_and_draw_pictures(
     for row in (
         "| flipit | an oracle |",
         "| alone | none |",
-        "random, refusing as often as its own",
+        "| random like its own |",
         "| expert, honest",
     ):
         assert row in said
