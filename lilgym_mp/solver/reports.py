@@ -155,7 +155,7 @@ COLUMNS = (
 
 def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
     """A header, and a row for each named summary."""
-    rows = [("", *COLUMNS)]
+    rows: list[tuple[str, ...]] = [("", *COLUMNS)]
     for name, summary in summaries.items():
         cells = (
             f"{summary.tasks:,}",
