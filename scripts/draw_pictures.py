@@ -58,6 +58,7 @@ BADGE_CHARACTER = 6.8  # pixels
 ELSEWHERE = {  # pictures made by other commands
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
     "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
+    "sb3_curve.png": "a chart of the lines that python examples/train_masked_ppo.py prints",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "game_*.svg": "python benchmarks/game_experiments.py RESULTS --corpus lilgym --pictures docs/pictures",
