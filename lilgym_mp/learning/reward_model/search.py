@@ -21,7 +21,6 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.learning.reward_model.features import (
-    BoxTable,
     look_counts,
     scatter_box_features,
     scatter_item_features,
@@ -201,8 +200,7 @@ class _ScatterSearch:
         self._judge, self._dynamics, self._recipe = judge, dynamics, recipe
         self._scatter = cast("Scatter", dynamics.appearance)
         self._table = judge.reader.table
-        items = torch.from_numpy(_canonical_features()).float()
-        self._added = judge.network.item_units(judge.reading, items[None])  # (E, 1323, d + k)
+        self._added = judge.network.item_units(judge.reading, _canonical()[0][None])  # (E, 1323, d + k)
 
     def plan(self, scene: Scene, most_edits: int, *, may_stop: bool) -> Plan:
         start = self._nodes([(scene, ())])[0]
@@ -247,7 +245,9 @@ class _ScatterSearch:
         edits = [edit for index in range(BOX_COUNT) for edit in self._edits(node.scene, index)]
         indices = np.array(self._table.of(node.scene))
         sums, values = judge.box_values(indices)
-        looks = np.stack([_looks_of(self._table, index) for index in indices.tolist()])
+        looks = np.concatenate(
+            [look_counts(np.array(box.items, np.int64).reshape(1, -1, 5)) for box in node.scene.boxes]
+        )
         units = judge.network.item_units(judge.reading, judge.reader.boxes(indices[None]).items)
         change, look_change = self._changes(node.scene, edits, units)
         box = np.array([edit.box for edit in edits])
@@ -281,7 +281,7 @@ class _ScatterSearch:
         box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
         is_removal = canonical < 0
         change = self._added[:, canonical.clip(0)]
-        look_change = _canonical_looks()[canonical.clip(0)]
+        look_change = _canonical()[1][canonical.clip(0)]
         if is_removal.any():
             change = change.clone()
             first = np.cumsum([0, *(len(each.items) for each in scene.boxes)])
@@ -331,23 +331,10 @@ class _ScatterSearch:
 
 
 @cache
-def _canonical_array() -> Int64Array:
-    return np.array(canonical_items())
-
-
-@cache
-def _canonical_features() -> np.ndarray:
-    return scatter_item_features(_canonical_array())
-
-
-@cache
-def _canonical_looks() -> Int64Array:
-    return look_counts(_canonical_array()[:, None])
-
-
-def _looks_of(table: BoxTable, index: int) -> Int64Array:
-    items = table.boxes[index].items
-    return look_counts(np.array(items, np.int64).reshape(1, -1, 5))[0]
+def _canonical() -> tuple[Tensor, Int64Array]:
+    """Features (1323, F) and look counts (1323, 9) of canonical items."""
+    items = np.array(canonical_items())
+    return torch.from_numpy(scatter_item_features(items)).float(), look_counts(items[:, None])
 
 
 def _mean_probabilities(logits: Tensor) -> Float64Array:

@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.batches import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, describe, make_network
@@ -116,7 +116,7 @@ class _Run(TimedRun[tuple[float, float]]):
         tasks = settings.make("train").tasks
         played = {settings.configuration: tasks}
         if settings.start == FLIPIT:
-            scratch = _configuration(settings.appearance, SCRATCH)
+            scratch = configuration_name(settings.appearance, SCRATCH)
             with suppress(NoTasksError):
                 played[scratch] = replace(settings, configuration=scratch).make("train").tasks
         self._configurations = tuple(played)
@@ -323,10 +323,6 @@ class _Run(TimedRun[tuple[float, float]]):
         description = describe(self._settings, self._recipe, self._configurations, vocabulary, statistics)
         self.files.save_agent(description, self._averaged.state_dict())
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
-
-
-def _configuration(appearance: str, start: str) -> str:
-    return next(name for name, found in CONFIGURATIONS.items() if found == (appearance, start))
 
 
 def _split(entries: Sequence[Entry], fraction: float) -> tuple[list[Entry], list[Entry]]:
