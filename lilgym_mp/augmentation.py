@@ -297,10 +297,10 @@ def symmetries(statement: str, program: str) -> Symmetries:
     """The permutations allowed for a statement and its program. Raises ProgramError for an invalid program."""
     uses = _used_names(program)
     tests_for_tower = bool(uses & _TOWER_WORDS or "is_tower" in uses)
-    shapes = _name_the_same(statement, program, _SHAPE, _SHAPE, _SHAPES) and not _OTHER_SHAPE.search(statement)
-    same_sides = _name_the_same(statement, program, _SIDE, _SIDE_VALUE, _SIDES)
+    shapes = _same_names(statement, program, _SHAPE, _SHAPE, _SHAPES) and not _OTHER_SHAPE.search(statement)
+    same_sides = _same_names(statement, program, _SIDE, _SIDE_VALUE, _SIDES)
     return Symmetries(
-        colours=_name_the_same(statement, program, _COLOUR, _COLOUR, _COLOURS),
+        colours=_same_names(statement, program, _COLOUR, _COLOUR, _COLOURS),
         shapes=shapes,
         squares=shapes and not tests_for_tower,
         sides=same_sides and not tests_for_tower and "[]" not in uses,
@@ -308,7 +308,7 @@ def symmetries(statement: str, program: str) -> Symmetries:
     )
 
 
-def _name_the_same(
+def _same_names(
     statement: str,
     program: str,
     statement_pattern: re.Pattern[str],

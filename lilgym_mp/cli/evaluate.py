@@ -164,7 +164,7 @@ def _recorded(
 ) -> Iterator[Result]:
     """Yields the results, recording each."""
     recorder = Recorder(
-        plan.settings, plan.split, seen, asks_expert=args.optimal, judges_decisions=args.judge_decisions
+        plan.settings, plan.split, seen, with_expert=args.optimal, judges_decisions=args.judge_decisions
     )
     for result in played:
         path = recorder.write(args.record, result)

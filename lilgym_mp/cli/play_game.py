@@ -26,10 +26,6 @@ PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # defa
 MOST_LISTED = 40  # legal actions shown
 
 
-class _Quit(Exception):
-    """The person quits, or the input ends."""
-
-
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser(
         "play-game",
@@ -132,3 +128,7 @@ def _read_action(game: ProposerVerifierParallel, agent: str, legal: list[int], l
             return action
         print(f"{command} is not legal now")
     raise _Quit
+
+
+class _Quit(Exception):
+    """The person quits, or the input ends."""

@@ -41,7 +41,7 @@ from lilgym_mp.render import image_shape
 from lilgym_mp.rules import State
 
 AUTO = "auto"
-ENVS_WORTH_A_PROCESS = 64  # fewest environments per process with "auto"
+MIN_ENVS_PER_PROCESS = 64  # fewest environments per process with "auto"
 SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
 PAGES = 3  # copies of the images in shared memory that the caller can hold at a time; beyond that it copies them itself
@@ -73,7 +73,7 @@ COPIED = (Command.RESET, Command.STEP)  # commands that return observations
 _WRITES = {"mask": Command.MASK, "goal": Command.GOAL, "items": Command.ITEMS}
 _WRITTEN = {command: what for what, command in _WRITES.items()}
 
-_WORDS = ALIGNMENT // 8  # 64-bit words of a cache line
+_FIELDS = ALIGNMENT // 8  # 64-bit fields of a cache line
 # Held while workers are started and by any fork: no process is forked while another thread imports something here.
 _starting = threading.RLock()
 os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
@@ -84,11 +84,11 @@ class WorkerControl:
 
     LINES = 2
 
-    def __init__(self, words: memoryview, index: int) -> None:
-        self._words = words
+    def __init__(self, fields: memoryview, index: int) -> None:
+        self._fields = fields
         self._lock = threading.RLock()
-        self._command_word = (index * self.LINES) * _WORDS
-        self._reply_word = self._command_word + _WORDS
+        self._command_field = (index * self.LINES) * _FIELDS
+        self._reply_field = self._command_field + _FIELDS
 
     def _fence(self) -> None:
         """A memory fence: orders this process's writes before its next reads."""
@@ -96,41 +96,41 @@ class WorkerControl:
             pass
 
     def send(self, count: int, command: Command, page: int = NO_PAGE) -> None:
-        self._words[self._command_word + 1] = command
-        self._words[self._command_word + 3] = page
+        self._fields[self._command_field + 1] = command
+        self._fields[self._command_field + 3] = page
         self._fence()
-        self._words[self._command_word] = count
+        self._fields[self._command_field] = count
 
     @property
     def sent(self) -> int:
         """Number of commands sent."""
-        return self._words[self._command_word]
+        return self._fields[self._command_field]
 
     @property
     def command(self) -> Command:
-        return Command(self._words[self._command_word + 1])
+        return Command(self._fields[self._command_field + 1])
 
     @property
     def page(self) -> int:
         """The page that images are copied to, or NO_PAGE."""
-        return self._words[self._command_word + 3]
+        return self._fields[self._command_field + 3]
 
     def acknowledge(self, count: int) -> None:
         self._fence()
-        self._words[self._reply_word] = count
+        self._fields[self._reply_field] = count
 
     @property
     def acknowledged(self) -> int:
         """Number of commands carried out."""
-        return self._words[self._reply_word]
+        return self._fields[self._reply_field]
 
     def set_asleep(self, *, worker: bool, asleep: bool) -> None:
-        self._words[(self._command_word if worker else self._reply_word) + 2] = asleep
+        self._fields[(self._command_field if worker else self._reply_field) + 2] = asleep
         self._fence()
 
     def is_asleep(self, *, worker: bool) -> bool:
         self._fence()
-        return bool(self._words[(self._command_word if worker else self._reply_word) + 2])
+        return bool(self._fields[(self._command_field if worker else self._reply_field) + 2])
 
 
 def _spin_until(ready: Callable[[], bool], spin_seconds: float) -> bool:
@@ -161,7 +161,7 @@ class Assignment:
 
 
 def _control_size(workers: int) -> int:
-    """Bytes of the control words, which precede the buffers."""
+    """Bytes of the control fields, which precede the buffers."""
     return workers * WorkerControl.LINES * ALIGNMENT
 
 
@@ -172,7 +172,7 @@ def _pages_spec(settings: BatchSettings, pages: int) -> ArraySpec:
 def _map_memory(
     shared: SharedMemory, settings: BatchSettings, workers: int, pages: int
 ) -> tuple[memoryview, Buffers, UInt8Array]:
-    """The control words, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
+    """The control fields, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
     control = _control_size(workers)
     array_specs, form = settings.array_specs(), _pages_spec(settings, pages)
     memory = shared.memory[control:]
@@ -197,11 +197,11 @@ def _worker_main(
         connection.close()
     try:
         exit_fds = _exit_fds_of_caller()
-        words, buffers, pages = _map_memory(assignment.shared, assignment.settings, workers, assignment.pages)
+        fields, buffers, pages = _map_memory(assignment.shared, assignment.settings, workers, assignment.pages)
         part = slice(assignment.first, assignment.stop)
         engine = Engine(assignment.settings, buffers.slice(part.start, part.stop), part.start)
         messages.send(None)
-        control = WorkerControl(words, assignment.index)
+        control = WorkerControl(fields, assignment.index)
         count = 0
         while _wait_for_command(control, count, wake_pipe, exit_fds, assignment.spin_seconds):
             count += 1
@@ -335,7 +335,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         size = _control_size(count) + buffers_size(checked.array_specs()) + _pages_spec(checked, pages).size
         self._shared = SharedMemory(size)
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, self._shared, self._owner)
-        words, buffers, self._pages = _map_memory(self._shared, checked, count, pages)
+        fields, buffers, self._pages = _map_memory(self._shared, checked, count, pages)
         self._page_start = size - _pages_spec(checked, pages).size
         self._page_users: list[weakref.ref[Any] | None] = [
             None
@@ -350,13 +350,13 @@ class WorkerVectorEnv(LilGymVectorEnv):
             for index in range(1, count)
         ]
         try:
-            self._start(context, checked, assignments, words)
+            self._start(context, checked, assignments, fields)
         except BaseException:
             self.close()
             raise
 
     def _start(
-        self, context: Any, settings: BatchSettings, assignments: Sequence[Assignment], words: memoryview
+        self, context: Any, settings: BatchSettings, assignments: Sequence[Assignment], fields: memoryview
     ) -> None:
         with _starting:
             _check_room(len(assignments), self._shared)
@@ -364,7 +364,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
                 _warm_up(settings)
             self._engine = Engine(settings, self._buffers.slice(0, self._own.stop))
             for assignment in assignments:
-                _start_worker(context, assignment, len(assignments) + 1, words, self._workers)
+                _start_worker(context, assignment, len(assignments) + 1, fields, self._workers)
         for worker in self._workers:
             self._receive(worker, START_SECONDS)
 
@@ -586,7 +586,9 @@ def _warm_up(settings: BatchSettings) -> None:
     engine.states()
 
 
-def _start_worker(context: Any, assignment: Assignment, workers: int, words: memoryview, listed: list[_Worker]) -> None:
+def _start_worker(
+    context: Any, assignment: Assignment, workers: int, fields: memoryview, listed: list[_Worker]
+) -> None:
     """Starts a worker. It is added to `listed` first, so that a worker whose start was interrupted is stopped too."""
     ours, theirs = context.Pipe()
     wake_receiver, wake_pipe = context.Pipe(duplex=False)
@@ -598,7 +600,7 @@ def _start_worker(context: Any, assignment: Assignment, workers: int, words: mem
         name=f"lilgym_mp worker {assignment.index}",
         daemon=True,
     )
-    control = WorkerControl(words, assignment.index)
+    control = WorkerControl(fields, assignment.index)
     listed.append(
         _Worker(
             assignment.index, assignment.first, assignment.stop, process, control, ours, wake_pipe, caller_wake_pipe
@@ -655,7 +657,7 @@ def checked_worker_count(num_workers: int | str, num_envs: int) -> int:
     if isinstance(num_workers, str) and num_workers == AUTO:
         if multiprocessing.current_process().daemon:  # cannot have children
             return 1
-        return max(1, min(usable_cores(), num_envs // ENVS_WORTH_A_PROCESS))
+        return max(1, min(usable_cores(), num_envs // MIN_ENVS_PER_PROCESS))
     if isinstance(num_workers, bool) or not isinstance(num_workers, int | np.integer) or num_workers < 1:
         raise ValueError(f"num_workers must be {AUTO!r} or a positive whole number, not {num_workers!r}")
     if num_workers > num_envs:

@@ -92,7 +92,7 @@ class Decision:
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")
         return cls(**values)
 
-    def judged(self, *, optimal: bool | None, steps_to_go: int | None) -> Self:
+    def with_optimality(self, *, optimal: bool | None, steps_to_go: int | None) -> Self:
         """A copy with the expert's judgement."""
         return replace(self, optimal=optimal, steps_to_go=steps_to_go)
 

@@ -45,16 +45,16 @@ class Recorder:
         split: str,
         training_statements: Collection[str],
         *,
-        asks_expert: bool = False,
+        with_expert: bool = False,
         judges_decisions: bool = False,
     ) -> None:
-        """`asks_expert`: solve each task; `judges_decisions`: judge the action of each recorded decision."""
+        """`with_expert`: solve each task; `judges_decisions`: judge the action of each recorded decision."""
         env = settings.make(split)
         self._tasks: TaskSet = env.tasks
         self._dynamics: Dynamics = env.dynamics
         self._training_statements = set(training_statements)
         self._training_forms = set(map(statement_form, self._training_statements))
-        self._solver = Solver(self._dynamics) if asks_expert else None
+        self._solver = Solver(self._dynamics) if with_expert else None
         self._judge = Solver(self._dynamics) if judges_decisions else None
         self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
 
@@ -123,7 +123,7 @@ class Recorder:
             return episode.decisions
         states = [State(task, scene, step) for step, scene in enumerate(scenes(self._dynamics, task.start, actions))]
         return tuple(
-            decision.judged(
+            decision.with_optimality(
                 optimal=_is_optimal(judge, state, action), steps_to_go=judge.optimal_actions(state).steps or None
             )
             for decision, state, action in zip(episode.decisions, states, actions, strict=False)

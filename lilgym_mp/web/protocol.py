@@ -22,8 +22,8 @@ class TimedProtocol(H11Protocol):
         self._expect_request()
 
     def _expect_request(self) -> None:
-        self.loop.call_later(REQUEST_SECONDS, self._close_unless_new_request, self.cycle)
+        self.loop.call_later(REQUEST_SECONDS, self._close_if_idle, self.cycle)
 
-    def _close_unless_new_request(self, last: Any) -> None:
+    def _close_if_idle(self, last: Any) -> None:
         if self.cycle is last:
             self.transport.close()

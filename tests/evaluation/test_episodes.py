@@ -78,11 +78,11 @@ def test_record__contains_actions_and_stop_probabilities(tmp_path: Path):
 
 
 def test_record__expert_solves_from_the_start_and_from_a_wrong_stop(tmp_path: Path):
-    found = record(tmp_path, SIMPLE, asks_expert=True)
+    found = record(tmp_path, SIMPLE, with_expert=True)
     wrong = [episode for episode in found.episodes if episode.outcome == "wrong_stop"]
     assert wrong
     assert all(episode.actions_left is not None and episode.actions_left > 1 for episode in wrong)
-    best = record(tmp_path, built_in_policy("expert"), asks_expert=True).episodes
+    best = record(tmp_path, built_in_policy("expert"), with_expert=True).episodes
     assert all(episode.optimal_actions == len(episode.actions) for episode in best)
     assert [episode.optimal_actions for episode in best] == [episode.optimal_actions for episode in found.episodes]
     assert not any(episode.edits for episode in record(tmp_path, SIMPLE).episodes)

@@ -116,8 +116,8 @@ def _check_status(response: Any) -> None:
     status = response.status_code
     if response.headers.get("X-RateLimit-Remaining") == "0" and status != OK:
         raise _RefusalError("rate limit exceeded; try again in an hour")
-    leads_on = response.is_redirect and response.headers["Location"]
-    if not (status == OK or leads_on or status >= 500 or status in RETRIED_STATUS):
+    is_redirected = response.is_redirect and response.headers["Location"]
+    if not (status == OK or is_redirected or status >= 500 or status in RETRIED_STATUS):
         raise _RefusalError(f"the server answers {status} {response.reason}")
 
 

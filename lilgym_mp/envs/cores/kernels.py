@@ -83,11 +83,6 @@ def _kernel(function: Callable[..., Any]) -> Any:
 _inlined: Any = njit(forceinline=True, **_OPTIONS)
 
 
-@cache
-def _log_compiling() -> None:
-    _LOG.warning("compiling for batches of environments; the first use after installation takes some seconds")
-
-
 @contextmanager
 def compiling(kernel: Any) -> Iterator[None]:
     """Context for the first call of a kernel: logs a message if compiling takes long."""
@@ -102,6 +97,11 @@ def compiling(kernel: Any) -> Iterator[None]:
     finally:
         notice.cancel()
         notice.join()
+
+
+@cache
+def _log_compiling() -> None:
+    _LOG.warning("compiling for batches of environments; the first use after installation takes some seconds")
 
 
 cell_and_item_type = _inlined(numbering.cell_and_item_type)

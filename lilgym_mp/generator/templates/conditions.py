@@ -550,10 +550,10 @@ def clash(one: ConditionTemplate, other: ConditionTemplate) -> bool:
         return True
     if one.negative and other.negative:
         return True
-    return any(_leaves_too_little_room(a, b) for a, b in ((one, other), (other, one)))
+    return any(_lacks_room(a, b) for a, b in ((one, other), (other, one)))
 
 
-def _leaves_too_little_room(one: ConditionTemplate, other: ConditionTemplate) -> bool:
+def _lacks_room(one: ConditionTemplate, other: ConditionTemplate) -> bool:
     """Whether `one` allows too few items for `other`, or exactly as many, which would be redundant."""
     if one.max_items is None:
         return False

@@ -16,7 +16,7 @@ from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Claims
 from lilgym_mp.learning.ppo.states import BoxImageTable
 
-CLAIMS_OF_A_STATEMENT = 32  # in one step, at most
+MAX_CLAIMS_PER_STATEMENT = 32  # in one step, at most
 
 
 class ClaimMemory:
@@ -46,7 +46,7 @@ class ClaimMemory:
         for _ in range(self._recipe.claim_steps):
             chosen = rng.choice(len(counts), min(self._recipe.claim_statements, len(counts)), replace=False)
             rows = [
-                self._firsts[index] + rng.permutation(counts[index])[:CLAIMS_OF_A_STATEMENT]
+                self._firsts[index] + rng.permutation(counts[index])[:MAX_CLAIMS_PER_STATEMENT]
                 for index in chosen.tolist()
             ]
             yield self._claims.rows(self._order[np.concatenate(rows)])

@@ -34,15 +34,6 @@ from lilgym_mp.scene import Scene
 MAX_CACHED_EPISODES = 4096
 
 
-@dataclass
-class _EpisodePlan:
-    """The remainder of an episode's plan."""
-
-    actions: Sequence[Action]
-    scene: Scene  # the scene expected in the next image
-    plan: Plan | None = None  # None if the image could not be read
-
-
 class ParseAndPlanPolicy:
     """Plans at the start of an episode, and again whenever an image differs from the one the plan expects."""
 
@@ -100,6 +91,15 @@ class ParseAndPlanPolicy:
         dynamics = self.planner.dynamics
         scene = dynamics.appearance.apply(episode_plan.scene, action, dynamics.rules.placement).scene
         self._episode_plans[episode] = _EpisodePlan(rest, scene, episode_plan.plan)
+
+
+@dataclass
+class _EpisodePlan:
+    """The remainder of an episode's plan."""
+
+    actions: Sequence[Action]
+    scene: Scene  # the scene expected in the next image
+    plan: Plan | None = None  # None if the image could not be read
 
 
 @dataclass(frozen=True)

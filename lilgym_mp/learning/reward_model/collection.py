@@ -148,23 +148,23 @@ class Collector:
         `judge` gives (E, CLIMB_WIDTH) logits of truth. Where the wanted value is met, the walk turns to the other one.
         """
         rng = self.rng
-        standing = [self._begin(entry) for entry in entries]
+        current = [self._begin(entry) for entry in entries]
         wanted = rng.integers(2, size=len(entries)).astype(bool)
         for _ in range(CLIMB_LENGTH):
             found = [
                 [self.edited(scene) or scene for _ in range(CLIMB_WIDTH)]
                 for scene in (
-                    self.table.scene(entry.scenes[index]) for entry, index in zip(entries, standing, strict=True)
+                    self.table.scene(entry.scenes[index]) for entry, index in zip(entries, current, strict=True)
                 )
             ]
             best = np.where(wanted[:, None], 1, -1) * judge(found)
             for row, choice in enumerate(best.argmax(1).tolist()):
-                entry, before = entries[row], standing[row]
+                entry, before = entries[row], current[row]
                 task_index, edits, _ = entry.known[before]
                 if edits + 1 >= self.dynamics.horizon:
-                    standing[row] = self._begin(entry)
+                    current[row] = self._begin(entry)
                     continue
-                after = standing[row] = self.stop(entry, task_index, found[row][choice], edits + 1)
+                after = current[row] = self.stop(entry, task_index, found[row][choice], edits + 1)
                 self._compare(entry, before, after)
                 wanted[row] ^= entry.known[after].truth == wanted[row]
 
