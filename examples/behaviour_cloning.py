@@ -18,7 +18,7 @@ import numpy as np
 import lilgym_mp
 
 try:
-    import minari
+    import minari  # pyright: ignore[reportMissingImports]
     import torch
     from ppo_single_file import COLOUR, MEANT, SEEN, SWAPS, Network, State, Tasks
 except ImportError as missing:

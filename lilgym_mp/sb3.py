@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -211,10 +212,12 @@ def _dummy(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs:
 
 
 def _makers(id: str, n_envs: int, wrap: Wrap, kwargs: Mapping[str, Any]) -> list[Callable[[], gym.Env[Any, Any]]]:
-    def make() -> gym.Env[Any, Any]:
-        return wrap(gym.make(id, **kwargs))
+    return [partial(_make, id, wrap, kwargs)] * n_envs
 
-    return [make] * n_envs
+
+def _make(id: str, wrap: Wrap, kwargs: Mapping[str, Any]) -> gym.Env[Any, Any]:
+    # Unpickling it by its name imports this module, and so registers the environments, in processes that have not.
+    return wrap(gym.make(id, **kwargs))
 
 
 Builder = Callable[[str, int, Wrap, Mapping[str, Any], Mapping[str, Any]], VecEnv]

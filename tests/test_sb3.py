@@ -3,6 +3,8 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from functools import partial
@@ -363,3 +365,22 @@ def test_subproc__processes_of_a_fork_server_start_with_torch_and_corpus(made: A
     env = made(TOWER, "subproc", start_method=start_method)
     assert json.loads(os.environ[VARIABLE])[1:] == ["tower", "flipit", "train"]
     assert env.reset()["image"].shape[0] == COUNT
+
+
+ALREADY_FORKING = """
+import multiprocessing
+if __name__ == "__main__":
+    process = multiprocessing.get_context("forkserver").Process(target=print)
+    process.start()
+    process.join()
+    from lilgym_mp.sb3 import make_vec_env
+    env = make_vec_env("lilgym_mp/TowerScratch-v0", 1, "subproc", start_method="forkserver")
+    print(sorted(env.reset()))
+    env.close()
+"""
+
+
+def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(ALREADY_FORKING)
+    done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "'image'" in done.stdout, done.stderr

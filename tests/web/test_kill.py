@@ -113,10 +113,13 @@ def test_kill__loses_nothing_acknowledged_and_leaves_no_process(tmp_path: Path):
     end = time.monotonic() + 60
     while not _children(running.pid) and time.monotonic() < end:
         time.sleep(0.05)
+    playing = threading.Thread(target=_play, args=(url, played, cookies))
+    playing.start()
+    while not played and time.monotonic() < end:
+        time.sleep(0.005)
     threads = [
         threading.Thread(target=_submit, args=(url, path, kept)) for path, kept in zip(paths, acknowledged, strict=True)
     ]
-    threads.append(threading.Thread(target=_play, args=(url, played, cookies)))
     for thread in threads:
         thread.start()
     while sum(map(len, acknowledged)) < ENOUGH and time.monotonic() < end:
@@ -126,7 +129,7 @@ def test_kill__loses_nothing_acknowledged_and_leaves_no_process(tmp_path: Path):
     running.wait()
     assert running.stdout is not None
     running.stdout.close()
-    for thread in [*threads, slow]:
+    for thread in [*threads, playing, slow]:
         thread.join()
     assert workers
     assert ENOUGH <= sum(map(len, acknowledged)) < 2 * STATEMENTS, "the server must be killed during submissions"

@@ -172,7 +172,7 @@ def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
 def test_training__survives_a_search_that_begins_a_new_box_table(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("lilgym_mp.learning.reward_model.search.MOST_BOXES", 50)
+    monkeypatch.setattr("lilgym_mp.learning.reward_model.inputs.MOST_BOXES", 50)
     agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 12, exploring=0.5, searching=1.0)
     assert agent.description.details["labels"] == 12 * 3 * 32
 
