@@ -62,7 +62,7 @@ ELSEWHERE = {  # pictures made by other commands
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "game_*.svg": "python benchmarks/game_experiments.py RESULTS --corpus lilgym --pictures docs/pictures",
-    "results-*.png": "lilgym-mp report RESULTS --out OUT --document docs/results.md",
+    "results-*.png": "lilgym-mp report RESULTS --out OUT --document PAGE.md; RESULTS as in docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
 }
 

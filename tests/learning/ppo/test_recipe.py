@@ -39,6 +39,7 @@ def test_paper__has_the_values_of_its_table(configuration: str, model: str, want
     recipe = make_recipe("paper", configuration, model=model)
     assert {name: getattr(recipe, name) for name in wanted} == wanted
     assert (recipe.rollout, recipe.batch_size, recipe.critic, recipe.sampled) == (2048, 64, "separate", True)
+    assert recipe.cap_every_ratio
 
 
 @pytest.mark.parametrize(
