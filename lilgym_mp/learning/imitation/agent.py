@@ -21,8 +21,8 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
 from lilgym_mp.rules import make_dynamics
@@ -133,10 +133,10 @@ class _ImagePolicy:
         self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
         self._latest: _PolicyInputs = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
 
-    def _new_policy(self) -> CachedPolicy:
+    def _new_policy(self) -> NetworkPolicy:
         agent = self._agent
         tokenizer = StatementTokenizer(Vocabulary(agent.architecture.vocabulary))
-        return CachedPolicy(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
+        return NetworkPolicy(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if len(self._policy.table) > MAX_CACHED_BOXES:
@@ -145,14 +145,11 @@ class _ImagePolicy:
         scenes, unread = _scenes(observations.images, self._appearance.name)
         boxes = policy.table.indices(scenes)
         self._latest = inputs = observations.statements, boxes, observations.targets
-        if self._sampled:
-            log_probabilities = policy.log_probabilities(*inputs)
-            log_stops = log_probabilities[:, STOP_INDEX]
-            chosen = choose_actions(log_probabilities, observations.steps, self._horizon, self._rule, rng)
-        else:
-            chosen, log_stops = policy.greedy(*inputs, observations.steps, self._horizon, self._rule)
+        log_probabilities = policy.log_probabilities(*inputs)
+        generator = rng if self._sampled else None
+        chosen = choose_actions(log_probabilities, observations.steps, self._horizon, self._rule, generator)
         chosen[unread] = STOP_INDEX
-        self.stop_probabilities = np.exp(log_stops)
+        self.stop_probabilities = np.exp(log_probabilities[:, STOP_INDEX])
         return policy.heads.action_of[chosen]
 
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:

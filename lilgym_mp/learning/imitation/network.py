@@ -9,13 +9,11 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
-from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
@@ -53,23 +51,6 @@ class StatementEncodings(NamedTuple):
 
     key_values: tuple[Tensor, ...]  # (S, T, 2 d) per layer
     mask: Tensor  # (S, 1, 1, T) additive attention mask of the padding
-
-    @classmethod
-    def from_cache(cls, statements: Sequence[Sequence[Tensor]]) -> StatementEncodings:
-        """From cached statements: the key-values of each, without padding."""
-        padded = [pad_sequence(list(parts), batch_first=True) for parts in zip(*statements, strict=True)]
-        missing = max(0, MIN_PADDED_WORDS - padded[0].shape[1])
-        key_values = tuple(F.pad(key_value, (0, 0, 0, missing)) for key_value in padded)
-        lengths = torch.tensor([len(parts[0]) for parts in statements], device=key_values[0].device)
-        positions = torch.arange(key_values[0].shape[1], device=lengths.device)
-        return cls(key_values, attention_mask(positions[None] < lengths[:, None]))
-
-
-class Packing(NamedTuple):
-    """Mapping between R packed rows and their (S, N) padded form, so that linear layers skip the padding."""
-
-    padded: Tensor  # (S, N) row index; 0 is padding
-    positions: Tensor  # (R,) index of each row among the S * N
 
 
 class BoxEncodings(NamedTuple):
@@ -115,26 +96,16 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
 
-    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
-        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) from `self.key_value`, or split by
-        `by_heads`; `mask` as in `StatementEncodings`."""
+    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor) -> Tensor:
+        """`x` (S, N, d); `key_value` (S, T, 2 d) from `self.key_value`; `mask` as in `StatementEncodings`."""
         query = self.query(self.norm(x))
-        if packing is not None:
-            query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
         batch, count, width = query.shape
         query = query.view(batch, count, self.heads, -1).transpose(1, 2)
-        key, value = (self.by_heads(key_value) if key_value.dim() == 3 else key_value).unbind(1)
+        key, value = key_value.unflatten(2, (2, self.heads, -1)).permute(2, 0, 3, 1, 4)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
         mixed = torch.matmul(scores.softmax(-1).to(value.dtype), value)
         mixed = mixed.transpose(1, 2).reshape(batch, count, width)
-        if packing is not None:
-            mixed = mixed.flatten(0, 1).index_select(0, packing.positions)
         return x + self.out(mixed)
-
-    def by_heads(self, key_value: Tensor) -> Tensor:
-        """(S, 2, heads, T, d / heads) from (S, T, 2 d)."""
-        batch, length, width = key_value.shape
-        return key_value.view(batch, length, 2, self.heads, width // (2 * self.heads)).permute(0, 2, 3, 1, 4)
 
 
 class RelationLayer(nn.Module):
@@ -243,7 +214,6 @@ class ScatterHeads(nn.Module):
     """Argument heads for Scatter: cell keys times queries, one query per item type to ADD and one for REMOVE."""
 
     footprints: Tensor  # (27,) the footprint of each item type
-    edit_footprints: Tensor  # (28,) the same, followed by REMOVE's index in the legality logits
 
     def __init__(self, width: int) -> None:
         super().__init__()
@@ -260,7 +230,6 @@ class ScatterHeads(nn.Module):
         self.look = nn.Linear(width, self.item_types)  # bias per item type, shared by all cells
         footprints = [shape * len(Size) + size for shape in Shape for _ in Colour for size in Size]
         self.register_buffer("footprints", torch.tensor(footprints), persistent=False)
-        self.register_buffer("edit_footprints", torch.tensor([*footprints, FOOTPRINT_COUNT]), persistent=False)
 
     def encode_cells(self, items: Tensor, box: Tensor, inputs: Inputs) -> tuple[Tensor, Tensor]:
         """(S, V, 25, C) cell keys and (S, V, 25, 10) legality logits."""
@@ -276,35 +245,6 @@ class ScatterHeads(nn.Module):
         features = torch.cat([cells[..., GEOMETRY_CHANNELS:], geometry], -1)
         hidden = F.relu(self.mix(features) + self.box(box[:, :boxes])[..., None, :])
         return self.out(hidden), legal
-
-    def fused_layer(self) -> tuple[Tensor, Tensor]:
-        """Weights (28 (C + 1), d) and biases (28 (C + 1),) of one linear layer that computes all queries.
-
-        27 ADD queries, then REMOVE's; the last channel of each is the bias shared by all cells.
-        """
-
-        def rows(add_queries: Tensor, biases: Tensor, remove_query: Tensor) -> Tensor:
-            add_queries = add_queries.unflatten(0, (self.item_types, CELL_CHANNELS))
-            adds = torch.cat([add_queries, biases[:, None]], 1).flatten(0, 1)
-            return torch.cat([adds, remove_query, torch.zeros_like(remove_query[:1])])
-
-        layers = self.wanted, self.look, self.wanted_remove
-        weights, biases = [layer.weight for layer in layers], [layer.bias for layer in layers]
-        return rows(*weights), rows(*biases)
-
-    def fused_inputs(self, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., 25, C + 1) cell keys and (..., 25, 28) legality logits per edit, for `fused_forward`."""
-        return torch.cat([cells, torch.ones_like(cells[..., :1])], -1), legal.index_select(-1, self.edit_footprints)
-
-    def fused_forward(
-        self, boxes: Tensor, cells: Tensor, legal: Tensor, fused_layer: tuple[Tensor, Tensor]
-    ) -> tuple[Tensor, Tensor]:
-        """`forward` in fewer operations, on `fused_inputs` and with `fused_layer`; may overwrite `legal`."""
-        queries = F.linear(boxes, *fused_layer).view(-1, self.item_types + 1, CELL_CHANNELS + 1)
-        base, cells, queries = legal.flatten(0, 2), cells.flatten(0, 2), queries.transpose(1, 2)
-        logits = base.baddbmm_(cells, queries) if queries.dtype == base.dtype else base + cells @ queries
-        logits = logits.view(legal.shape)
-        return logits[..., :-1].flatten(2), logits[..., -1].flatten(2)
 
     def forward(self, boxes: Tensor, cells: Tensor, legal: Tensor) -> tuple[Tensor, Tensor]:
         """(S, A, adds) and (S, A, removes) logits from `boxes` (S, A, 3, d), `cells` (S, A, 3, 25, C) and `legal`."""
@@ -410,11 +350,6 @@ class ImitationNetwork(nn.Module):
         else:
             assert self.tower is not None
             heads = self.tower(features)
-        outputs = self.outputs(truth, features, heads)
-        return outputs if boxes.legal is None else outputs._replace(legal=boxes.legal.float())
-
-    def outputs(self, truth: Tensor, features: Tensor, heads: tuple[Tensor, Tensor]) -> Outputs:
-        """Combines truth logits, `features` (S, A, 3, d) from `action_features`, and the ADD and REMOVE logits."""
         whole, (adds, removes) = features.sum(2), heads
         return Outputs(
             truth.float(),
@@ -422,7 +357,7 @@ class ImitationNetwork(nn.Module):
             adds.float(),
             removes.float(),
             self.steps(whole).float(),
-            None,
+            None if boxes.legal is None else boxes.legal.float(),
         )
 
     def encode_scenes(

@@ -29,8 +29,8 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.agent import KIND, Architecture, ImitationAgent, describe
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, tune_stop_rule
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, tune_stop_rule
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
@@ -137,7 +137,7 @@ class _Run(TimedRun[StepResult]):
         rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
         empty_starts = recipe.empty_starts if is_flipit else 0.0
         collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
-        policy = CachedPolicy(network, table, collector.heads, self._tokenizer)
+        policy = NetworkPolicy(network, table, collector.heads, self._tokenizer)
         policy.reduced_precision = recipe.reduced_precision
         batches = BatchSampler(
             table,
@@ -268,7 +268,6 @@ class _Run(TimedRun[StepResult]):
         """Tunes the stop rules on the held-out statements, and saves the agent."""
         self.save()
         imitation = self._imitation
-        imitation.policy.clear_cache()
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():

@@ -15,10 +15,10 @@ import torch
 from torch import nn
 
 from lilgym_mp.learning.imitation.batches import BatchSampler
-from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, action_chooser, play_episodes, precision
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.losses import losses
 from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, action_chooser, play_episodes, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.training_run import TrainingError
 from lilgym_mp.rules import Dynamics
@@ -50,7 +50,7 @@ class Imitation:
     other_scenes: Sequence[Scene]  # that any statement may be judged on
     collector: DataCollector
     batches: BatchSampler
-    policy: CachedPolicy  # of `network`
+    policy: NetworkPolicy  # of `network`
     dynamics: Dynamics
     stops_first: bool  # whether a start may be solved already
     rng: np.random.Generator
@@ -112,7 +112,6 @@ class Imitation:
             for entry, start in zip(entries, starts, strict=True)
         ]
         rng = self.rng if self.rng.random() < 0.5 else None
-        self.policy.clear_cache()
         choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=not self.stops_first), rng)
         for entry, episode in zip(entries, play_episodes(self.policy, self.dynamics, tasks, choose), strict=True):
             for scene in dict.fromkeys(episode.scenes[-LAST_SCENES:]):

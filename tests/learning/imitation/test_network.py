@@ -1,4 +1,4 @@
-"""Invariances of the network, and equality of its cached and direct evaluation."""
+"""Invariances of the network, and equality of its evaluation scene by scene and at once."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.cached_policy import CachedPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.losses import log_policy
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 
 STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
 
 
-def policy_of(appearance: Tower | Scatter) -> tuple[CachedPolicy, DataCollector]:
+def policy_of(appearance: Tower | Scatter) -> tuple[NetworkPolicy, DataCollector]:
     table = BoxFeatureTable()
     torch.manual_seed(0)
     vocabulary = Vocabulary.from_statements(STATEMENTS)
     network = ImitationNetwork(appearance.name, len(vocabulary), width=32)
     collector = DataCollector(make_dynamics(appearance), table, np.random.default_rng(0))
-    return CachedPolicy(network, table, action_heads(appearance), StatementTokenizer(vocabulary)), collector
+    return NetworkPolicy(network, table, action_heads(appearance), StatementTokenizer(vocabulary)), collector
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
@@ -40,13 +40,12 @@ def test_policy__is_independent_of_the_rest_of_the_batch(appearance: Tower | Sca
     boxes = policy.table.indices(scenes)
     together = policy.log_probabilities(statements, boxes, targets)
     for row in range(7):
-        policy.clear_cache()
         alone = policy.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
         np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__cached_evaluation_equals_the_forward_pass(appearance: Tower | Scatter):
+def test_policy__scene_by_scene_equals_all_scenes_at_once(appearance: Tower | Scatter):
     policy, collector = policy_of(appearance)
     scene = Scene.empty()
     scenes = [scene := collector.edited(scene) for _ in range(6)]
@@ -66,26 +65,18 @@ def test_policy__cached_evaluation_equals_the_forward_pass(appearance: Tower | S
     np.testing.assert_allclose(np.stack(step_by_step), at_once.numpy(), atol=1e-4)
 
 
-@pytest.mark.parametrize("reduced", [False, True])
-@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-@pytest.mark.parametrize("threshold", [-9.0, 0.0, 9.0])
-def test_greedy__agrees_with_the_log_probabilities(appearance: Tower | Scatter, threshold: float, reduced: bool):
-    policy, collector = policy_of(appearance)
-    policy.reduced_precision = reduced
-    scene = Scene.empty()
-    scenes = [scene := collector.edited(scene) for _ in range(40)]
-    said = [*STATEMENTS, "There is a blue block, " * 5]
-    asked = [said[index % 4] for index in range(40)], policy.table.indices(scenes), np.arange(40) % 2
-    rule, steps = StopRule(threshold), np.arange(40) % 12
-    log_probabilities = policy.log_probabilities(*asked)
-    chosen, log_stops = policy.greedy(*asked, steps, 12, rule)
-    np.testing.assert_allclose(log_stops, log_probabilities[:, 0])
-    wanted = choose_actions(log_probabilities, steps, 12, rule, None)
-    stops = wanted == 0
-    assert (chosen[stops] == 0).all()
-    assert (chosen[~stops] > 0).all()
-    rows = np.arange(40)
-    np.testing.assert_allclose(log_probabilities[rows, chosen], log_probabilities[rows, wanted], atol=1e-5)
+def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():
+    log_probabilities = np.log(
+        np.array([[0.6, 0.1, 0.3], [0.6, 0.1, 0.3], [0.4, 0.5, 0.1], [0.4, 0.5, 0.1]], np.float32)
+    )
+    steps = np.array([0, 1, 1, 11])
+
+    def chosen(rule: StopRule) -> list[int]:
+        return choose_actions(log_probabilities, steps, 12, rule, None).tolist()
+
+    assert chosen(StopRule()) == [0, 0, 1, 0]
+    assert chosen(StopRule(never_first=True, always_last=False)) == [2, 0, 1, 1]
+    assert chosen(StopRule(threshold=1.0)) == [2, 2, 1, 0]
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])

@@ -1,0 +1,177 @@
+"""The network as a policy on scenes, in batches, under a stop rule."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+
+from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs, pad_rows
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.losses import log_policy
+from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS, ImitationNetwork, Inputs
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
+
+BATCH_SIZE = 128  # scenes per forward pass
+
+
+@dataclass(frozen=True, slots=True)
+class StopRule:
+    """When to take STOP; tuned on held-out training statements."""
+
+    threshold: float = 0.0  # greedy play stops when STOP's logit exceeds it
+    never_first: bool = False  # no STOP as the first action: a FlipIt start is never solved
+    always_last: bool = True  # STOP as the last action within the horizon: anything else fails
+    sampled: bool = False  # whether sampled actions did better than greedy ones
+
+    def to_json(self) -> dict[str, Any]:
+        return asdict(self)
+
+
+class NetworkPolicy:
+    """Action probabilities of the network for any number of statements and scenes."""
+
+    def __init__(
+        self, network: ImitationNetwork, table: BoxFeatureTable, heads: ActionHeads, tokenizer: StatementTokenizer
+    ) -> None:
+        self.network = network
+        self.table = table
+        self.heads = heads
+        self.tokenizer = tokenizer
+        self.reduced_precision = False
+
+    @property
+    def device(self) -> torch.device:
+        return next(self.network.parameters()).device
+
+    @torch.inference_mode()
+    def log_probabilities(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
+        """(B, logits) for B scenes, given as (B, 3) box indices in the table."""
+        self.network.eval()
+        self.table.update_features()
+        log_probabilities = np.empty((len(statements), self.heads.size), np.float32)
+        for first in range(0, len(statements), BATCH_SIZE):
+            rows = slice(first, first + BATCH_SIZE)
+            words = pad_rows([self.tokenizer.encode(statement) for statement in statements[rows]], MIN_PADDED_WORDS)
+            distinct = DistinctBoxes.of(boxes[rows, None], 1)
+            inputs = Inputs(
+                words=torch.from_numpy(words).to(self.device),
+                **box_inputs(self.table, distinct, np.zeros(len(words), np.int64), self.device),
+            )
+            batch_targets = torch.from_numpy(targets[rows, None]).to(self.device)
+            with precision(self.device, reduced=self.reduced_precision):
+                outputs = self.network(inputs, batch_targets)
+            log_probabilities[rows] = log_policy(outputs, batch_targets)[:, 0].cpu().numpy()
+        return log_probabilities
+
+
+def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:
+    """Autocast to bfloat16 if `reduced`."""
+    return torch.autocast(device.type, torch.bfloat16) if reduced else nullcontext()
+
+
+def choose_actions(
+    log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
+) -> Int64Array:
+    """(B,) logit indices from (B, logits): sampled with `rng`, greedy without."""
+    stops = stop_mask(log_probabilities[:, STOP_INDEX], steps, horizon, rule, rng)
+    edits = log_probabilities[:, STOP_INDEX + 1 :]
+    best = (edits if rng is None else edits + rng.gumbel(size=edits.shape)).argmax(1)
+    return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
+
+
+def stop_mask(
+    log_stops: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
+) -> BoolArray:
+    """(B,) whether to stop, from the log-probabilities of STOP: sampled with `rng`, by the threshold without."""
+    stop = log_stops.astype(np.float64)
+    if rng is None:
+        stops = stop - np.log(-np.expm1(np.minimum(stop, -1e-12))) > rule.threshold  # the logit of STOP
+    else:
+        stops = np.log(rng.random(len(stop))) < stop
+    if rule.never_first:
+        stops &= steps > 0
+    if rule.always_last:
+        stops |= steps >= horizon - 1
+    return stops
+
+
+class PlayedEpisode(NamedTuple):
+    task: Task
+    scenes: tuple[Scene, ...]  # the scene before each action
+    outcome: Outcome
+
+
+Choose = Callable[[Sequence[State]], Int64Array]
+
+
+def play_episodes(
+    policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], choose: Choose
+) -> list[PlayedEpisode]:
+    """One episode of each task, in parallel; `choose` returns a logit index for each state."""
+    states = [dynamics.start(task) for task in tasks]
+    visited: list[list[Scene]] = [[] for _ in states]
+    outcomes = [Outcome.CONTINUES] * len(states)
+    running = list(range(len(states)))
+    while running:
+        chosen = choose([states[index] for index in running])
+        still_running: list[int] = []
+        for index, logit_index in zip(running, chosen.tolist(), strict=True):
+            visited[index].append(states[index].scene)
+            action = dynamics.appearance.decode(int(policy.heads.action_of[logit_index]))
+            transition = dynamics.step(states[index], action)
+            states[index], outcomes[index] = transition.state, transition.outcome
+            if transition.outcome is Outcome.CONTINUES:
+                still_running.append(index)
+        running = still_running
+    return [
+        PlayedEpisode(state.task, tuple(scenes), outcome)
+        for state, scenes, outcome in zip(states, visited, outcomes, strict=True)
+    ]
+
+
+def action_chooser(policy: NetworkPolicy, horizon: int, rule: StopRule, rng: np.random.Generator | None) -> Choose:
+    """`choose` for `play_episodes`: sampled with `rng`, greedy without."""
+
+    def choose(states: Sequence[State]) -> Int64Array:
+        statements = [state.task.statement for state in states]
+        boxes = policy.table.indices([state.scene for state in states])
+        targets = np.array([state.task.target for state in states], np.int64)
+        steps = np.array([state.steps for state in states])
+        return choose_actions(policy.log_probabilities(statements, boxes, targets), steps, horizon, rule, rng)
+
+    return choose
+
+
+def accuracy(episodes: Sequence[PlayedEpisode]) -> float:
+    return float(np.mean([episode.outcome is Outcome.SUCCESS for episode in episodes]))
+
+
+THRESHOLDS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+
+
+def tune_stop_rule(
+    policy: NetworkPolicy, dynamics: Dynamics, tasks: Sequence[Task], rng: np.random.Generator
+) -> tuple[StopRule, float]:
+    """The stop rule with the highest accuracy on the tasks, and that accuracy; ties go to the first one tried."""
+    tried: list[tuple[float, StopRule]] = []
+
+    def attempt(rule: StopRule) -> float:
+        choose = action_chooser(policy, dynamics.horizon, rule, rng if rule.sampled else None)
+        tried.append((accuracy(play_episodes(policy, dynamics, tasks, choose)), rule))
+        return tried[-1][0]
+
+    never_first = attempt(StopRule(never_first=True)) > attempt(StopRule())
+    for threshold in sorted(THRESHOLDS, key=abs)[1:]:
+        attempt(StopRule(threshold, never_first))
+    attempt(StopRule(never_first=never_first, sampled=True))
+    best, rule = max(tried, key=lambda pair: pair[0])
+    return rule, best
