@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -78,6 +78,7 @@ class TimedCommand:
     minutes: float  # default budget
     minutes_help: str
     note: Callable[[Any], str]  # shown beside the progress bar, made from a line of progress.jsonl
+    paths: Mapping[str, str] = field(default_factory=dict[str, str])  # further options of the trainer, with their help
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         options.add_configuration(parser, nargs="?")
@@ -85,6 +86,8 @@ class TimedCommand:
         default = f"(default: the resumed run's, or {self.minutes:g})"
         parser.add_argument("--minutes", type=float, metavar="N", help=f"{self.minutes_help} {default}")
         parser.add_argument("--seed", type=int, metavar="N", help="random seed of network and data (default: 0)")
+        for name, description in self.paths.items():
+            parser.add_argument(f"--{name}", type=Path, metavar="RUN", help=description)
         options.add_device(parser)
         options.add_settings(parser)
         add_recipe(parser, self.recipe)
@@ -103,11 +106,12 @@ class TimedCommand:
         else:
             directory, settings = new_run(args, prefix)
             recipe = self.default_recipe(settings.appearance, **given_options(args, self.recipe.names()))
-        options.fill_options(args, remembered, {"minutes": self.minutes, "seed": 0})
+        options.fill_options(args, remembered, {"minutes": self.minutes, "seed": 0, **dict.fromkeys(self.paths)})
         if args.minutes <= 0:
             raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
         module, function = self.trainer.split(":")
         budget = {"minutes": args.minutes, "seed": args.seed, "device": args.device, "resume": args.resume}
+        paths = {name: Path(given) for name in self.paths if (given := getattr(args, name)) is not None}
         try:
             with Progress(round(60 * args.minutes), "CPU seconds", done=None if args.resume else 0) as bar:
                 getattr(import_module(module), function)(
@@ -116,6 +120,7 @@ class TimedCommand:
                     directory,
                     on_progress=lambda line: bar.reach(int(line.cpu_seconds), self.note(line)),
                     **budget,
+                    **paths,
                 )
         except KeyboardInterrupt:
             return interrupted(self.learner, directory)

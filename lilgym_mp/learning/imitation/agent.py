@@ -181,10 +181,14 @@ def describe(
     architecture: Architecture,
     rules: Mapping[str, StopRule],
     statistics: Mapping[str, Any],
+    *,
+    is_taught: bool = False,
 ) -> model_file.ModelDescription:
     """`statistics`: further details to save, such as the training time."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
-    if recipe.pretraining:
+    if is_taught:
+        supervision = f"rewards; search that knows the rules of editing, imitated (corpus {settings.corpus})"
+    elif recipe.pretraining:
         supervision += "; their programs and those of generated statements (pretraining)"
     stop_rules = {name: rule.to_json() for name, rule in rules.items()}
     details = {"network": architecture.to_json(), "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}

@@ -31,7 +31,7 @@ class DatasetEntry:
     statement: str
     program: Program
     starts: tuple[Scene, ...]
-    exchanges_colours: bool  # whether statement and program name the same colours
+    exchanges_colours: bool  # in words and scenes alike
     scenes: list[tuple[int, int, int]] = field(default_factory=list)  # box indices of each scene
     truths: list[bool] = field(default_factory=list)
     steps: list[int] = field(default_factory=list)  # length of a shortest solution; 0 without optimal actions
@@ -40,19 +40,23 @@ class DatasetEntry:
     known: dict[tuple[int, int, int], int] = field(default_factory=dict)  # box indices -> scene index
 
 
-def entries_from_tasks(tasks: Iterable[Task]) -> list[DatasetEntry]:
-    """One entry per statement and program, with the start scenes of all its tasks."""
+def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) -> list[DatasetEntry]:
+    """One entry per statement and program, with the start scenes of all its tasks.
+
+    Unless the programs may be read, all exchange colours.
+    """
     groups: dict[tuple[str, str], list[Task]] = {}
     for task in tasks:
         groups.setdefault((task.statement, task.program), []).append(task)
     return [
-        _entry(statement, program, tuple(dict.fromkeys(task.start for task in group)))
+        DatasetEntry(
+            statement,
+            compile_program(program),
+            tuple(dict.fromkeys(task.start for task in group)),
+            exchanges_colours=not reads_programs or symmetries(statement, program).colours,
+        )
         for (statement, program), group in groups.items()
     ]
-
-
-def _entry(statement: str, program: str, starts: tuple[Scene, ...]) -> DatasetEntry:
-    return DatasetEntry(statement, compile_program(program), starts, symmetries(statement, program).colours)
 
 
 def split_held_out(
@@ -103,15 +107,7 @@ class DataCollector:
 
         Returns the scene's index in the entry.
         """
-        left, middle, right = (self.table.index(box) for box in scene.boxes)
-        boxes = (left, middle, right)
-        index = entry.known.get(boxes)
-        if index is None:
-            index = entry.known[boxes] = len(entry.scenes)
-            entry.scenes.append(boxes)
-            entry.truths.append(bool(entry.program(scene)))
-            entry.steps.append(0)
-            entry.actions.append(None)
+        index = self.note(entry, scene)
         if solve and not entry.steps[index]:
             task = Task("", entry.statement, entry.program.source, not entry.truths[index], scene)
             optimal = self._solver.optimal_actions(State(task, scene, 0))
@@ -122,6 +118,29 @@ class DataCollector:
                 entry.actions[index] = logit_indices
                 entry.with_actions.append(index)
         return index
+
+    def note(self, entry: DatasetEntry, scene: Scene, truth: bool | None = None) -> int:
+        """Adds the scene with its truth, by the program unless it is given; returns the scene's index in the entry."""
+        left, middle, right = (self.table.index(box) for box in scene.boxes)
+        boxes = (left, middle, right)
+        index = entry.known.get(boxes)
+        if index is None:
+            index = entry.known[boxes] = len(entry.scenes)
+            entry.scenes.append(boxes)
+            entry.truths.append(bool(entry.program(scene)) if truth is None else truth)
+            entry.steps.append(0)
+            entry.actions.append(None)
+        return index
+
+    def task(self, entry: DatasetEntry) -> Task:
+        """A task to be played by the network."""
+        start = self.start(entry)
+        return Task("", entry.statement, entry.program.source, not entry.program(start), start)
+
+    def add_last_scenes(self, entry: DatasetEntry, task: Task, scenes: Sequence[Scene], count: int) -> None:
+        """Adds the last scenes of the network's episode with optimal actions."""
+        for scene in dict.fromkeys(scenes[-count:]):
+            self.add(entry, scene, solve=True)
 
     def _add_trajectory(self, entry: DatasetEntry, enough: int) -> None:
         """Adds the scenes from a randomly edited start along optimal actions until the truth changes."""

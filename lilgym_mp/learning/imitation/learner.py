@@ -29,6 +29,7 @@ COMMAND = TimedCommand(
     DEFAULT_MINUTES,
     "CPU time, including the expert's",
     _note,
+    {"teacher": "imitate the search of this reward model, from rewards alone, instead of the expert"},
 )
 LEARNER = Learner(
     summary="a network that imitates the expert's optimal actions, from images and text",

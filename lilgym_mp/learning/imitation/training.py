@@ -33,6 +33,7 @@ from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, en
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, tune_stop_rule
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
 from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
 from lilgym_mp.learning.training_run import TrainingError, begin_run
@@ -74,17 +75,19 @@ def train_imitation(
     seed: int = 0,
     device: str = "auto",
     resume: bool = False,
+    teacher: Path | None = None,
     on_progress: Callable[[Progress], object] = lambda progress: None,
 ) -> ImitationAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
     The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
     arguments give equal agents. `resume` continues from the last checkpoint in `out`, which must have the same recipe
-    and seed.
+    and seed. With a `teacher`, the run of a reward model, its search is imitated instead of the expert: expert
+    iteration, from rewards alone.
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """
-    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume)
+    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume, teacher=teacher)
     run.learn()
     return run.finish()
 
@@ -103,6 +106,7 @@ class _Run(TimedRun[StepResult]):
         on_progress: Callable[[Progress], object],
         *,
         resume: bool,
+        teacher: Path | None,
     ) -> None:
         super().__init__(budget)
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
@@ -117,13 +121,20 @@ class _Run(TimedRun[StepResult]):
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
             "held_out_sha256": digests_sha256(self._excluded),
+            **({} if teacher is None else {"teacher": str(teacher)}),
         }
+        self._teacher = None if teacher is None else open_teacher(teacher)
+        self._planner = None if self._teacher is None else self._teacher.planner(settings)
         self.files = begin_run(out, identity, resume=resume)
         self.files.remember(**budget._asdict())
         appearance = make_appearance(settings.appearance)
         self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
-        entries, held_out = split_held_out(entries_from_tasks(tasks), recipe.held_out, seed=0)
-        self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in _played(settings, recipe, tasks)}
+        entries, held_out = split_held_out(
+            entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
+        )
+        played = dict(_played(settings, recipe, tasks))
+        self._played_tasks = list(played.values())
+        self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
         self._architecture = Architecture.of(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
@@ -137,6 +148,8 @@ class _Run(TimedRun[StepResult]):
         rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
         empty_starts = recipe.empty_starts if is_flipit else 0.0
         collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
+        if self._planner is not None:
+            collector = TaughtCollector(self._planner, self._played_tasks, table, rng)
         policy = NetworkPolicy(network, table, collector.heads, self._tokenizer)
         policy.reduced_precision = recipe.reduced_precision
         batches = BatchSampler(
@@ -164,7 +177,7 @@ class _Run(TimedRun[StepResult]):
     def _statements(self, entries: Sequence[DatasetEntry]) -> Iterator[str]:
         """The statements that make up the vocabulary."""
         yield from (entry.statement for entry in entries)
-        if self._recipe.pretraining:
+        if self._recipe.pretraining and self._teacher is None:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
@@ -213,7 +226,7 @@ class _Run(TimedRun[StepResult]):
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining
-        if self.progress() >= fraction:
+        if self._teacher is not None or self.progress() >= fraction:
             return
         text = TextPretraining(
             self._imitation.network,
@@ -283,7 +296,14 @@ class _Run(TimedRun[StepResult]):
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
             "held_out_accuracy": accuracies,
         }
-        description = describe(self._settings, self._recipe, self._architecture, rules, statistics)
+        if isinstance(imitation.collector, TaughtCollector):
+            statistics["stops"], statistics["env_steps"] = (
+                imitation.collector.played.stops,
+                imitation.collector.played.steps,
+            )
+        description = describe(
+            self._settings, self._recipe, self._architecture, rules, statistics, is_taught=self._teacher is not None
+        )
         agent = ImitationAgent(imitation.network.eval(), self._architecture, rules, description)
         agent.save(self.files.agent_file)
         return agent

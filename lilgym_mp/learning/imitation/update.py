@@ -23,7 +23,6 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.training_run import TrainingError
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
 
 ENTRIES_PER_COLLECTION = 32
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
@@ -106,16 +105,11 @@ class Imitation:
 
     def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
         """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
-        starts = [self.collector.start(entry) for entry in entries]
-        tasks = [
-            Task("", entry.statement, entry.program.source, not entry.program(start), start)
-            for entry, start in zip(entries, starts, strict=True)
-        ]
+        tasks = [self.collector.task(entry) for entry in entries]
         rng = self.rng if self.rng.random() < 0.5 else None
         choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=not self.stops_first), rng)
         for entry, episode in zip(entries, play_episodes(self.policy, self.dynamics, tasks, choose), strict=True):
-            for scene in dict.fromkeys(episode.scenes[-LAST_SCENES:]):
-                self.collector.add(entry, scene, solve=True)
+            self.collector.add_last_scenes(entry, episode.task, episode.scenes, LAST_SCENES)
 
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
         chosen = self.rng.choice(len(entries), count, replace=len(entries) < count)

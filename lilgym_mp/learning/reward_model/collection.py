@@ -115,7 +115,7 @@ class Collector:
 
     def _walk(self, entry: Entry, enough: int) -> None:
         rng = self.rng
-        index = self._begin(entry)
+        index = self.begin(entry)
         task_index, edits, _ = entry.known[index]
         scene = self.table.scene(entry.scenes[index])
         is_build = not any(box.items for box in scene.boxes)
@@ -130,7 +130,7 @@ class Collector:
             self._compare(entry, before, index)
             task_index, edits, _ = entry.known[index]
 
-    def _begin(self, entry: Entry) -> int:
+    def begin(self, entry: Entry) -> int:
         """The index of a known scene, or of a start."""
         rng = self.rng
         choice = rng.random()
@@ -148,7 +148,7 @@ class Collector:
         `judge` gives (E, CLIMB_WIDTH) logits of truth. Where the wanted value is met, the walk turns to the other one.
         """
         rng = self.rng
-        current = [self._begin(entry) for entry in entries]
+        current = [self.begin(entry) for entry in entries]
         wanted = rng.integers(2, size=len(entries)).astype(bool)
         for _ in range(CLIMB_LENGTH):
             found = [
@@ -162,23 +162,25 @@ class Collector:
                 entry, before = entries[row], current[row]
                 task_index, edits, _ = entry.known[before]
                 if edits + 1 >= self.dynamics.horizon:
-                    current[row] = self._begin(entry)
+                    current[row] = self.begin(entry)
                     continue
                 after = current[row] = self.stop(entry, task_index, found[row][choice], edits + 1)
                 self._compare(entry, before, after)
                 wanted[row] ^= entry.known[after].truth == wanted[row]
 
-    def follow(self, entry: Entry, task_index: int, actions: Sequence[Action]) -> None:
-        """Plays a plan from the task's start, and stops in each of its scenes, in an episode of its own."""
-        state = self.dynamics.start(entry.tasks[task_index])
-        before = self.stop(entry, task_index, state.scene, 0)
-        for action in actions:
-            if action == STOP:
-                return
+    def follow(self, entry: Entry, index: int, actions: Sequence[Action]) -> list[int]:
+        """Plays a plan from a known scene, and stops in each of its scenes, in an episode of its own.
+
+        Returns the indices of these scenes.
+        """
+        task_index, edits, _ = entry.known[index]
+        state = State(entry.tasks[task_index], self.table.scene(entry.scenes[index]), edits)
+        indices = [index]
+        for action in actions[:-1]:
             state = self.dynamics.step(state, action).state
-            index = self.stop(entry, task_index, state.scene, state.steps)
-            self._compare(entry, before, index)
-            before = index
+            indices.append(self.stop(entry, task_index, state.scene, state.steps))
+            self._compare(entry, *indices[-2:])
+        return indices
 
     @staticmethod
     def _compare(entry: Entry, before: int, after: int) -> None:

@@ -7,7 +7,7 @@ cause; the best are made by the rules. Progress is measured in logits, the choic
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple, cast
@@ -91,15 +91,23 @@ class Planner:
         self.dynamics, self.recipe = dynamics, recipe
         self._network, self._reader, self._is_flipit = network, reader, is_flipit
 
-    @torch.inference_mode()
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         """A plan from the scene, after `steps` actions of the episode."""
+        return self.plans(scene, statement, target, steps)[0]
+
+    @torch.inference_mode()
+    def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
+        """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
         table = self._reader.renewed_table()
         judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
         plan = {"tower": _plan_tower, "scatter": _plan_scatter}[table.appearance]
-        return plan(judge, scene, most_edits, self.dynamics, self.recipe, may_stop=may_stop)
+        plans = plan(judge, scene, most_edits, self.dynamics, self.recipe, most, may_stop=may_stop)
+        lowest = plans[0].success_probability - self.recipe.edit_cost
+        return [
+            plan for plan in plans if len(plan.actions) == len(plans[0].actions) and plan.success_probability >= lowest
+        ]
 
 
 # Tower
@@ -121,8 +129,15 @@ def _box_edits(index: int, before: int, after: int) -> list[Action]:
 
 
 def _plan_tower(
-    judge: Judge, scene: Scene, most_edits: int, dynamics: Dynamics, recipe: RewardModelRecipe, *, may_stop: bool
-) -> Plan:
+    judge: Judge,
+    scene: Scene,
+    most_edits: int,
+    dynamics: Dynamics,
+    recipe: RewardModelRecipe,
+    most: int,
+    *,
+    may_stop: bool,
+) -> list[Plan]:
     start = judge.reader.table.of(scene)
     distances = _box_distances()[list(start)]  # (3, 121)
     boxes = distances.shape[1]
@@ -146,17 +161,17 @@ def _plan_tower(
     if not may_stop:
         known = known[edits_to(known) > 0]
     if not len(known):
-        return Plan((STOP,), 0.0)
+        return [Plan((STOP,), 0.0)]
     probabilities = _mean_probabilities(
         judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
     )
-    chosen = int((probabilities - recipe.edit_cost * edits_to(known)).argmax())
-    edits = [
-        edit
-        for index, (before, after) in enumerate(zip(start, known[chosen].tolist(), strict=True))
-        for edit in _box_edits(index, before, after)
-    ]
-    return Plan((*edits, STOP), float(probabilities[chosen]))
+    order = np.argsort(recipe.edit_cost * edits_to(known) - probabilities, kind="stable")
+
+    def edits(goal: Sequence[int]) -> Iterator[Action]:
+        for index, (before, after) in enumerate(zip(start, goal, strict=True)):
+            yield from _box_edits(index, before, after)
+
+    return [Plan((*edits(known[one].tolist()), STOP), float(probabilities[one])) for one in order[:most].tolist()]
 
 
 def _distinct(scenes: Int64Array, distances: Int64Array, most_edits: int) -> Int64Array:
@@ -190,9 +205,16 @@ class _Edit(NamedTuple):
 
 
 def _plan_scatter(
-    judge: Judge, scene: Scene, most_edits: int, dynamics: Dynamics, recipe: RewardModelRecipe, *, may_stop: bool
-) -> Plan:
-    return _ScatterSearch(judge, dynamics, recipe).plan(scene, most_edits, may_stop=may_stop)
+    judge: Judge,
+    scene: Scene,
+    most_edits: int,
+    dynamics: Dynamics,
+    recipe: RewardModelRecipe,
+    most: int,
+    *,
+    may_stop: bool,
+) -> list[Plan]:
+    return _ScatterSearch(judge, dynamics, recipe).plans(scene, most_edits, most, may_stop=may_stop)
 
 
 class _ScatterSearch:
@@ -202,7 +224,7 @@ class _ScatterSearch:
         self._table = judge.reader.table
         self._added = judge.network.item_units(judge.reading, _canonical()[0][None])  # (E, 1323, d + k)
 
-    def plan(self, scene: Scene, most_edits: int, *, may_stop: bool) -> Plan:
+    def plans(self, scene: Scene, most_edits: int, most: int, *, may_stop: bool) -> list[Plan]:
         start = self._nodes([(scene, ())])[0]
         beam = [start]
         reached = {scene: start}
@@ -222,9 +244,9 @@ class _ScatterSearch:
                 break
         choices = [node for node in reached.values() if may_stop or node.actions]
         if not choices:
-            return Plan((STOP,), 0.0)
-        best = max(choices, key=lambda node: node.probability - self._recipe.edit_cost * len(node.actions))
-        return Plan((*map(self._scatter.decode, best.actions), STOP), best.probability)
+            return [Plan((STOP,), 0.0)]
+        choices.sort(key=lambda node: self._recipe.edit_cost * len(node.actions) - node.probability)
+        return [Plan((*map(self._scatter.decode, node.actions), STOP), node.probability) for node in choices[:most]]
 
     def _nodes(self, scenes: Sequence[tuple[Scene, tuple[int, ...]]]) -> list[_Node]:
         """The scenes with their exact values."""

@@ -268,8 +268,10 @@ class _Run(TimedRun[tuple[float, float]]):
         recipe = replace(self._recipe, averaged_exchanges=1)
         planner = Planner(self._averaged, self._search_reader, self._settings.dynamics(), recipe, is_flipit=False)
         target = bool(self._rng.integers(2))
-        plan = planner.plan(entry.tasks[task_index].start, entry.statement, target)
-        self._collector.follow(entry, task_index, plan.actions)
+        start = entry.tasks[task_index].start
+        index = self._collector.stop(entry, task_index, start, 0)
+        plan = planner.plan(start, entry.statement, target, entry.known[index].edits)
+        self._collector.follow(entry, index, plan.actions)
 
     # Files
 

@@ -1,0 +1,153 @@
+"""Expert iteration: imitation of a reward model's search instead of the expert's solutions, from rewards alone.
+
+A scene's truth is known from the outcome of a counted STOP, and a plan of the search is imitated if a STOP confirms it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock
+from lilgym_mp.appearances import Scatter
+from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, Rng
+from lilgym_mp.learning.reward_model.agent import RewardModelAgent
+from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries_of
+from lilgym_mp.learning.reward_model.features import BoxTable
+from lilgym_mp.learning.reward_model.search import Planner
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import Scene
+from lilgym_mp.solver.edit_tables import (
+    addition_actions,
+    addition_table,
+    frame_x_of,
+    removal_actions,
+    removal_table,
+)
+from lilgym_mp.task import Task
+
+STOPS_PER_LABEL = 3  # scenes stopped in for each scene with truth alone that is asked for
+MOST_PLANS = 6  # for a scene, as short as the best and nearly as sure
+
+
+def open_teacher(run: Path) -> RewardModelAgent:
+    """Raises AgentError if the run is not a reward model's."""
+    agent = open_agent(run)
+    if not isinstance(agent, RewardModelAgent):
+        raise AgentError(f"{run}: a teacher must be a run of reward-model, not of {agent.description.kind}")
+    return agent
+
+
+class TaughtCollector(DataCollector):
+    """Collects scenes in episodes of its own, with the search's plans from them."""
+
+    def __init__(self, planner: Planner, task_sets: Sequence[Sequence[Task]], table: BoxFeatureTable, rng: Rng) -> None:
+        super().__init__(planner.dynamics, table, rng)
+        self._planner = planner
+        self._entries = {entry.statement: entry for entry in entries_of(task_sets)}
+        self.played = Collector(planner.dynamics, BoxTable(planner.dynamics.appearance.name), rng)
+
+    def collect(self, entry: DatasetEntry, solved: int, truth_only: int, other_scenes: Sequence[Scene]) -> None:
+        known = self._entries[entry.statement]
+        self.played.rng = self.rng
+        self.played.explore(known, STOPS_PER_LABEL * truth_only)
+        enough = len(entry.with_actions) + solved
+        for _ in range(2 * solved):
+            if len(entry.with_actions) < enough:
+                self._teach(entry, known, self.played.begin(known))
+        self._note_all(entry, known)
+
+    def task(self, entry: DatasetEntry) -> Task:
+        known = self._entries[entry.statement]
+        return known.tasks[known.random_task(self.rng)]
+
+    def add_last_scenes(self, entry: DatasetEntry, task: Task, scenes: Sequence[Scene], count: int) -> None:
+        known = self._entries[entry.statement]
+        self.played.steps += len(scenes)
+        for steps in range(len(scenes))[-count:]:
+            index = self.played.stop(known, known.tasks.index(task), scenes[steps], steps)
+            self._teach(entry, known, index)
+
+    def _note_all(self, entry: DatasetEntry, known: Entry) -> None:
+        """Gives the entry all known scenes, under the same indices."""
+        for index in range(len(entry.scenes), len(known.scenes)):
+            self.note(entry, self.played.table.scene(known.scenes[index]), known.known[index].truth)
+
+    def _teach(self, entry: DatasetEntry, known: Entry, index: int) -> None:
+        """Adds the actions of confirmed plans from a known scene to the opposite truth value."""
+        _, steps, truth = known.known[index]
+        scene = self.played.table.scene(known.scenes[index])
+        plans = self._planner.plans(scene, entry.statement, not truth, steps, MOST_PLANS)
+        self.expert_queries += 1
+        for plan in plans:
+            indices = self.played.follow(known, index, plan.actions)
+            self._note_all(entry, known)
+            solved = [known.known[at].truth != truth for at in indices]
+            if True in solved:
+                edits = plan.actions[: solved.index(True)]
+                for first, at in enumerate(indices[: len(edits)]):
+                    self._add_actions(entry, at, edits[first:])
+
+    def _add_actions(self, entry: DatasetEntry, index: int, edits: Sequence[Action]) -> None:
+        """Adds the edits that may come first; those of a shorter solution replace what was known."""
+        steps = len(edits) + 1
+        if 0 < entry.steps[index] < steps:
+            return
+        if not entry.steps[index]:
+            entry.with_actions.append(index)
+        left, middle, right = (self.table.boxes[box] for box in entry.scenes[index])
+        found = self.heads.index_of[sorted(first_edits(self._planner.dynamics, Scene((left, middle, right)), edits))]
+        before = entry.actions[index] if entry.steps[index] == steps else None
+        entry.steps[index] = steps
+        entry.actions[index] = found[found >= 0] if before is None else np.union1d(before, found[found >= 0])
+
+
+def first_edits(dynamics: Dynamics, scene: Scene, edits: Sequence[Action]) -> set[int]:
+    """Action indices: those of the edits that may be made first, and of others that give an equivalent scene."""
+    goal = _after(dynamics, scene, edits)
+    found: set[int] = set()
+    for position, edit in enumerate(edits):
+        if position == 0 or _after(dynamics, scene, (edit, *edits[:position], *edits[position + 1 :])) == goal:
+            found.update(_equivalent(dynamics, scene, edit))
+    return found
+
+
+def _after(dynamics: Dynamics, scene: Scene, edits: Sequence[Action]) -> Scene | None:
+    """The scene after the edits; None if one is invalid."""
+    for edit in edits:
+        scene, invalid = dynamics.appearance.apply(scene, edit, dynamics.rules.placement)
+        if invalid is not None:
+            return None
+    return scene
+
+
+def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
+    """Edits of boxes equal to the edit's that do the same to them: in Scatter, as far as the features tell."""
+    appearance, placement = dynamics.appearance, dynamics.rules.placement
+    if appearance.grid is None:
+        block = cast("AddBlock | RemoveBlock", edit)
+        equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[block.box]]
+        return [appearance.encode(block._replace(box=other)) for other in equal]
+    scatter = cast("Scatter", appearance)
+    is_addition, action = isinstance(edit, AddItem), appearance.encode(edit)
+
+    def results(index: int) -> tuple[np.ndarray, np.ndarray]:
+        """The actions on a box, and what each does to it, negative if nothing."""
+        items = scene.boxes[index].items
+        if is_addition:
+            done = addition_table(scatter, placement, frame_x_of(placement, index), items).canonical
+            return addition_actions(scatter, index, np.arange(len(done))), done
+        done = removal_table(scatter.cell, items)
+        return removal_actions(scatter, index, np.arange(len(done))), done
+
+    found = {index: results(index) for index in range(len(scene.boxes))}
+    index, wanted = next(
+        (index, done[actions == action]) for index, (actions, done) in found.items() if action in actions
+    )
+    equal = [other for other, box in enumerate(scene.boxes) if box == scene.boxes[index]]
+    return [one for other in equal for one in found[other][0][found[other][1] == wanted].tolist()]

@@ -1,0 +1,100 @@
+"""Expert iteration: a network taught by a reward model's search, from rewards alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lilgym_mp.actions import Action, AddBlock, Stop
+from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.imitation.teaching import first_edits
+from lilgym_mp.learning.imitation.training import train_imitation
+from lilgym_mp.learning.reward_model.training import train_reward_model
+from lilgym_mp.programs.compiler import Program
+from lilgym_mp.rules import Dynamics, State, Transition, make_dynamics
+from lilgym_mp.scene import Colour, Scene
+from lilgym_mp.solver import Solver
+from tests.learning.imitation.conftest import small_recipe
+from tests.learning.reward_model import conftest as reward_model
+
+
+@pytest.fixture(scope="module")
+def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("teacher")
+    settings = Settings("TowerFlipIt", corpus=statements)
+    train_reward_model(settings, reward_model.small_recipe(settings), out, steps=150)
+    return out
+
+
+@pytest.mark.parametrize("own_states", [0.0, 1.0])
+def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
+    statements: str, teacher: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_states: float
+):
+    stops: list[int] = []
+    playing = False
+    step, truth = Dynamics.step, Program.__call__
+
+    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
+        nonlocal playing
+        playing = isinstance(action, Stop)
+        stops.extend([state.steps + 1] * playing)
+        transition = step(dynamics, state, action)
+        playing = False
+        return transition
+
+    def truth_in_play(program: Program, scene: Scene) -> bool:
+        assert playing, "a truth was read outside of a STOP"
+        return truth(program, scene)
+
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with monkeypatch.context() as patched:
+        patched.setattr(Dynamics, "step", counted)
+        patched.setattr(Program, "__call__", truth_in_play)
+        recipe = small_recipe(settings, own_states=own_states)
+        agent = train_imitation(settings, recipe, tmp_path / "run", steps=120, teacher=teacher)
+    assert agent.description.supervision.startswith("rewards; ")
+    if not own_states:
+        assert agent.description.details["stops"] == len(stops)
+        assert agent.description.details["env_steps"] == sum(stops)
+    for name in ("TowerFlipIt", "TowerScratch"):
+        played = replace(settings, configuration=name)
+        episodes = evaluate(open_agent(tmp_path / "run").policy(played), played, "dev")
+        assert np.mean([episode.is_success for episode in episodes]) == 1
+
+
+@pytest.mark.parametrize("appearance", ["tower", "scatter"])
+def test_first_edits__are_among_the_experts_and_hold_every_order_and_equal_box(appearance: str):
+    dynamics = make_dynamics(make_appearance(appearance))
+    solver = Solver(dynamics)
+    for task in load_tasks("builtin", appearance, "flipit", "dev")[:40:4]:
+        solution = solver.solve(task)
+        edits = solution.actions[:-1]
+        optimal = solver.optimal_actions(State(task, task.start, 0))
+        assert dynamics.appearance.encode(edits[0]) in first_edits(dynamics, task.start, edits)
+        assert first_edits(dynamics, task.start, edits) <= {*optimal.actions}
+
+
+def test_first_edits__leave_out_what_must_come_later():
+    dynamics = make_dynamics(make_appearance("tower"))
+    blue, black = AddBlock(0, Colour.BLUE), AddBlock(0, Colour.BLACK)
+    encode = dynamics.appearance.encode
+    in_any_box = {encode(blue._replace(box=box)) for box in range(3)}
+    assert first_edits(dynamics, Scene.empty(), [blue, black]) == in_any_box
+    other = black._replace(box=1)
+    assert len(first_edits(dynamics, Scene.empty(), [blue, other])) == 6
+
+
+def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, teacher: Path, tmp_path: Path):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    train_imitation(settings, small_recipe(settings), tmp_path / "other", steps=1)
+    with pytest.raises(AgentError, match="other: a teacher must be a run of reward-model, not of imitation"):
+        train_imitation(settings, small_recipe(settings), tmp_path / "run", steps=1, teacher=tmp_path / "other")
+    settings = Settings("ScatterFlipIt", corpus=statements)
+    with pytest.raises(AgentError, match="does not play ScatterFlipIt"):
+        train_imitation(settings, small_recipe(settings), tmp_path / "run", steps=1, teacher=teacher)
