@@ -21,7 +21,7 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.render import draw
 from lilgym_mp.render.drawing import SHRINKS
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, Item, Scene
 
 EDITS = 12  # per episode
 
@@ -52,18 +52,13 @@ def ambiguous_boxes(image: np.ndarray, shrink: int) -> int:
     """The number of boxes with a component that has several minimal decompositions into visible items."""
     count = 0
     for index, region in enumerate(perception._regions(shrink)):
-        coverages = perception._coverages(image[:, region.columns].tobytes(), index, shrink)
-        components = [
-            component
-            for colour in Colour
-            for component in perception._match_isolated(coverages[colour], colour, shrink)[1]
-        ]
-        count += any(len(readings(component, shrink)) > 1 for component in components)
+        found = perception.components(image[:, region.columns].tobytes(), index, shrink)
+        count += any(len(readings(component, shrink)) > 1 for component in found)
     return count
 
 
-def readings(component: perception._Component, shrink: int) -> set[frozenset[Item]]:
-    decomposition = perception._Decomposition(component.colour, shrink, legal=True, all_minimal=True)
+def readings(component: perception.Component, shrink: int) -> set[frozenset[Item]]:
+    decomposition = perception.Decomposition(component.colour, shrink, legal=True, all_minimal=True)
     decomposition.search(component.coverage, component.position, [])
     return {frozenset(items) for items in decomposition.found}
 

@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp import perception
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.appearances.placement import clear_templates
 from lilgym_mp.corpus import load_tasks
@@ -58,12 +57,12 @@ def test_tower__blocks_are_ordered_from_bottom_to_top(image_size: str, shown: Sc
 
 
 def test_tower__a_floating_block_is_an_error():
-    with pytest.raises(PerceptionError, match="box 1: no tower has the green values"):
+    with pytest.raises(PerceptionError, match="box 1: its items are not a tower"):
         read_scene(draw(scene([], [square(40, 59)]), "half"), "tower")
 
 
-def test_tower__an_item_beside_the_tower_is_an_error_naming_its_pixel():
-    with pytest.raises(PerceptionError, match=r"pixel \(row 5, column 75\) is \[15, 131, 255\]"):
+def test_tower__an_item_beside_the_tower_is_an_error():
+    with pytest.raises(PerceptionError, match="box 1: its items are not a tower"):
         read_scene(draw(scene([], [square(10, 10, colour=B)]), "half"), "tower")
 
 
@@ -195,7 +194,7 @@ def test_play__every_scene_is_recovered(appearance: str, rules: str):
     check_recovered(random_play_scenes(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
 
 
-# Batches and the cache
+# Several images and the cache
 
 
 def test_read_scenes__accepts_an_array_of_images():
@@ -208,17 +207,6 @@ def test_read_scenes__errors_name_the_image():
     images[1, 3, 4] = 1
     with pytest.raises(PerceptionError, match=r"image 1: pixel \(row 3, column 4\) is \[1, 1, 1\]"):
         read_scenes(images, "scatter")
-
-
-def test_read_scenes__handles_more_boxes_than_the_cache_holds(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(perception, "CACHE_BYTES", 200_000)  # six boxes of each region at half size
-    perception._box_caches.cache_clear()
-    try:
-        scenes = [scene([circle(4 * index, 10)], [square(30, 3 * index, colour=B)]) for index in range(20)]
-        images = np.stack([draw(shown, "half") for shown in (*scenes, *scenes[::-1], *scenes[:3] * 2)])
-        assert read_scenes(images, "scatter") == [*scenes, *scenes[::-1], *scenes[:3] * 2]
-    finally:
-        perception._box_caches.cache_clear()
 
 
 def test_boxes_with_equal_pixels__are_the_same_object():

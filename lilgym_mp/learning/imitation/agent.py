@@ -24,7 +24,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
+from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
 
@@ -162,10 +162,8 @@ class _ImagePolicy:
 
 def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]]:
     """The scene in each image, empty where it cannot be read, and the indices of these images."""
-    try:
-        return read_scenes(images, appearance), []
-    except PerceptionError:
-        scenes, unread = [], []
+    scenes: list[Scene] = []
+    unread: list[int] = []
     for index, image in enumerate(images):
         try:
             scenes.append(read_scene(image, appearance))
