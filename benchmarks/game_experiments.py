@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
@@ -32,15 +34,17 @@ from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, encode_answers
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.evaluation.game_partners import ExpertProposer
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.plotting import new_figure, save
 from lilgym_mp.report.aggregation import accuracy_where, paired_difference
 
-APPEARANCE = "tower"
 SAMPLES = 8
-FAILURES = {
+FAILURES = {  # and their cures, with their protocols
     "lazy": "veto",
+    "common": "veto",
     "veto-both": "veto",
+    "correctness": "veto",
     "paranoid": "audit",
     "hidden": "audit",
     "base-rate": "audit",
@@ -112,23 +116,34 @@ class Experiments:
     """The runs of one results directory."""
 
     def __init__(
-        self, results: Path, corpus: str, split: str, pictures: Path | None, reward_model: Path | None
+        self,
+        results: Path,
+        corpus: str,
+        split: str,
+        pictures: Path | None,
+        reward_model: Path | None,
+        configuration: str = "TowerFlipIt",
     ) -> None:
         self.runs, self.corpus, self.split, self.pictures = results / "runs", corpus, split, pictures
+        self.configuration, self.appearance = configuration, choose("configuration", configuration, CONFIGURATIONS)[0]
         self.reward_model: Any = None if reward_model is None else open_agent(reward_model, "cpu")
-        train = (load_tasks(corpus, APPEARANCE, start, "train") for start in ("scratch", "flipit"))
+        train = (load_tasks(corpus, self.appearance, start, "train") for start in ("scratch", "flipit"))
         self.seen = {task.statement for tasks in train for task in tasks}
 
     def paths(self, name: str) -> list[Path]:
         """The finished runs of all seeds."""
-        found = sorted(self.runs.glob(f"{name}-TowerFlipIt-*"), key=lambda path: int(path.name.rsplit("-", 1)[1]))
+        found = sorted(
+            self.runs.glob(f"{name}-{self.configuration}-*"), key=lambda path: int(path.name.rsplit("-", 1)[1])
+        )
         return [path for path in found if (path / "agent.safetensors").exists()]
 
     def sides(self, paths: Iterable[Path], role: Role, *, sampled: bool = False) -> list[Any]:
         return [open_agent(path, "cpu").partner(role, sampled=sampled) for path in paths]  # pyright: ignore[reportAttributeAccessIssue]
 
     def game(self, protocol: str, start: str = "flipit") -> Any:
-        return parallel_env(protocol=protocol, appearance=APPEARANCE, start=start, corpus=self.corpus, split=self.split)
+        return parallel_env(
+            protocol=protocol, appearance=self.appearance, start=start, corpus=self.corpus, split=self.split
+        )
 
     def experts(self, protocol: str) -> tuple[ExpertProposer, ExpertProposer]:
         """An honest one and one that lies."""
@@ -162,6 +177,12 @@ class Experiments:
             difference = compare(played["an oracle"], played["the learned one"])
             print(f"\n{start}: an oracle gains {difference}")
         table(["start", "verifier", "by seed", "mean", "seen", "unseen"], rows)
+        start_seconds = time.process_time()
+        games = [len(self.play("joint", *pair)) for pair in sides]
+        print(f"\nevaluation: {sum(games) / (time.process_time() - start_seconds):,.0f} games per CPU second")
+        for path in paths:
+            last = json.loads((path / "progress.jsonl").read_text().splitlines()[-1])
+            print(f"{path.name}: {last['steps'] / last['cpu_seconds']:,.0f} turns per CPU second, both sides learning")
 
     def by_seen(self, games: Sequence[Sequence[GameRecord]]) -> list[list[list[GameRecord]]]:
         return [
@@ -454,6 +475,7 @@ def main() -> None:
     parser.add_argument("results", type=Path, metavar="RESULTS")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--split", default="dev")
+    parser.add_argument("--configuration", default="TowerFlipIt")
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="draw the pictures into this directory")
     parser.add_argument("--reward-model", type=Path, metavar="RUN", help="a run of `train reward-model`: a verifier")
     parser.add_argument(
@@ -463,7 +485,7 @@ def main() -> None:
         help="joint, cross-play, audit, filters, samples, failures, rounds, curves",
     )
     args = parser.parse_args()
-    found = Experiments(args.results, args.corpus, args.split, args.pictures, args.reward_model)
+    found = Experiments(args.results, args.corpus, args.split, args.pictures, args.reward_model, args.configuration)
     sections: Mapping[str, Any] = {
         "joint": found.joint,
         "cross-play": lambda: found.matrix("joint", "joint", "success", "game_cross_play"),

@@ -140,6 +140,13 @@ def test_torchrl_two_agents__both_agents_learn(run_in_process: Run) -> None:
     assert success[-1] > success[0] + 0.1
 
 
+def test_benchmarl__mappo_learns_with_the_game_as_a_task(run_in_process: Run) -> None:
+    pytest.importorskip("benchmarl", reason="examples/benchmarl_game.py needs BenchMARL")
+    printed = run_in_process("benchmarl_game.py", "--frames", "8192")
+    returns = [float(found) for found in re.findall(r"mean return ([+-]\d\.\d+)$", printed, re.MULTILINE)]
+    assert returns[-1] > returns[0] + 0.2
+
+
 def test_rllib_two_policies__both_learn_on_a_local_ray(run_in_process: Run) -> None:
     _needs("rllib_two_policies.py", "ray", "rllib")
     printed = run_in_process(
