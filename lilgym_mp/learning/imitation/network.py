@@ -9,11 +9,13 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
+from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
 from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
@@ -51,6 +53,23 @@ class StatementEncodings(NamedTuple):
 
     key_values: tuple[Tensor, ...]  # (S, T, 2 d) per layer
     mask: Tensor  # (S, 1, 1, T) additive attention mask of the padding
+
+    @classmethod
+    def from_cache(cls, statements: Sequence[Sequence[Tensor]]) -> StatementEncodings:
+        """From cached statements: the key-values of each, without padding."""
+        padded = [pad_sequence(list(parts), batch_first=True) for parts in zip(*statements, strict=True)]
+        missing = max(0, MIN_PADDED_WORDS - padded[0].shape[1])
+        key_values = tuple(F.pad(key_value, (0, 0, 0, missing)) for key_value in padded)
+        lengths = torch.tensor([len(parts[0]) for parts in statements], device=key_values[0].device)
+        positions = torch.arange(key_values[0].shape[1], device=lengths.device)
+        return cls(key_values, attention_mask(positions[None] < lengths[:, None]))
+
+
+class Packing(NamedTuple):
+    """Mapping between R packed rows and their (S, N) padded form, so that linear layers skip the padding."""
+
+    padded: Tensor  # (S, N) row index; 0 is padding
+    positions: Tensor  # (R,) index of each row among the S * N
 
 
 class BoxEncodings(NamedTuple):
@@ -96,15 +115,20 @@ class Attention(nn.Module):
         self.key_value = nn.Linear(width, 2 * width)
         self.out = nn.Linear(width, width)
 
-    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor) -> Tensor:
-        """`x` (S, N, d); `key_value` (S, T, 2 d) from `self.key_value`; `mask` as in `StatementEncodings`."""
+    def forward(self, x: Tensor, key_value: Tensor, mask: Tensor, packing: Packing | None = None) -> Tensor:
+        """`x` (S, N, d), or (R, d) with `packing`; `key_value` (S, T, 2 d) from `self.key_value`; `mask` as in
+        `StatementEncodings`."""
         query = self.query(self.norm(x))
+        if packing is not None:
+            query = query.index_select(0, packing.padded.flatten()).unflatten(0, packing.padded.shape)
         batch, count, width = query.shape
         query = query.view(batch, count, self.heads, -1).transpose(1, 2)
         key, value = key_value.unflatten(2, (2, self.heads, -1)).permute(2, 0, 3, 1, 4)
         scores = torch.matmul(query * (width // self.heads) ** -0.5, key.transpose(-1, -2)) + mask.to(query.dtype)
         mixed = torch.matmul(scores.softmax(-1).to(value.dtype), value)
         mixed = mixed.transpose(1, 2).reshape(batch, count, width)
+        if packing is not None:
+            mixed = mixed.flatten(0, 1).index_select(0, packing.positions)
         return x + self.out(mixed)
 
 
