@@ -3,7 +3,7 @@
 Write the dataset first (a few seconds); docs/solver.md gives the accuracy on dev:
     lilgym-mp demos TowerFlipIt --minari lilgym/tower-flipit-v0 --observation structured
     python examples/behaviour_cloning.py lilgym/tower-flipit-v0 --minutes 3
-Needs the extras `sb3` (for torch) and `minari`.
+Needs the extras `train` and `minari`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ try:
     import torch
     from ppo_single_file import COLOUR, MEANT, SEEN, SWAPS, Network, State, Tasks
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3,minari]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train,minari]"')
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY = 512, 1e-3, 1e-2
 MADE = MEANT.argsort(1)  # (6, 13) the action with swapped colours for each of the environment's actions

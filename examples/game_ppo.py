@@ -3,7 +3,7 @@
 Under the protocol "joint" the proposer edits while the verifier says when to stop, and both get the reward of the MDP:
 one must learn to make the statement true, the other to recognise when it is. Each side has a network of its own, which
 reads the statement's words and the blocks of each box. docs/game_experiments.md shows the curve.
-Needs torch (extra `sb3`). Run: python examples/game_ppo.py --minutes 5
+Needs the extra `train`. Run: python examples/game_ppo.py --minutes 5
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ try:
     from torch import Tensor, nn
     from torch.distributions import Categorical
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')
 
 GAME: dict[str, Any] = {"appearance": "tower", "protocol": "joint", "rewards": "common", "views": "structured"}
 GROUPS, GAMES_PER_GROUP = 32, 8  # the games of a group play tasks of one statement

@@ -3,7 +3,7 @@
 It sees the blocks of each box instead of pixels (`structured_observation_v0`). What matters besides the network: in
 training STOP is forced wherever it succeeds, with its whole return as advantage; and data augmentation: colours are
 swapped in words, blocks and actions alike, which makes six statements of each.
-docs/training.md shows the curve. Needs torch (extra `sb3`). Run: python examples/ppo_single_file.py --minutes 5
+docs/training.md shows the curve. Needs the extra `train`. Run: python examples/ppo_single_file.py --minutes 5
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ try:
     from torch.distributions import Categorical
     from torch.nn import functional
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[sb3]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')
 
 GROUPS, GROUP = 64, 8  # 64 groups of 8 environments; a group plays one statement, which is read once for all
 STEPS = 8  # of each environment in a rollout

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+import shlex
 from importlib import import_module
 from pathlib import Path
 from pkgutil import resolve_name
 
 import pytest
 
+from lilgym_mp.cli import parse_args
 from tests.documents import run_document
 
 ROOT = Path(__file__).parent.parent
@@ -84,6 +86,20 @@ def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
         if not text[: block.start()].rstrip().endswith(NOT_RUN)
     ]
     assert unmarked == [], f"run the code of these documents in DOCUMENTS, or precede it by {NOT_RUN}"
+
+
+def test_commands__are_accepted_by_the_parser() -> None:
+    pages = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+    commands = [
+        command
+        for page in pages
+        for command in re.findall(r"^ *(?:\$ |    )lilgym-mp (.*)", page.read_text().replace("\\\n", ""), re.MULTILINE)
+    ]
+    assert len(commands) > 60
+    for command in commands:
+        words = shlex.split(re.sub(r" [|>&].*", "", command), comments=True)
+        if "--help" not in words and "--version" not in words:
+            parse_args(words)
 
 
 def test_run_document__reports_wrong_output_and_errors(tmp_path: Path) -> None:

@@ -103,14 +103,14 @@ def test_sb3_ppo__learns_the_same_with_subprocesses_and_with_a_batch(run: Run, o
 
 
 def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
-    _needs("ppo_single_file.py", "torch", "sb3")
+    _needs("ppo_single_file.py", "torch", "train")
     last = run("ppo_single_file.py", "--steps", "4096", "--env", "lilgym_mp/TowerFlipIt-v0").splitlines()[-1]
     assert re.fullmatch(r" +4,096 +\d+ +0\.\d{3}  0\.\d{3}", last)
 
 
 def test_behaviour_cloning__learns_from_a_dataset(run: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     _needs("behaviour_cloning.py", "minari", "minari")
-    _needs("behaviour_cloning.py", "torch", "sb3")
+    _needs("behaviour_cloning.py", "torch", "train")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     monkeypatch.syspath_prepend(EXAMPLES)
     options = ["--episodes", "30", "--jobs", "1", "--minari", "own-v0", "--observation", "structured"]
@@ -121,7 +121,7 @@ def test_behaviour_cloning__learns_from_a_dataset(run: Run, monkeypatch: pytest.
 
 
 def test_train_language_model__reports_both_phases(run: Run) -> None:
-    _needs("train_language_model.py", "torch", "sb3")
+    _needs("train_language_model.py", "torch", "train")
     short = ("--rows", "40", "--supervised-steps", "2", "--reward-steps", "1", "--prompts", "2", "--plans", "random")
     phases = [json.loads(line)["phase"] for line in run("train_language_model.py", *short).splitlines()]
     assert phases == ["supervised", "supervised", "rewarded by success"]

@@ -198,7 +198,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
         NamedPolicy(
             ", ".join(
                 [
-                    f"{description.kind} ({path})",
+                    description.kind if description.kind == str(path) else f"{description.kind} ({path})",
                     *[mode] * (len(action_modes) > 1),
                     *[f"mask {mask}"] * (len(masks) > 1),
                 ]
@@ -266,7 +266,8 @@ def warnings(results: Sequence[Result]) -> list[str]:
     notes: list[str] = []
     for result in results:
         stopped = sum(len(episode.actions) == 1 for episode in result.episodes)
-        if stopped == len(result.episodes) and result.summary.accuracy < 0.5:
+        trained = "run" in result.named.details
+        if trained and stopped == len(result.episodes) and result.summary.accuracy < 0.5:
             notes.append(
                 f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
                 " evaluate sampled actions (--actions sampled), or train it longer"

@@ -119,7 +119,7 @@ def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
             except AgentError as error:
                 failed = {"task": task_id, "error": str(error), "messages": player.conversation}
                 _write_transcripts(args, [*lines, json.dumps(failed, ensure_ascii=False) + "\n"])
-                raise CommandError(f"{task_id}: {error} ({len(episodes)} episodes were played before)") from None
+                raise CommandError(f"{task_id}: {error} ({len(episodes)} played before)") from None
             print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
             episodes.append(episode)
             lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -51,6 +52,15 @@ def test_evaluate__counts_no_statement_as_seen_or_unseen(
     assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", split]) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if "TowerScratch" in line and "100.0 %" in line)
     assert [cell.strip() for cell in row.split("|")].count("-") == 2
+
+
+def test_evaluate__gives_advice_on_training_for_trained_agents_only(
+    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", "--policy", "random-unmasked", "--corpus", corpus, "--split", split]) == 0
+    output = capsys.readouterr().out
+    assert re.search(r"^\| random unmasked .* 1\.0 \|", output, re.MULTILINE)  # it stopped at once
+    assert "train it longer" not in output
 
 
 def test_array_observations__take_the_words_of_that_split(corpus: str, split: str) -> None:

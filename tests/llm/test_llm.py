@@ -194,7 +194,7 @@ def test_command__an_agents_exception_is_one_line_and_keeps_the_transcript(
     monkeypatch.setattr(agents_module, "AGENTS", {"failing": Failing})
     assert main(["llm", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "the agent raised RuntimeError: out of\\x1b[31m memory (0 episodes were played before)" in line
+    assert "the agent raised RuntimeError: out of\\x1b[31m memory (0 played before)" in line
     (failed,) = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
     assert [message["role"] for message in failed["messages"]] == ["system", "user", "assistant", "user"]
     assert "out of" in failed["error"]
