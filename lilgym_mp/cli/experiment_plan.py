@@ -17,7 +17,7 @@ from lilgym_mp.options import CommandError, flag_name
 
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
-LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions")
+LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
 POLICIES_RUN = "policies"
 
 
@@ -149,6 +149,9 @@ def _learner_runs(
         raise checker.error(f"{prefix}configurations", "one agent plays all configurations; leave the key out")
     seeds = _seeds(checker, f"{prefix}seeds", table.get("seeds", common["seeds"]))
     modes = checker.checked_list(f"{prefix}actions", table.get("actions", [GREEDY]), [GREEDY, SAMPLED], str)
+    passes = table.get("passes", 1)
+    if type(passes) is not int or passes < 1:
+        raise checker.error(f"{prefix}passes", f"must be a whole number above 0, not {passes!r}")
     options = {key: value for key, value in table.items() if key not in LEARNER_KEYS}
     training = ["--corpus", _training_corpus(checker, f"{prefix}corpus", table, configurations, environment[1])]
     if not learner.plays_everything:
@@ -157,6 +160,7 @@ def _learner_runs(
         budget, recipe = _checked_options(checker, prefix, learner, configuration, options)
         played = _played_configurations(configuration, recipe, all_configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played, *evaluation)
+        evaluate = (*evaluate, *(["--passes", str(passes)] if passes > 1 else []))
         if learner.evaluate != "evaluate":
             evaluate = (learner.evaluate, *environment[:2])
         for seed in seeds:

@@ -60,6 +60,7 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     name = "forced"
     configurations = ["TowerFlipIt"]
     stop_forcing = true
+    passes = 3
     """
     plan = read_plan(write_file(tmp_path / "a.toml", text))
     assert [planned.name for planned in plan] == [
@@ -69,6 +70,8 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert plan[1].budget == ("step", 30)
     assert " ".join(plan[2].train) == "train ppo TowerFlipIt --seed 0 --corpus builtin --horizon 9 --stop-forcing"
     assert [words[-1] for words in plan[2].evaluate] == ["dev", "test"]
+    assert all("--passes 3" in " ".join(words) for words in plan[2].evaluate)
+    assert "--passes" not in plan[1].evaluate[0]
     assert plan[4].train == ()
 
 
@@ -133,6 +136,7 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
         (SMALL + "envs = true", r"learners\[0\]\.envs: must be of type int, not True"),
         (SMALL + "steps = 0", r"learners\[0\]\.steps: must be a number above 0"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
+        (SMALL + "passes = 0", r"learners\[0\]\.passes: must be a whole number above 0, not 0"),
         (SMALL + '[[learners]]\nlearner = "ppo"', "learners: two have the same name"),
         (SMALL + 'corpus = "/nowhere.jsonl"', r"learners\[0\]\.corpus: .*nowhere"),
         (SMALL + "corpus = 1", r"learners\[0\]\.corpus: must be a string, not 1"),
