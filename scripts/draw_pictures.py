@@ -51,7 +51,7 @@ SHOWN = {  # tasks for the films
     "ScatterFlipIt": "scatter-dev-040-d",
 }
 PROPOSERS = {"critique": SNEAKY_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
-GAME_SEED = 2
+GAME_SEED = 7
 LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
 
@@ -118,7 +118,7 @@ def draw_games() -> None:
 
 def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     """A game as rendered by mode "rgb_array"."""
-    game = parallel_env(protocol=protocol, split=SPLIT, render_mode="rgb_array")
+    game = parallel_env(protocol=protocol, start="flipit", split=SPLIT, render_mode="rgb_array")
     rng = np.random.default_rng(seed)
     game.reset(seed=seed)
     players: dict[str, Partner] = dict(

@@ -29,6 +29,7 @@ SHORTER: Mapping[str, str] = {  # long-running parts of commands, and their repl
     "--corpus lilgym": "--corpus builtin",
     "--steps 1700": "--steps 2",
     "--minutes 10": "--minutes 0.05",
+    "--minutes 4": "--minutes 0.05",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "--minutes 3": "--minutes 0.05",
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",

@@ -32,8 +32,8 @@ def test_quickstarts__contain_every_line_of_readme():
 
 
 def test_quickstarts__shorten_training_unless_full():
-    (full,) = [quick for quick in quickstarts(full=True) if (quick.document, quick.extra) == ("README.md", "sb3")]
-    (short,) = [quick for quick in quickstarts(full=False) if (quick.document, quick.extra) == ("README.md", "sb3")]
+    (full,) = [quick for quick in quickstarts(full=True) if (quick.document, quick.extra) == ("README.md", "train")]
+    (short,) = [quick for quick in quickstarts(full=False) if (quick.document, quick.extra) == ("README.md", "train")]
     assert any("--minutes 10" in line.code for line in full.lines)
     assert not any("--minutes 10" in line.code or "lilgym " in line.code for line in short.lines)
 
@@ -41,10 +41,10 @@ def test_quickstarts__shorten_training_unless_full():
 @pytest.mark.long
 @pytest.mark.filterwarnings("default")
 def test_readme_commands__run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    pytest.importorskip("torch", reason="needs the extra train")
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("LILGYM_DATA", raising=False)
-    (quick,) = [quick for quick in quickstarts(full=False) if (quick.document, quick.extra) == ("README.md", "sb3")]
+    (quick,) = [quick for quick in quickstarts(full=False) if (quick.document, quick.extra) == ("README.md", "train")]
     commands = [line.code for line in quick.lines if line.kind == "command"]
     assert len(commands) > 3
     for command in commands:

@@ -133,9 +133,10 @@ class GameEngine:
         step = self.last_step = self.game.step(state, proposer, verifier)
         self._state = step.state
         if self.render_mode is not None:
+            answered = None if state.proposal is None else self.game.encode_action(PROPOSER, state.proposal)
             described = [
                 f"{AGENTS[role]}: {self.game.describe(role, action)}"
-                for role, action in ((PROPOSER, proposer), (VERIFIER, verifier))
+                for role, action in ((PROPOSER, proposer if answered is None else answered), (VERIFIER, verifier))
                 if action is not None
             ]
             self._last_actions = ";  ".join(described)

@@ -157,6 +157,14 @@ def test_render__shows_the_last_actions():
     assert "continues, rewards -0.1 and -0.1" in shown
 
 
+def test_render__shows_an_answer_with_the_proposal_that_it_answers():
+    game = env(protocol="veto", render_mode="ansi")
+    game.reset(seed=0)
+    game.step(ADD_BLUE)
+    game.step(game.unwrapped.read_action(VERIFIER, "accept"))
+    assert "proposer_0: ADD(LEFT, BLUE);  verifier_0: accept" in str(game.render())
+
+
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_random_play_that_ignores_masks__never_raises(protocol: str, appearance: str):
