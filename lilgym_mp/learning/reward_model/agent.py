@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
+from torch import nn
 
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus.records import FLIPIT
@@ -23,25 +24,25 @@ from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Judge, Planner
+from lilgym_mp.learning.reward_model.search import Judge, Planner, mean_probabilities
 from lilgym_mp.rules import State
-from lilgym_mp.scene import BOX_COUNT, Scene
+from lilgym_mp.scene import Scene
 
 KIND = "reward-model"
 VERSION = 1
 SUPERVISION = "rewards; knows the rules of editing"
 
 
-def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTable) -> ModulatedNetwork:
-    return ModulatedNetwork(
-        len(vocabulary),
-        table.item_width,
-        table.box_width,
-        width=recipe.width,
-        counts=recipe.counts,
-        tokens=recipe.tokens,
-        dropout=recipe.dropout,
-    )
+class Networks(nn.ModuleList):
+    """The recipe's members."""
+
+    def __init__(self, recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTable) -> None:
+        sizes = {name: getattr(recipe, name) for name in ("width", "counts", "tokens", "dropout")}
+        shape = len(vocabulary), table.item_width, table.box_width
+        super().__init__(ModulatedNetwork(*shape, **sizes) for _ in range(recipe.members))
+
+    def members(self) -> list[ModulatedNetwork]:
+        return cast("list[ModulatedNetwork]", [*self])
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class RewardModelAgent:
 
     description: ModelDescription
     recipe: RewardModelRecipe
-    network: ModulatedNetwork
+    networks: Networks
     vocabulary: Vocabulary
 
     @property
@@ -66,7 +67,7 @@ class RewardModelAgent:
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         is_flipit = settings.start == FLIPIT
-        return Planner(self.network, self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
+        return Planner(self.networks.members(), self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
 
     def verifier(self) -> Partner:
         """The model as the verifier of the two-agent game."""
@@ -76,12 +77,11 @@ class RewardModelAgent:
 
     @torch.inference_mode()
     def probabilities(self, statement: str, scenes: Sequence[Scene]) -> Float64Array:
-        """(N,) that the statement is true in each scene, averaged over exchanges of colours as in the search."""
+        """(N,) that the statement is true in each scene, averaged as in the search."""
         reader = self._reader()
-        judge = Judge(self.network, reader, statement, self.recipe.averaged_exchanges, target=True)
-        boxes = np.array([reader.table.of(scene) for scene in scenes])
-        _, values = judge.box_values(boxes.ravel())
-        return torch.sigmoid(judge.logits(values.unflatten(1, (-1, BOX_COUNT)).sum(2))).mean(0).double().numpy()
+        exchanges = self.recipe.averaged_exchanges
+        judges = [Judge(one, reader, statement, exchanges, target=True) for one in self.networks.members()]
+        return np.mean([mean_probabilities(judge.scene_logits(scenes)) for judge in judges], axis=0)
 
     def success_probability(self, state: State) -> float:
         """That the statement has its target value in the state's scene; reads no program."""
@@ -113,6 +113,6 @@ def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
         recipe = RewardModelRecipe.from_json(description.recipe)
         vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
         table = BoxTable(CONFIGURATIONS[description.configurations[0]][0])
-        network = make_network(recipe, vocabulary, table)
-    load_weights(network, tensors, path)
-    return RewardModelAgent(description, recipe, network.eval(), vocabulary)
+        networks = Networks(recipe, vocabulary, table)
+    load_weights(networks, tensors, path)
+    return RewardModelAgent(description, recipe, networks.eval(), vocabulary)

@@ -14,6 +14,7 @@ class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
     width: int = setting(64, "network width; a multiple of 4", 4)
+    members: int = setting(1, "networks trained in turn on the same data; their mean probability decides", 1)
     counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")
     tokens: int = setting(6, "queries that read the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
@@ -46,6 +47,14 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
+    "tower": {
+        "counts": 0,
+        "first_stops": 150,
+        "dropout": 0.15,
+        "unknown_words": 0.05,
+        "averaged_exchanges": 6,
+        "members": 3,
+        "beam": 8,
+    },
     "scatter": {"first_stops": 250, "reuse": 12, "beam": 3},
 }

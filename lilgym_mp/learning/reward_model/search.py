@@ -42,6 +42,7 @@ from lilgym_mp.solver.edit_tables import (
 TOWER_ROUNDS = 3
 FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
 SURE = 0.995  # mean probability with which a search in Scatter ends
+PROPOSED = 8  # plans of each of several networks
 MACRO_PARTS = 10  # best single edits of a scene that are combined to pairs
 
 
@@ -68,6 +69,12 @@ class Judge:
         """(E, N) of success, from values (E, N, 2 (d + k)) summed over boxes."""
         return self._sign * self.network.logits(self.reading, sums)
 
+    def scene_logits(self, scenes: Sequence[Scene]) -> Tensor:
+        """(E, N) of success."""
+        indices = np.array([self.reader.table.of(scene) for scene in scenes])
+        _, values = self.box_values(indices.ravel())
+        return self.logits(values.unflatten(1, (-1, BOX_COUNT)).sum(2))
+
     def box_values(self, indices: Int64Array) -> tuple[Tensor, Tensor]:
         """(E, U, d + k) item sums of boxes and (E, U, 2 (d + k)) their values."""
         features = self.reader.boxes(indices[None])
@@ -80,16 +87,16 @@ class Planner:
 
     def __init__(
         self,
-        network: ModulatedNetwork,
+        networks: Sequence[ModulatedNetwork],
         reader: InputReader,
         dynamics: Dynamics,
         recipe: RewardModelRecipe,
         *,
         is_flipit: bool,
     ) -> None:
-        """`is_flipit`: a start is never solved, so that STOP is no plan there."""
+        """Each network proposes; their mean decides. `is_flipit`: a start is never solved: STOP is no plan there."""
         self.dynamics, self.recipe = dynamics, recipe
-        self._network, self._reader, self._is_flipit = network, reader, is_flipit
+        self._networks, self._reader, self._is_flipit = networks, reader, is_flipit
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         """A plan from the scene, after `steps` actions of the episode."""
@@ -99,15 +106,35 @@ class Planner:
     def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
         """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
         table = self._reader.renewed_table()
-        judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
+        exchanges = self.recipe.averaged_exchanges
+        judges = [Judge(one, self._reader, statement, exchanges, target=target) for one in self._networks]
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
         plan = {"tower": _plan_tower, "scatter": _plan_scatter}[table.appearance]
-        plans = plan(judge, scene, most_edits, self.dynamics, self.recipe, most, may_stop=may_stop)
+        proposed = max(most, PROPOSED) if len(judges) > 1 else most
+        plans = [
+            one
+            for judge in judges
+            for one in plan(judge, scene, most_edits, self.dynamics, self.recipe, proposed, may_stop=may_stop)
+        ]
+        if len(judges) > 1:
+            plans = self._chosen(judges, scene, plans)[:most]
         lowest = plans[0].success_probability - self.recipe.edit_cost
         return [
             plan for plan in plans if len(plan.actions) == len(plans[0].actions) and plan.success_probability >= lowest
         ]
+
+    def _chosen(self, judges: Sequence[Judge], scene: Scene, plans: Sequence[Plan]) -> list[Plan]:
+        """The plans with the judges' mean probability, best first."""
+        goals: list[Scene] = []
+        for plan in plans:
+            goal = scene
+            for action in plan.actions[:-1]:
+                goal, _ = self.dynamics.appearance.apply(goal, action, self.dynamics.rules.placement)
+            goals.append(goal)
+        means = np.mean([mean_probabilities(judge.scene_logits(goals)) for judge in judges], axis=0)
+        found = [plan._replace(success_probability=mean) for plan, mean in zip(plans, means.tolist(), strict=True)]
+        return sorted(found, key=lambda plan: self.recipe.edit_cost * len(plan.actions) - plan.success_probability)
 
 
 # Tower
@@ -162,7 +189,7 @@ def _plan_tower(
         known = known[edits_to(known) > 0]
     if not len(known):
         return [Plan((STOP,), 0.0)]
-    probabilities = _mean_probabilities(
+    probabilities = mean_probabilities(
         judge.logits(sum_boxes(values, torch.from_numpy(known).expand(len(values), -1, -1)))
     )
     order = np.argsort(recipe.edit_cost * edits_to(known) - probabilities, kind="stable")
@@ -252,10 +279,8 @@ class _ScatterSearch:
         """The scenes with their exact values."""
         if not scenes:
             return []
-        indices = np.array([self._table.of(scene) for scene, _ in scenes])
-        _, values = self._judge.box_values(indices.ravel())
-        logits = self._judge.logits(values.unflatten(1, (-1, BOX_COUNT)).sum(2))
-        means, probabilities = logits.mean(0).tolist(), _mean_probabilities(logits).tolist()
+        logits = self._judge.scene_logits([scene for scene, _ in scenes])
+        means, probabilities = logits.mean(0).tolist(), mean_probabilities(logits).tolist()
         return [_Node(*one) for one in zip(*zip(*scenes, strict=True), means, probabilities, strict=True)]
 
     def _expanded(self, node: _Node, most_edits: int) -> list[tuple[float, _Node, tuple[_Edit, ...]]]:
@@ -359,6 +384,6 @@ def _canonical() -> tuple[Tensor, Int64Array]:
     return torch.from_numpy(scatter_item_features(items)).float(), look_counts(items[:, None])
 
 
-def _mean_probabilities(logits: Tensor) -> Float64Array:
+def mean_probabilities(logits: Tensor) -> Float64Array:
     """(N,) from (E, N)."""
     return torch.sigmoid(logits).mean(0).double().numpy()

@@ -22,7 +22,7 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.batches import vocabulary_of
-from lilgym_mp.learning.reward_model.agent import KIND, RewardModelAgent, describe, make_network
+from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
 from lilgym_mp.learning.reward_model.collection import (
     Collector,
     Entry,
@@ -47,7 +47,7 @@ SEARCHES_PER_COLLECTION = 4
 SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
 HELD_OUT_STOPS = 150  # per held-out statement
 JUDGED = 60  # scenes per held-out statement in a measurement of accuracy
-WARM_UP = 100  # optimiser steps of linear warm-up; cosine decay follows
+WARM_UP = 100  # optimiser steps of linear warm-up of each network; cosine decay follows
 
 
 class Progress(NamedTuple):
@@ -138,10 +138,10 @@ class _Run(TimedRun[tuple[float, float]]):
         # the search begins new tables as it goes
         self._search_reader = InputReader(vocabulary, BoxTable(settings.appearance), self._device)
         torch.manual_seed(seed)
-        self._network = make_network(recipe, vocabulary, self._table).to(self._device)
-        self._averaged = copy.deepcopy(self._network).eval().requires_grad_(requires_grad=False)
+        self._networks = Networks(recipe, vocabulary, self._table).to(self._device)
+        self._averaged = copy.deepcopy(self._networks).eval().requires_grad_(requires_grad=False)
         self._optimiser = torch.optim.AdamW(
-            self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+            self._networks.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         if resume:
             self.load(self._device)
@@ -170,22 +170,24 @@ class _Run(TimedRun[tuple[float, float]]):
         kinds = [int(rng.choice(self._reader.kinds(entry.statement))) for entry in entries]
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
-        self._network.train()
+        turn, member = divmod(self.counters.steps, recipe.members)
+        network = self._networks.train().members()[member]
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
-        logits, truths = self._judged(self._network, columns, entries, indices)
+        logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
         value = loss.item()
         if not math.isfinite(value):
             raise self.not_finite()
         self._optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(self._network.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(network.parameters(), 1.0)
         self._optimiser.step()
         self.counters.steps += 1
         self.counters.labels += truths.numel()
-        decay = min(recipe.averaging, (1 + self.counters.steps) / (10 + self.counters.steps))
+        decay = min(recipe.averaging, (2 + turn) / (11 + turn))
         with torch.no_grad():
-            for average, parameter in zip(self._averaged.parameters(), self._network.parameters(), strict=True):
+            averaged = self._averaged.members()[member]
+            for average, parameter in zip(averaged.parameters(), network.parameters(), strict=True):
                 average.lerp_(parameter, 1 - decay)
         return value, float(((logits > 0) == (truths > 0.5)).float().mean())
 
@@ -203,7 +205,7 @@ class _Run(TimedRun[tuple[float, float]]):
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
-        warm_up = min(1.0, (self.counters.steps + 1) / WARM_UP)
+        warm_up = min(1.0, (self.counters.steps // self._recipe.members + 1) / WARM_UP)
         return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self.progress()))))
 
     @torch.inference_mode()
@@ -215,8 +217,9 @@ class _Run(TimedRun[tuple[float, float]]):
         indices = [sample_scenes(entry, JUDGED, 1.0, rng) for entry in entries]
         kinds = [self._reader.kinds(entry.statement)[0] for entry in entries]
         columns = self._reader.statements([entry.statement for entry in entries], kinds)
-        logits, truths = self._judged(self._averaged, columns, entries, indices)
-        return float(((logits > 0) == (truths > 0.5)).float().mean())
+        judged = [self._judged(member, columns, entries, indices) for member in self._averaged.members()]
+        probabilities = torch.stack([torch.sigmoid(logits) for logits, _ in judged]).mean(0)
+        return float(((probabilities > 0.5) == (judged[0][1] > 0.5)).float().mean())
 
     # Data collection
 
@@ -254,19 +257,25 @@ class _Run(TimedRun[tuple[float, float]]):
         reader = self._search_reader
         table = reader.renewed_table()
         kinds = [int(self._rng.choice(reader.kinds(entry.statement))) for entry in entries]
-        reading = self._averaged.read(*reader.statements([entry.statement for entry in entries], kinds))
+        member = self._random_member()
+        reading = member.read(*reader.statements([entry.statement for entry in entries], kinds))
 
         def judge(scenes: Sequence[Sequence[Scene]]) -> Float64Array:
             features, local = reader.scenes(np.array([[table.of(scene) for scene in row] for row in scenes]))
-            return self._averaged(reading, features, local).double().numpy()
+            return member(reading, features, local).double().numpy()
 
         self._collector.climb(entries, judge)
+
+    def _random_member(self) -> ModulatedNetwork:
+        return self._averaged.members()[int(self._rng.integers(self._recipe.members))]
 
     def _search(self, entry: Entry) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
         recipe = replace(self._recipe, averaged_exchanges=1)
-        planner = Planner(self._averaged, self._search_reader, self._settings.dynamics(), recipe, is_flipit=False)
+        planner = Planner(
+            [self._random_member()], self._search_reader, self._settings.dynamics(), recipe, is_flipit=False
+        )
         target = bool(self._rng.integers(2))
         start = entry.tasks[task_index].start
         index = self._collector.stop(entry, task_index, start, 0)
@@ -295,7 +304,7 @@ class _Run(TimedRun[tuple[float, float]]):
 
     def state(self) -> dict[str, Any]:
         return {
-            "network": self._network.state_dict(),
+            "networks": self._networks.state_dict(),
             "averaged": self._averaged.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "played": [self._collector.stops, self._collector.steps],
@@ -303,7 +312,7 @@ class _Run(TimedRun[tuple[float, float]]):
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._network.load_state_dict(state["network"])
+        self._networks.load_state_dict(state["networks"])
         self._averaged.load_state_dict(state["averaged"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._collector.stops, self._collector.steps = state["played"]

@@ -17,7 +17,7 @@ from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchang
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Planner, _box_distances
+from lilgym_mp.learning.reward_model.search import Judge, Plan, Planner, _box_distances, mean_probabilities
 from lilgym_mp.rules import Outcome, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.task import Task
@@ -26,14 +26,17 @@ STATEMENT = "there is a black block on the left"
 VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))
 
 
-def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Planner:
+def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True, members: int = 1) -> Planner:
     table = BoxTable(appearance)
     torch.manual_seed(seed)
     counts = 4 if appearance == "scatter" else 0
-    network = ModulatedNetwork(len(VOCABULARY), table.item_width, table.box_width, counts=counts).eval()
+    shape = len(VOCABULARY), table.item_width, table.box_width
+    networks = [
+        ModulatedNetwork(*shape, counts=counts).eval().requires_grad_(requires_grad=False) for _ in range(members)
+    ]
     reader = InputReader(VOCABULARY, table, torch.device("cpu"))
     dynamics = make_dynamics(make_appearance(appearance))
-    return Planner(network, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
+    return Planner(networks, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
@@ -42,7 +45,7 @@ def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: st
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
     task = tasks[data.draw(st.integers(0, len(tasks) - 1))]
     steps = data.draw(st.sampled_from([0, 5, 9, 10, 11]))
-    planner = new_planner(appearance, seed=data.draw(st.integers(0, 3)))
+    planner = new_planner(appearance, seed=data.draw(st.integers(0, 3)), members=data.draw(st.integers(1, 2)))
     plan = planner.plan(task.start, task.statement, task.target, steps)
     state = State(task, task.start, steps)
     for index, action in enumerate(plan.actions):
@@ -51,6 +54,41 @@ def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: st
         assert ends == (index == len(plan.actions) - 1)
         state = transition.state
     assert 0 <= plan.success_probability <= 1
+
+
+def test_plans__of_several_networks_are_ranked_by_their_mean_probability():
+    planner = new_planner("tower", members=3)
+    task = load_tasks("builtin", "tower", "flipit", "dev")[0]
+    singles = [
+        Planner([one], planner._reader, planner.dynamics, planner.recipe, is_flipit=True) for one in planner._networks
+    ]
+    plan = planner.plan(task.start, task.statement, task.target)
+
+    def mean(plan: Plan) -> float:
+        state = planner.dynamics.start(task)
+        for action in plan.actions:
+            state = planner.dynamics.step(state, action).state
+        judges = [Judge(one, planner._reader, task.statement, 2, target=task.target) for one in planner._networks]
+        return float(np.mean([mean_probabilities(judge.scene_logits([state.scene])) for judge in judges]))
+
+    assert mean(plan) == pytest.approx(plan.success_probability, abs=1e-5)
+    for single in singles:
+        own = single.plan(task.start, task.statement, task.target)
+        cost = planner.recipe.edit_cost
+        assert mean(own) - cost * len(own.actions) <= plan.success_probability - cost * len(plan.actions) + 1e-6
+
+
+def test_plans__are_as_short_as_the_best_and_nearly_as_sure():
+    planner = new_planner("tower")
+    task = load_tasks("builtin", "tower", "flipit", "dev")[0]
+    best, *others = planner.plans(task.start, task.statement, task.target, most=20)
+    assert best == planner.plan(task.start, task.statement, task.target)
+    assert others
+    for plan in others:
+        assert len(plan.actions) == len(best.actions)
+        assert (
+            best.success_probability - planner.recipe.edit_cost <= plan.success_probability <= best.success_probability
+        )
 
 
 def test_plan__does_not_stop_in_a_flipit_start():
@@ -107,9 +145,10 @@ def test_network__ignores_the_order_of_boxes(appearance: str):
     planner = new_planner(appearance)
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:9]]
     one, two, three = (planner._reader.table.of(start)[0] for start in starts[::4])
-    reading = planner._network.read(*planner._reader.statements([STATEMENT], [0]))
+    network = planner._networks[0]
+    reading = network.read(*planner._reader.statements([STATEMENT], [0]))
     features, scenes = planner._reader.scenes(np.array([[[one, two, three], [three, one, two], [two, two, two]]]))
-    logits = planner._network(reading, features, scenes)[0].detach()
+    logits = network(reading, features, scenes)[0].detach()
     assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
     assert abs(logits[0] - logits[2]) > 1e-4
 

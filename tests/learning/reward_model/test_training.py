@@ -43,9 +43,9 @@ def train(
     return train_reward_model(settings, small_recipe(settings, **changes), out, steps=steps), settings
 
 
-@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path, name: str):
-    agent, settings = train(statements, name, tmp_path / "run")
+@pytest.mark.parametrize(("name", "members"), [("TowerFlipIt", 2), ("ScatterFlipIt", 1)])
+def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path, name: str, members: int):
+    agent, settings = train(statements, name, tmp_path / "run", members * STEPS, members=members)
     assert accuracy(agent, settings) == 1
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
 
@@ -217,7 +217,7 @@ def test_agent_file__is_loaded_and_named_in_faults(statements: str, tmp_path: Pa
     with pytest.raises(AgentError, match="does not play TowerFlipIt"):
         loaded.policy(replace(settings, configuration="TowerFlipIt"))
     broken = replace(agent.description, details={"vocabulary": 3})
-    save_model(tmp_path / "broken.safetensors", broken, agent.network.state_dict())
+    save_model(tmp_path / "broken.safetensors", broken, agent.networks.state_dict())
     with pytest.raises(ModelFileError, match=r"broken\.safetensors: its description cannot be used"):
         open_agent(tmp_path / "broken.safetensors")
 
