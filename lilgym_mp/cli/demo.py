@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import NamedTuple
 
+from lilgym_mp import options
+from lilgym_mp.cli.experiment_plan import PlannedRun
+from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
@@ -22,7 +19,7 @@ from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import RUNS, CommandError, add_seed, check_at_least
+from lilgym_mp.options import CommandError, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
@@ -30,9 +27,9 @@ SPLIT = "dev"
 PARSER_STEPS = 1_900
 IMITATION_MINUTES = 1.5  # CPU time
 FILMED = 6  # episodes of each agent, in two columns
-DIRECTORY = RUNS / "demo"
+DIRECTORY = options.RUNS / "demo"
 POLL_SECONDS = 0.2
-PARSE_AND_PLAN, IMITATION = "parse and plan", "imitation"
+PARSE_AND_PLAN, IMITATION = "parse-and-plan", "imitation"
 
 
 def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -64,16 +61,6 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
     parser.set_defaults(run=run)
 
 
-class TrainingJob(NamedTuple):
-    """A training run in its own process."""
-
-    name: str
-    directory: Path
-    command: Sequence[str]
-    fraction_done: Callable[[dict[str, float]], float]  # computed from the last line of its progress file
-    note: Callable[[dict[str, float]], str]  # a summary of that line
-
-
 def run(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "parser_steps")
     check_at_least(args, 0, "seed")
@@ -85,9 +72,7 @@ def run(args: argparse.Namespace) -> int:
         f"training two agents in parallel on the builtin corpus ({len(settings.make('train').tasks):,} statements for"
         f" {CONFIGURATION}); no statement of {SPLIT} is in the training data"
     )
-    jobs = _training_jobs(args, directory)
-    with _started(jobs) as processes, Progress(100, "% of the slower training") as progress:
-        _wait(jobs, processes, progress)
+    _train(args, directory)
     plan = EvaluationPlan(settings, SPLIT, args.seed)
     named = _named_policies(args, directory)
     with Progress(plan.episodes * len(named), "episodes") as progress:
@@ -96,70 +81,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _training_jobs(args: argparse.Namespace, directory: Path) -> list[TrainingJob]:
+def _train(args: argparse.Namespace, directory: Path) -> None:
+    """Trains both agents, each in its own process. Raises CommandError if one fails."""
     seed = str(args.seed)
     parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
     parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40", "--dropout", "0.1"]
     imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
     imitating += ["--pretraining", "0"]  # not worthwhile in such a short run
-    return [
-        TrainingJob(
-            PARSE_AND_PLAN,
-            directory / "parse-and-plan",
-            parsing,
-            lambda line: line["step"] / line["steps"],
-            lambda line: f"{line['step']:.0f} of {line['steps']:.0f} steps, loss {line['loss']:.2f}",
-        ),
-        TrainingJob(
-            IMITATION,
-            directory / "imitation",
-            imitating,
-            lambda line: line["cpu_seconds"] / (60 * args.minutes),
-            lambda line: f"{line['cpu_seconds']:.0f} of {60 * args.minutes:.0f} CPU seconds",
-        ),
+    plan = [
+        PlannedRun(PARSE_AND_PLAN, ("train", *parsing), (), ("step", args.parser_steps)),
+        PlannedRun(IMITATION, ("train", *imitating), (), ("cpu_seconds", 60 * args.minutes)),
     ]
+    attempts = make_attempts(plan, directory, threads=1)
+    with Progress(100, "% of the slower training") as progress:
 
+        def show() -> None:
+            left = [attempt.fraction_done or 0.0 for attempt in attempts if attempt.status is not RunStatus.FINISHED]
+            progress.reach(int(100 * min(left, default=1.0)))
 
-@contextmanager
-def _started(jobs: Sequence[TrainingJob]) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """One process per job, all terminated on exit."""
-    processes: list[subprocess.Popen[bytes]] = []
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    try:
-        for job in jobs:
-            command = [sys.executable, "-m", "lilgym_mp", "train", *job.command, "--out", str(job.directory)]
-            with job.directory.with_suffix(".log").open("wb") as log:
-                processes.append(subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, env=environment))
-        yield processes
-    finally:
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.wait()
-
-
-def _wait(jobs: Sequence[TrainingJob], processes: Sequence[subprocess.Popen[bytes]], progress: Progress) -> None:
-    """Waits for all processes, showing their progress. Raises CommandError when one fails."""
-    while any(process.poll() is None for process in processes):
-        time.sleep(POLL_SECONDS)
-        current = [_progress_of(job) for job in jobs]
-        note = "; ".join(f"{job.name}: {note}" for job, (_, note) in zip(jobs, current, strict=True))
-        progress.reach(int(100 * min(fraction for fraction, _ in current)), note)
-        for job, process in zip(jobs, processes, strict=True):
-            if process.poll():
-                log = job.directory.with_suffix(".log")
-                lines = log.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-                raise CommandError(f"training {job.name} failed: {lines[-1] if lines else ''} (see {log})")
-
-
-def _progress_of(job: TrainingJob) -> tuple[float, str]:
-    """The fraction of the training that is done, and a note about it."""
-    try:
-        lines = (job.directory / "progress.jsonl").read_text(encoding="utf-8").splitlines()
-        line = json.loads(lines[-1])
-    except (OSError, ValueError, IndexError):
-        return 0.0, "starting"
-    return min(1.0, job.fraction_done(line)), job.note(line)
+        run_locally(attempts, len(attempts), show, POLL_SECONDS)
+    for attempt in attempts:
+        if attempt.status is not RunStatus.FINISHED:
+            raise CommandError(f"training {attempt.planned.name} failed: {attempt.error} (see {attempt.log})")
 
 
 def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPolicy]:
@@ -171,8 +114,8 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
     torch.set_num_threads(1)
     trained: list[NamedPolicy] = []
     for name in (IMITATION, PARSE_AND_PLAN):
-        agent = open_agent(directory / name.replace(" ", "-"), "cpu")
-        details = {"run": name.replace(" ", "-"), "recipe": dict(agent.description.recipe)}
+        agent = open_agent(directory / RUNS / name, "cpu")
+        details = {"run": f"{RUNS}/{name}", "recipe": dict(agent.description.recipe)}
         trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
             torch.manual_seed(args.seed)
@@ -185,12 +128,13 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
 
 def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
     """Writes and prints the results."""
-    explanation = _explanation(directory, plan.settings)
+    parser = directory / RUNS / PARSE_AND_PLAN
+    explanation = _explanation(parser, plan.settings)
     summary = "\n\n".join([str(plan), table(results), supervision_table(results), legend(results)])
     write_json(directory / "results.json", results_json(results, with_episodes=True))
     write_text(directory / "results.md", f"{summary}\n")
     write_text(directory / "explanation.txt", f"{explanation}\n")
-    films = [directory / f"{name.replace(' ', '-')}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
+    films = [directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
     for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
         (result,) = (result for result in results if result.name == name)
         film_grid(film, plan.settings, plan.split, _to_film(result.episodes), columns=2)
@@ -200,25 +144,25 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
         f"\n{summary}\n\n{explanation}\n\n"
         f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"
         f"films:   {', '.join(map(str, films))}\n"
-        f"agents:  {directory / 'parse-and-plan'}, {directory / 'imitation'}; evaluate them on other tasks, such as:\n"
-        f"         lilgym-mp evaluate {directory / 'parse-and-plan'} --configuration ScatterFlipIt --split test"
+        f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate them on other tasks, such as:\n"
+        f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test"
     )
 
 
-def _explanation(directory: Path, settings: Settings) -> str:
+def _explanation(parser: Path, settings: Settings) -> str:
     """The parse-and-plan agent's parse and plan of one of the split's longer statements."""
     from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.explanation import explanation_lines
 
-    agent = open_agent(directory / "parse-and-plan", "cpu")
+    agent = open_agent(parser, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)
     planner = agent.planner(settings)
     tasks = sorted(settings.make(SPLIT).tasks, key=lambda task: (len(task.statement), task.id))
     task = tasks[len(tasks) * 3 // 4]
     plan = planner.plan(task.start, task.statement, task.target)
     lines = explanation_lines(plan, planner, task.statement, task.target)
-    return "\n".join([f"lilgym-mp explain --task {task.id} --agent {directory / 'parse-and-plan'}", "", *lines])
+    return "\n".join([f"lilgym-mp explain --task {task.id} --agent {parser}", "", *lines])
 
 
 def _to_film(episodes: Sequence[Episode]) -> list[Episode]:

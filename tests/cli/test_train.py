@@ -276,7 +276,7 @@ def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_p
         assert (directory / name).exists()
     assert "candidate programs" in (directory / "explanation.txt").read_text()
     assert [row[0] for row in rows((directory / "results.md").read_text())] == [
-        *("random type", "random legal", "untrained network", "imitation", "parse and plan", "expert"),
+        *("random type", "random legal", "untrained network", "imitation", "parse-and-plan", "expert"),
     ]
     found = json.loads((directory / "results.json").read_text())["results"]
     tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
