@@ -43,7 +43,7 @@ def results_page() -> str:
 def accuracies() -> dict[tuple[str, str], list[str]]:
     """Table 2 of the results page: by agent and actions, dev accuracies of the four configurations."""
     rows = table_rows(results_page().split("**Table 2.")[1].split("\n\n")[1])
-    return {(agent, actions): cells for _, agent, _, actions, _, *cells in rows}
+    return {(agent.split(". ")[-1], basis.split("; ")[-1]): cells for agent, basis, *cells in rows}
 
 
 def test_agents__recipes_are_those_of_the_code_and_of_the_shipped_file() -> None:
@@ -78,23 +78,24 @@ def _options(words: list[str] | tuple[str, ...]) -> frozenset[str]:
 
 
 def test_results__each_row_says_where_it_comes_from() -> None:
-    """Trained on, command or recipe, seeds, CPU minutes and commit; n, supervision and actions are in Table 2."""
+    """Trained on, command or recipe, seeds, CPU minutes and commit; supervision, actions and n are in Table 2."""
     table_2, origins = (
         table_rows(results_page().split(start)[1].split("\n\n")[1])
         for start in ("**Table 2.", "## Where each row comes from")
     )
-    own = [row for row in table_2[2:] if row[0] != "†"]
+    own = {int(row[0].split(".")[0]): row for row in table_2[2:] if "†" not in row[0]}
     described = {
         number: cells
         for rows, *cells in origins[2:]
         for first, last in [(re.findall(r"\d+", rows)[0], re.findall(r"\d+", rows)[-1])]
         for number in range(int(first), int(last) + 1)
     }
-    assert [int(row[0]) for row in own] == list(range(1, len(own) + 1))
-    for row in own:
-        assert all(row), row
-        assert all(described[int(row[0])]), row
-        assert "[" in row[5], f"row {row[0]} has no interval"
+    assert list(own) == list(range(1, len(own) + 1)) == list(described)
+    for number, (_, basis, *cells) in own.items():
+        assert "; " in basis, number
+        assert all(described[number]), number
+        assert "[" in cells[0], f"row {number} has no interval"
+    assert all("n = " in column for column in table_2[0][2:])
 
 
 def test_results__have_no_row_of_a_run_too_short_to_mean_anything() -> None:
@@ -160,7 +161,7 @@ def test_croissant__is_valid_and_can_be_read() -> None:
 @pytest.mark.parametrize(
     ("name", "row", "passes"),
     [
-        ("random-legal", ("random legal", "sampled, masked"), 5),
+        ("random-legal", ("random legal", "legal ones, sampled"), 5),
         ("random-type", ("random type", "sampled"), 5),
         ("imitation-tower", ("imitation-tower and imitation-scatter, included", "chosen ²"), 1),
     ],
