@@ -23,7 +23,7 @@ DOCUMENTS = (
 
 
 @pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
-@pytest.mark.parametrize("name", DOCUMENTS)
+@pytest.mark.parametrize("name", [pytest.param(DOCUMENTS[0], marks=pytest.mark.long), *DOCUMENTS[1:]])
 def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     texts = re.findall(r"```python\n(.*?)```", (ROOT / name).read_text(), re.DOTALL)
     assert texts

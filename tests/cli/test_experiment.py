@@ -169,6 +169,7 @@ def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest
     assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_experiment__trains_the_game_and_measures_it_with_evaluate_game(tmp_path: Path):
     game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nminutes = 0.001\n'
     small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"

@@ -55,6 +55,7 @@ def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
     assert json.loads((tmp_path / "run.json").read_text())["options"]["steps"] == 64
 
 
+@pytest.mark.long
 def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
     own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

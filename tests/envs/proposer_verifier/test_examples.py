@@ -48,6 +48,7 @@ def test_game_ppo__plays_and_reports(run: Run):
     assert 0 <= float(last.split()[2]) <= 1
 
 
+@pytest.mark.long
 @pytest.mark.filterwarnings("default:The `render_mode` attribute is not defined:UserWarning")  # from SuperSuit
 def test_supersuit__one_policy_for_both_agents_learns(run: Run):
     returns = [float(line.split()[-1]) for line in run("supersuit_ppo.py", "--steps", "24576").splitlines()]

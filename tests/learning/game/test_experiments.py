@@ -34,6 +34,7 @@ def test_random_refusal__refuses_its_share_of_claims_and_no_edits(script: Any, o
     assert script.compare(always, never) == "+0.0 [+0.0, +0.0] points"  # in audit, success does not depend on verdicts
 
 
+@pytest.mark.long
 def test_sections__print_tables_and_draw_pictures(
     script: Any, own: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):

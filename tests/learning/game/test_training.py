@@ -93,7 +93,7 @@ def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
 @pytest.mark.parametrize(
     ("algorithm", "verifier"),
     [
-        ("independent", "ppo"),
+        pytest.param("independent", "ppo", marks=pytest.mark.long),
         pytest.param("shared", "both", marks=pytest.mark.long),
         pytest.param("central", "both", marks=pytest.mark.long),
     ],
@@ -149,6 +149,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         assert getattr(found, measured) > 0.8
 
 
+@pytest.mark.long
 def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: Path, three: str):
     settings = GameSettings.of(protocol="audit", corpus=three)
     recipe = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3)
