@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
-from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
+from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN_POLICIES, NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.policies import Policy, WithoutMask
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
     from lilgym_mp.learning.model_file import ModelDescription
 
-AS_TRAINED, OFF = "as-trained", "off"
+OFF = "off"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -80,7 +80,7 @@ def add_parser(subparsers: Any) -> None:
         nargs="+",
         choices=[GREEDY, SAMPLED],
         help="take the most probable action, sample from the policy, or evaluate both (default: both for PPO agents, "
-        "whose most probable first action may be STOP; greedy for others)",
+        "whose most probable first action may be STOP; greedy for others, but for imitation as its stop rule says)",
     )
     parser.add_argument(
         "--mask",
@@ -186,6 +186,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     if args.sampled:
         action_modes = [SAMPLED]
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
+    own = AS_TRAINED if getattr(agent, "chooses_actions", False) else GREEDY
     common = {
         "kind": description.kind,
         "run": str(path),
@@ -207,7 +208,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
             description.supervision,
             description.configurations,
             False if mask == OFF else None,
-            {**common, "actions": mode},
+            {**common, "actions": own if mode == GREEDY else mode},
         )
         for mode in action_modes
         for mask in masks

@@ -25,7 +25,7 @@ from lilgym_mp.scene import Scene, SceneError
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2
 SUFFIX = ".episodes.jsonl.gz"
-GREEDY, SAMPLED = "greedy", "sampled"
+GREEDY, SAMPLED, AS_TRAINED = ACTION_MODES = "greedy", "sampled", "as-trained"
 MAX_NUMBER = 1e15
 MAX_LINE_LENGTH = 1 << 20  # characters
 
@@ -43,7 +43,7 @@ class Header:
     split: str
     agent: str  # name in tables; the same for runs that differ only in their seed
     supervision: str
-    actions: str  # GREEDY or SAMPLED
+    actions: str  # AS_TRAINED: greedy or sampled, as the agent does better on statements held out of training
     mask: bool  # whether illegal actions were masked
     stop_forcing: bool
     seed: int  # seed of the evaluation
@@ -81,7 +81,7 @@ class Header:
         _check("training_seed", header.training_seed, "a whole number or null", _is_count)
         _check("recipe", header.recipe, "an object", lambda value: isinstance(value, dict))
         _check("training", header.training, "an object of numbers", lambda value: all(map(_is_number, value.values())))
-        _check("actions", header.actions, f"{GREEDY!r} or {SAMPLED!r}", lambda value: value in (GREEDY, SAMPLED))
+        _check("actions", header.actions, f"one of {', '.join(ACTION_MODES)}", lambda value: value in ACTION_MODES)
         return header
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from lilgym_mp.corpus.records import shown
-from lilgym_mp.evaluation.episodes import MAX_NUMBER, SAMPLED, SUFFIX, Header, Recording, read_episodes
+from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, Recording, read_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.learners import find_learner
@@ -223,7 +223,7 @@ def _labels(headers: Sequence[Header]) -> list[str]:
             f"{key} {format_setting(header.recipe.get(key))}" for key in differing_keys([o.recipe for o in others])
         ]
         if len({other.actions for other in others}) > 1:
-            differences.append("sampled" if header.actions == SAMPLED else "greedy")
+            differences.append(header.actions)
         if len({other.mask for other in others}) > 1:
             differences.append("with mask" if header.mask else "without mask")
         if len({other.supervision for other in others}) > 1 and not differences:

@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from lilgym_mp.actions import ActionType, describe
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.evaluation.decisions import Decision, action_cells
-from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED, Header, RecordedEpisode, Recording
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
@@ -286,7 +286,7 @@ def _rerecord_command(header: Header, directory: Path) -> str:
     settings = header.settings
     words = [f"--policy {header.agent.replace(' ', '-')}" if header.run is None else header.run]
     if header.run is not None:
-        words.append(f"--actions {header.actions}")
+        words.append(f"--actions {SAMPLED if header.actions == SAMPLED else GREEDY}")
     words.append(f"--configuration {settings.configuration}")
     defaults = {"corpus": "builtin", "rules": "paper"}
     words += [f"--{name} {getattr(settings, name)}" for name in defaults if getattr(settings, name) != defaults[name]]

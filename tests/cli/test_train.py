@@ -301,6 +301,17 @@ def test_demo__uses_a_new_directory_each_time(tmp_path: Path):
     assert first_free_path(tmp_path / "demo") == tmp_path / "demo-3"
 
 
+def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):
+    """The included network for Tower samples in FlipIt, as that did better on statements held out of training."""
+    from lilgym_mp import load_agent
+    from lilgym_mp.evaluation.episodes import AS_TRAINED, SAMPLED, read_episodes
+
+    assert load_agent("imitation-tower", "cpu").description.details["stop_rules"]["TowerFlipIt"]["sampled"]
+    command = ["evaluate", "imitation-tower", "--alone", "--configuration", "TowerFlipIt", "--corpus", str(own)]
+    assert main([*command, "--actions", "greedy", "sampled", "--record", str(tmp_path)]) == 0
+    assert {read_episodes(path).header.actions for path in tmp_path.glob("*.gz")} == {AS_TRAINED, SAMPLED}
+
+
 def test_evaluate__records_each_action_mode_and_mask(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
     from lilgym_mp.evaluation.episodes import read_episodes
 

@@ -139,7 +139,7 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
         (lambda rows: rows[0].update(format="other"), "first line must name the format 'lilgym_mp-episodes'"),
         (lambda rows: rows[0].update(version=99), "line 1: format 'lilgym_mp-episodes', version 99"),
         (lambda rows: rows[0].pop("seed"), "line 1: .*seed"),
-        (lambda rows: rows[0].update(actions="lazy"), "line 1: actions must be 'greedy' or 'sampled', not 'lazy'"),
+        (lambda rows: rows[0].update(actions="lazy"), "actions must be one of greedy, sampled, as-trained, not 'lazy'"),
         (lambda rows: rows[0]["settings"].update(configuration="Tower"), "line 1: unknown configuration 'Tower'"),
         (lambda rows: rows[2].pop("outcome"), "line 3: missing key 'outcome'"),
         (lambda rows: rows[2].update(outcome="lost"), "line 3: outcome must be one of success, wrong_stop"),

@@ -79,6 +79,8 @@ class Architecture:
 class ImitationAgent:
     """A network with its vocabulary and stop rules."""
 
+    chooses_actions = True  # greedy or sampled, by the stop rule
+
     def __init__(
         self,
         network: ImitationNetwork,

@@ -25,7 +25,7 @@ function shortName(recording) {
 
 /** Options for recordings: short names with what distinguishes them, and the file where that is not enough. */
 function recordingOptions(recordings) {
-  const titles = recordings.map((line) => `${shortName(line)} · ${line.configuration}, ${line.split}${line.actions === "greedy" ? "" : `, ${line.actions}`}`);
+  const titles = recordings.map((line) => `${shortName(line)} · ${line.configuration}, ${line.split}${line.actions === "sampled" ? ", sampled" : ""}`);
   const isUnique = (title) => titles.indexOf(title) === titles.lastIndexOf(title);
   return recordings.map((line, index) => element("option", { value: line.id }, isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`));
 }
