@@ -183,8 +183,9 @@ class GameToPlay:
         """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
         from lilgym_mp.learning.game.population import best_response
 
-        assert verifier.run is not None
-        agent = best_response(verifier.run, Role.PROPOSER, self.settings, minutes=args.best_response, seed=args.seed)
+        agent = best_response(
+            verifier.partner, Role.PROPOSER, self.settings, minutes=args.best_response, seed=args.seed
+        )
         response = Player("best response", agent, verifier.view)
         env = self._env((response, verifier), args.split)
         return measure(env, response.partner, verifier.partner, seed=args.seed).accepted_false_claims

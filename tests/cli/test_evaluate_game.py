@@ -68,12 +68,16 @@ def test_best_response__is_trained_once_for_each_verifier(
     runs["a"] = Trained(protocol="audit")
     partner = runs["a"].partner
     monkeypatch.setattr(runs["a"], "partner", lambda asked: partner(asked) if role in (None, asked) else None)
-    monkeypatch.setattr(population, "best_response", lambda *args, **options: SCRIPTED["sneaky"])
+    frozen: list[Any] = []
+    monkeypatch.setattr(
+        population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["sneaky"]
+    )
     file = tmp_path / "results.json"
     assert main(["evaluate-game", "a", "--best-response", "1", "--json", str(file)]) == 0
     found = {pair: entry["exploitability"] for pair, entry in results(file).items()}
     assert {pair for pair, value in found.items() if value is not None} == {("expert" if role else "a", "a")}
     assert 0.0 in found.values()  # an oracle is not exploited
+    assert frozen == [SCRIPTED["oracle"]]
 
 
 def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, runs: dict[str, Trained]):

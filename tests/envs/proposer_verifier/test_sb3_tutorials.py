@@ -49,8 +49,13 @@ def test_action_mask_tutorial__maskable_ppo_plays_both_agents(protocol: str):
     assert model.num_timesteps == 32
 
 
-def test_shared_policy_tutorial__ppo_plays_both_agents():
-    game = parallel_env(protocol="joint", views="structured", homogeneous=True, observations="vector")
+@pytest.mark.parametrize("homogeneous", [True, False])
+def test_shared_policy_tutorial__ppo_plays_both_agents(homogeneous: bool):
+    game: Any = parallel_env(protocol="joint", views="structured", homogeneous=homogeneous, observations="vector")
+    if not homogeneous:
+        with pytest.raises(AssertionError, match="pad_action_space_v0"):
+            supersuit.pettingzoo_env_to_vec_env_v1(game)
+        game = supersuit.pad_action_space_v0(supersuit.pad_observations_v0(game))
     vectorised = supersuit.concat_vec_envs_v1(
         supersuit.pettingzoo_env_to_vec_env_v1(game), 2, num_cpus=0, base_class="stable_baselines3"
     )
