@@ -66,6 +66,13 @@ def test_report__shows_all_tables_and_figures_without_network_requests(browser: 
         assert watched.faults == []
 
 
+def test_report__table_2_of_five_agents_is_shown_whole_at_1280_pixels(browser: Any, report: Path):
+    with watched_page(browser, 1280) as watched:
+        watched.page.goto(report.as_uri())
+        beyond = "document.querySelector('#table-2 .scroll, section .scroll')"
+        assert watched.page.evaluate(f"{beyond}.scrollWidth - {beyond}.clientWidth") == 0
+
+
 def test_report__navigation_links_to_every_item(browser: Any, report: Path):
     with watched_page(browser) as watched:
         watched.page.goto(report.as_uri())

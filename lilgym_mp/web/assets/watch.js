@@ -102,7 +102,7 @@ class Side {
     const index = Math.min(wanted, this.episode.steps.length - 1);
     const shown = this.episode.steps[index];
     this.view.show(shown.scene);
-    this.step.textContent = shown.action ? `Step ${index + 1}: ${shown.action}, reward ${signed(shown.reward)}` : `End: ${words(this.episode.outcome)}`;
+    this.step.textContent = shown.action ? `Step ${index + 1}: ${shown.action}, reward ${shown.reward.toFixed(1)}` : `End: ${words(this.episode.outcome)}`;
     [...this.strip.querySelectorAll("button")].forEach((button, place) => {
       if (place === index) {
         button.setAttribute("aria-current", "step");
