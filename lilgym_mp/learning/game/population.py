@@ -38,6 +38,7 @@ def best_response(
 
     A proposer is rewarded for accepted false claims alone, a verifier for correct judgements. `out`: the run directory,
     by default a temporary one. `options` as for `train_game`, with its errors.
+    Raises KeyboardInterrupt if it is stopped early.
     """
     configuration = configuration_name(settings.appearance, settings.start)
     rewards = {AGENTS[role]: SNEAKY if role is Role.PROPOSER else FAIR, AGENTS[role.other]: "mdp"}
@@ -51,6 +52,8 @@ def best_response(
             partners={role.other: [frozen]},
             **options,
         )
+    if agent.description.details["interrupted"]:
+        raise KeyboardInterrupt
     found = agent.partner(role)
     assert found is not None
     return found

@@ -160,6 +160,15 @@ def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: P
         assert measured == pytest.approx(exploitability, abs=0.01)
 
 
+def test_best_response__stopped_early_counts_for_nothing():
+    def interrupt(progress: Progress, done: float) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+    settings = GameSettings.of(protocol="audit")
+    with pytest.raises(KeyboardInterrupt):
+        best_response(ALWAYS_ACCEPT, Role.PROPOSER, settings, steps=512, recipe=SMALL, on_progress=interrupt)
+
+
 # Every game
 
 
