@@ -17,7 +17,6 @@ from lilgym_mp.evaluation.files import OutputError, writable_directory, write_js
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
-from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import CommandError, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
@@ -137,7 +136,8 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     films = [directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
     for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
         (result,) = (result for result in results if result.name == name)
-        film_grid(film, plan.settings, plan.split, _to_film(result.episodes), columns=2)
+        evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
+        film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
     if sys.stdout.isatty():
         summary = f"{plan}\n\n{terminal_tables(results, get_terminal_size().columns)}"
     print(
@@ -163,11 +163,6 @@ def _explanation(parser: Path, settings: Settings) -> str:
     plan = planner.plan(task.start, task.statement, task.target)
     lines = explanation_lines(plan, planner, task.statement, task.target)
     return "\n".join([f"lilgym-mp explain --task {task.id} --agent {parser}", "", *lines])
-
-
-def _to_film(episodes: Sequence[Episode]) -> list[Episode]:
-    """Evenly spaced episodes of the split, whatever their outcome."""
-    return list(episodes[:: max(1, len(episodes) // FILMED)][:FILMED])
 
 
 def _empty(path: Path) -> Path:

@@ -74,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
     listening = _listen(args.host, args.port)
     with listening:
-        is_local = _is_loopback(listening.getsockname()[0]) and not args.trusted_proxy
+        is_local = ipaddress.ip_address(listening.getsockname()[0]).is_loopback and not args.trusted_proxy
         options = ServeOptions(
             corpus=args.corpus,
             database=database_url(args.database),
@@ -107,10 +107,6 @@ def _listen(host: str, port: int) -> socket.socket:
             raise CommandError(f"port {port} is in use; choose another with --port, or 0 for any free one") from None
         raise CommandError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
     return listening
-
-
-def _is_loopback(address: str) -> bool:
-    return ipaddress.ip_address(address).is_loopback
 
 
 def _url(host: str, port: int) -> str:

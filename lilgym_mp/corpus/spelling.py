@@ -39,19 +39,16 @@ _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
 _POSSESSIVE = re.compile(r"'s\b|'")
 
 
-def normalised_words(statement: str, known: Collection[str], *, unknown: str | None = None) -> list[str]:
+def normalised_words(statement: str, known: Collection[str]) -> list[str]:
     """The words of the statement in lower case: no punctuation, "3" for "three", "is not" for "isn't".
 
     A word not in `known` (lower case) is corrected: it is split into two known words typed as one, or replaced by the
     unique nearest known word within Damerau-Levenshtein distance 1 (2 for words of 7 or more letters). No word in
     NEVER_NUMBERS becomes a number. A first word such as "ll", common in the official statements, gets its missing "a"
-    back. Other words are kept, or replaced by `unknown` if given.
+    back. Other words are kept.
     """
     corrector = _corrector(known if isinstance(known, frozenset) else frozenset(known))
-    words: list[str] = []
-    for word in _plain_words(statement):
-        words += corrector.corrected(word, unknown)
-    return words
+    return [part for word in _plain_words(statement) for part in corrector.corrected(word)]
 
 
 def plain_words(statement: str) -> list[str]:
@@ -86,14 +83,12 @@ class _SpellingCorrector:
                     self._by_deletion.setdefault(deletion, set()).add(word)
         self._nearest = lru_cache(maxsize=CACHED_WORDS)(self._find)
 
-    def corrected(self, word: str, unknown: str | None) -> list[str]:
+    def corrected(self, word: str) -> list[str]:
         """The corrected word, numbers as digits; two words if they were typed as one."""
         if word.isdigit():
             return [word.lstrip("0") or "0"]
         found = (word,) if word in self.known else self._nearest(word) if len(word) <= MAX_LENGTH else ()
-        if not found:
-            return [word if unknown is None else unknown]
-        return [NUMBERS.get(part, part) for part in found]
+        return [NUMBERS.get(part, part) for part in found or (word,)]
 
     def _find(self, word: str) -> tuple[str, ...]:
         """The intended known words; empty if none or ambiguous, or a number for a word in NEVER_NUMBERS."""

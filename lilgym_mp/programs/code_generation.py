@@ -390,7 +390,7 @@ class _Generator:
         word = node.word
         if _is_test(word):
             return self.test(node, scope)
-        if _is_relation(word):
+        if len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box":
             return self.relation(node, scope)
         if word.name in BINARY_WORDS:
             return self.binary(node, scope)
@@ -688,10 +688,6 @@ def _is_test(word: Word) -> bool:
     """Whether the word is a vectorisable predicate of an item whose other arguments, if any, are Sides."""
     types = [parameter.type.name for parameter in word.parameters]
     return types[:1] == ["item"] and set(types[1:]) <= {"Side"} and word.result == "bool" and word.depends_on != "scene"
-
-
-def _is_relation(word: Word) -> bool:
-    return len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box"
 
 
 def _as_lambda(node: Node) -> tuple[str, Node]:

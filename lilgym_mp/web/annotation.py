@@ -271,10 +271,6 @@ async def check_program(
     return ACCEPTED if agrees else FAILED
 
 
-def labelled_scenes(details: AssignmentDetails) -> list[tuple[Scene, bool]]:
-    return [(Scene.from_json(row.scene), row.label) for row in details.scenes]
-
-
 def find_submission(session: Session, assignment_id: int, key: str) -> Submission | None:
     """The submission already stored under this idempotency key."""
     return session.scalar(select(Submission).where(Submission.assignment_id == assignment_id, Submission.key == key))

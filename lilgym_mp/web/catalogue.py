@@ -19,8 +19,8 @@ class Catalogue:
         """Raises CorpusError if there is no such corpus or it has no tasks."""
         self.corpus = corpus
         next(load_all_tasks(corpus))
-        self._dynamics = cache(self._make_dynamics)
-        self._solver = cache(self._make_solver)
+        self._dynamics = cache(lambda configuration, rules: Settings(configuration, corpus, rules).dynamics())
+        self._solver = cache(lambda configuration, rules: Solver(self.dynamics(configuration, rules)))
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
         """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""
@@ -44,9 +44,3 @@ class Catalogue:
     def solver(self, configuration: str, rules: str = "paper") -> Solver:
         """The expert of a configuration. Raises UnsupportedAppearance, other ValueErrors for unknown names."""
         return self._solver(configuration, rules)
-
-    def _make_solver(self, configuration: str, rules: str) -> Solver:
-        return Solver(self.dynamics(configuration, rules))
-
-    def _make_dynamics(self, configuration: str, rules: str) -> Dynamics:
-        return Settings(configuration, self.corpus, rules).dynamics()

@@ -35,10 +35,6 @@ def test_normalised_words__plain_words(statement: str, words: str) -> None:
     assert normalised_words(statement, KNOWN) == words.split()
 
 
-def test_normalised_words__unknown_words_may_be_marked() -> None:
-    assert normalised_words("a purple box", KNOWN, unknown="?") == ["a", "?", "box"]
-
-
 def test_normalised_words__ambiguous_corrections_are_not_made() -> None:
     assert normalised_words("bat", ["cat", "bar"]) == ["bat"]
     assert normalised_words("bqr", ["bar", "cqr"]) == ["bar"], "the one with the same first and last letter"

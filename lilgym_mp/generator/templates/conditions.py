@@ -217,8 +217,8 @@ class BoxConditionTemplates(PhraseTemplates):
             text += conjunction + part
         return text
 
-    def contains_some(self, attributes: AttributeWords | None = None) -> ConditionTemplate:
-        noun, quantity = NounTemplate(attributes or self.attributes()), self.quantity_in_box()
+    def contains_some(self) -> ConditionTemplate:
+        noun, quantity = NounTemplate(self.attributes()), self.quantity_in_box()
         return self.contains(quantity, noun)
 
     def contains(self, quantity: Quantity, noun: NounTemplate) -> ConditionTemplate:

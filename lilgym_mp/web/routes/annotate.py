@@ -241,7 +241,8 @@ async def submit(
         with services.database.read_session() as session:
             found = annotation.find_assignment(session, person, assignment_id)
             stored = annotation.find_submission(session, assignment_id, new.key)
-        return stored, annotation.labelled_scenes(found), found.assignment.shown
+        labelled = [(Scene.from_json(row.scene), row.label) for row in found.scenes]
+        return stored, labelled, found.assignment.shown
 
     submission, scenes, shown = await run_sync(read)
     if submission is None:
