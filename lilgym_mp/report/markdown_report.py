@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
-from lilgym_mp.evaluation.recording_metadata import MODIFIED_SUFFIX, RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import fold_long_blocks
 from lilgym_mp.plotting import save
 from lilgym_mp.report.items import Chart, Item, MissingItem, Table
@@ -65,20 +65,9 @@ def _origin(data: ReportData, command: str) -> Iterator[str]:
 
 def commits_text(metadata: Sequence[RecordingMetadata]) -> str:
     """The distinct commits of the recordings, by date of their first recording."""
-    names = list(dict.fromkeys(each.commit for each in sorted(metadata, key=lambda each: each.date)))
-    known = [name for name in names if name]
-    if not known:
-        return "commit unknown"
-    kept = [name for name in known if name.endswith(MODIFIED_SUFFIX) or name + MODIFIED_SUFFIX not in known]
-    described = [
-        name.replace(MODIFIED_SUFFIX, " (with and without uncommitted changes)")
-        if name.removesuffix(MODIFIED_SUFFIX) in known
-        else name.replace(MODIFIED_SUFFIX, " (with uncommitted changes)")
-        for name in kept
-    ]
-    listed = described[0] if len(described) == 1 else f"{', '.join(described[:-1])} and {described[-1]}"
-    unknown = "" if len(known) == len(names) else ", unknown for some recordings"
-    return f"{'commit' if len(described) == 1 else 'commits'} {listed}{unknown}"
+    made = sorted(metadata, key=lambda each: each.date)
+    names = dict.fromkeys(each.commit or "unknown" for each in made)
+    return f"{'commit' if len(names) == 1 else 'commits'} {', '.join(names)}"
 
 
 def _commands(heading: str, commands: Sequence[str] | dict[str, None]) -> str:

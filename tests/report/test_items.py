@@ -645,16 +645,12 @@ def test_document__has_tables_pictures_and_provenance_but_no_statement(tmp_path:
     [
         (["abc"], "commit abc"),
         (["abc", "abc"], "commit abc"),
-        (["abc with changes"], "commit abc (with uncommitted changes)"),
-        (
-            ["abc with changes", "abc", "def with changes", "fed"],
-            "commits abc (with and without uncommitted changes), def (with uncommitted changes) and fed",
-        ),
-        (["abc", None], "commit abc, unknown for some recordings"),
+        (["abc with changes"], "commit abc with changes"),
+        (["abc with changes", "abc", "fed", None], "commits abc with changes, abc, fed, unknown"),
         ([None], "commit unknown"),
     ],
 )
-def test_document__commits_are_listed_in_words(commits: list[str | None], text: str):
+def test_document__commits_are_listed_once(commits: list[str | None], text: str):
     made = [RecordingMetadata(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
     assert commits_text(made) == text
 
