@@ -25,7 +25,7 @@ from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.policies import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import proposer_choices, without_refused
+from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations
 from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
 from lilgym_mp.learning.ppo.states import BoxImageTable
@@ -98,10 +98,8 @@ class SeatPartner:
         situations = self._reader_for(game).read_state(state, self.role)
         legal = None
         if self.role is Role.PROPOSER and self._mask:
-            sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
             refused = NO_CHOICE if state.refused is None else state.refused
-            legal = turn.action_mask[None, : choices * sizes : sizes].astype(np.bool_)
-            legal = without_refused(legal, np.array([refused]))
+            legal = proposer_choices(game, turn.action_mask[None], np.array([refused]))
         task = state.mdp.task
         policy = self._read(situations, [task.statement], np.array([int(task.target)]), legal)
         action = int(self._act(policy, lambda: turn.rng.random(1))[0])
@@ -121,7 +119,9 @@ class SeatPartner:
     def _policy(self, turn: BatchTurn) -> AgentPolicy:
         situations = self._reader_for(turn.game).read(turn.games, self.role, turn.indices)
         tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
-        legal = proposer_choices(turn.games, turn.indices) if self.role is Role.PROPOSER and self._mask else None
+        legal = None
+        if self.role is Role.PROPOSER and self._mask:
+            legal = proposer_choices(turn.game, turn.action_mask, turn.games.refused[turn.indices])
         targets = np.array([task.target for task in tasks], np.int64)
         return self._read(situations, [task.statement for task in tasks], targets, legal)
 

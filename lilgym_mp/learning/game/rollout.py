@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int16Array, Int64Array
+from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
@@ -225,7 +226,9 @@ class RolloutPlayer:
             own = turns[role]
             legal = None
             if own.legal is not None:
-                legal = own.legal[turn, moving] = proposer_choices(arrays, moving)
+                legal = own.legal[turn, moving] = proposer_choices(
+                    arrays.game, arrays.masks(role, moving), arrays.refused[moving]
+                )
             decision = actors.decide(role, states, situations.context, facts, legal)
             actions[role, moving] = decision.actions
             own.acted[turn, moving] = True
@@ -286,12 +289,10 @@ class RolloutPlayer:
         return values
 
 
-def proposer_choices(arrays: GameArrays, indices: Int64Array) -> BoolArray:
-    """(k, actions of the MDP) the choices of a proposer with a mask, whatever the message."""
-    game = arrays.game
+def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:
+    """(k, actions of the MDP) the choices of a proposer with masks (k, actions), whatever the message."""
     sizes, choices = game.message_sizes[Role.PROPOSER] + 1, game.config.dynamics.appearance.action_count
-    legal = arrays.masks(Role.PROPOSER, indices)[:, : choices * sizes : sizes].astype(np.bool_)
-    return without_refused(legal, arrays.refused[indices])
+    return without_refused(masks[:, : choices * sizes : sizes].astype(np.bool_), refused)
 
 
 def without_refused(legal: BoolArray, refused: Int64Array) -> BoolArray:

@@ -443,17 +443,14 @@ class _MixedPolicy(NamedTuple):
 
 def judgement_rates(judged: Mapping[tuple[bool, bool, bool], int]) -> tuple[float | None, float | None, float | None]:
     """Completeness, soundness and J (the mean over targets of their sum minus 1) of judged claims."""
-
-    def rate(holds: bool, targets: Sequence[bool]) -> float | None:
-        right, wrong = (
-            sum(judged.get((target, holds, accepted), 0) for target in targets) for accepted in (holds, not holds)
-        )
-        return right / (right + wrong) if right + wrong else None
-
-    both = (False, True)
-    by_target = [(rate(True, [target]), rate(False, [target])) for target in both]
-    known = [complete + sound - 1 for complete, sound in by_target if complete is not None and sound is not None]
-    return rate(True, both), rate(False, both), sum(known) / len(known) if known else None
+    counts = np.zeros((2, 2, 2))  # by target, whether the claim holds, whether it was accepted
+    for judgement, count in judged.items():
+        counts[tuple(map(int, judgement))] += count
+    with np.errstate(invalid="ignore"):
+        rates = [table.diagonal()[::-1] / table.sum(1)[::-1] for table in (*counts, counts.sum(0))]
+    js = [float(sum(pair)) - 1 for pair in rates[:2] if not np.isnan(pair).any()]
+    completeness, soundness = (None if np.isnan(rate) else float(rate) for rate in rates[2])
+    return completeness, soundness, sum(js) / len(js) if js else None
 
 
 def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:
