@@ -54,12 +54,9 @@ class AgentPolicy(NamedTuple):
         """(N,) log-probabilities of N actions, and (N,) entropies."""
         if self.message is None:
             return self.choice.evaluate_actions(actions)
-        parts = (
-            self.choice.evaluate_actions(actions // self.sizes),
-            self.message.evaluate_actions(actions % self.sizes),
-        )
-        log_probs, entropies = zip(*parts, strict=True)
-        return sum(log_probs), sum(entropies)  # pyright: ignore[reportReturnType]
+        chosen, chosen_entropies = self.choice.evaluate_actions(actions // self.sizes)
+        said, said_entropies = self.message.evaluate_actions(actions % self.sizes)
+        return chosen + said, chosen_entropies + said_entropies
 
     def log_prob(self, actions: Tensor) -> Tensor:
         if self.message is None:
