@@ -1,7 +1,7 @@
 """Draws docs/pictures/architecture.svg, the import graph of the package's top-level parts.
 
 The layers come from the import contract in pyproject.toml, the arrows from the import statements. Arrows implied by
-others are left out, and so are arrows to the lowest layer, which every part may use.
+others are left out, and so are arrows to the lowest layer, which every part may use. Numbers are thousands of lines.
 Run: python scripts/draw_architecture.py [OUT.svg]
 """
 
@@ -76,7 +76,15 @@ def draw() -> Any:
             bend = "arc3,rad=0.2" if positions[other][1] == y else "arc3"
             arrow = {"arrowstyle": "->", "color": "#8aa0bf", "shrinkB": 14, "connectionstyle": bend}
             axes.annotate("", xy=positions[other], xytext=(x, y), arrowprops=arrow)
-        axes.text(x, y, part, ha="center", va="center", bbox={"boxstyle": "round", "facecolor": "#e8eef7"})
+        lines = sum(len(path.read_text().splitlines()) for path in sources(part))
+        axes.text(
+            x,
+            y,
+            f"{part} {lines / 1000:.1f}",
+            ha="center",
+            va="center",
+            bbox={"boxstyle": "round", "facecolor": "#e8eef7"},
+        )
     axes.set_xlim(0, 1)
     axes.set_ylim(0.5 - len(rows), 0.5)
     return figure

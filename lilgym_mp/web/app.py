@@ -54,7 +54,7 @@ def create_app(options: ServeOptions) -> FastAPI:
     add_error_handlers(app)
     signer = CookieSigner(database.secret(COOKIE_KEY))
     rate, requires_tokens = options.requests_per_second, options.requires_tokens
-    app.add_middleware(CallerMiddleware, services.login_cache, signer, rate, requires_tokens=requires_tokens)
+    app.add_middleware(CallerMiddleware, database, signer, rate, requires_tokens=requires_tokens)
     app.add_middleware(BodyLimitsMiddleware)
     app.add_middleware(AllowedHostsMiddleware, options.hosts)
     app.add_middleware(SecurityHeadersMiddleware)

@@ -6,7 +6,6 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 
-from lilgym_mp.web.authentication import LoginCache
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.corpus_statements import RecordedOutcomes
 from lilgym_mp.web.live_games import LiveGames
@@ -24,7 +23,6 @@ class AppServices:
         """Raises CorpusError if the corpus cannot be loaded."""
         self.options = options
         self.database = database
-        self.login_cache = LoginCache(database)
         self.catalogue = Catalogue(options.corpus)
         self.run_directory = RunDirectory(options.runs)
         self.recorded_outcomes = RecordedOutcomes(self.run_directory)

@@ -5,11 +5,9 @@ from __future__ import annotations
 import hashlib
 import hmac
 import secrets
-import time
 from dataclasses import dataclass
 from typing import Annotated
 
-from anyio.to_thread import run_sync
 from fastapi import Depends, Request
 from sqlalchemy import select
 from sqlalchemy.orm import Session
@@ -20,8 +18,6 @@ from lilgym_mp.web.store.models import Person, Visitor
 
 COOKIE = "lilgym_visitor"
 COOKIE_SECONDS = 400 * 24 * 3600
-LOGIN_CACHE_SECONDS = 10.0  # upper bound on how long a change by another server on the same database goes unnoticed
-MAX_CACHED_LOGINS = 20_000
 ORGANISER, ANNOTATOR = "organiser", "annotator"
 OPERATOR = "organiser"  # name of the person whose link the server prints when it starts
 
@@ -72,36 +68,11 @@ def hash_token(token: str) -> str:
     return hashlib.sha256(token.encode(errors="replace")).hexdigest()
 
 
-class LoginCache:
-    """Cache of the person logged in from each browser, so that most requests need no database query."""
-
-    def __init__(self, database: Database) -> None:
-        self._database = database
-        self._entries: dict[str, tuple[float, Person | None]] = {}  # expiry time, person
-        self._generation = 0
-
-    async def person(self, visitor_id: str) -> Person | None:
-        """The person logged in from this browser, unless the token has been revoked or replaced since."""
-        expires, person = self._entries.get(visitor_id, (0.0, None))
-        if time.monotonic() < expires:
-            return person
-        generation = self._generation
-        person = await run_sync(self._query, visitor_id)
-        if generation == self._generation:  # not invalidated during the query
-            if len(self._entries) >= MAX_CACHED_LOGINS:
-                self._entries.clear()
-            self._entries[visitor_id] = (time.monotonic() + LOGIN_CACHE_SECONDS, person)
-        return person
-
-    def invalidate(self) -> None:
-        """Must be called after every login, logout, and issued or revoked token."""
-        self._generation += 1
-        self._entries.clear()
-
-    def _query(self, visitor_id: str) -> Person | None:
-        with self._database.read_session() as session:
-            logged_in = select(Visitor.token_hash).where(Visitor.id == visitor_id)
-            return session.scalar(select(Person).where(Person.token_hash == logged_in.scalar_subquery()))
+def find_person(database: Database, visitor_id: str) -> Person | None:
+    """The person logged in from this browser, unless the token has been revoked or replaced since."""
+    with database.read_session() as session:
+        logged_in = select(Visitor.token_hash).where(Visitor.id == visitor_id)
+        return session.scalar(select(Person).where(Person.token_hash == logged_in.scalar_subquery()))
 
 
 def get_or_create_visitor(session: Session, visitor_id: str) -> Visitor:

@@ -12,12 +12,14 @@ from collections import OrderedDict
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import urlsplit
 
+from anyio.to_thread import run_sync
 from fastapi import HTTPException, Request, Response
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, CookieSigner, LoginCache
+from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, CookieSigner, find_person
 from lilgym_mp.web.errors import error_response
+from lilgym_mp.web.store import Database
 
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
@@ -141,10 +143,10 @@ class CallerMiddleware:
     """Identifies the caller, applies rate limits, requires a login where configured, and checks CSRF tokens."""
 
     def __init__(
-        self, app: ASGIApp, login_cache: LoginCache, signer: CookieSigner, rate: float | None, *, requires_tokens: bool
+        self, app: ASGIApp, database: Database, signer: CookieSigner, rate: float | None, *, requires_tokens: bool
     ) -> None:
         self.app = app
-        self._login_cache = login_cache
+        self._database = database
         self._signer = signer
         self._visitor_buckets = None if rate is None else _TokenBuckets(rate)
         self._address_buckets = None if rate is None else _TokenBuckets(rate * ADDRESS_FACTOR)
@@ -162,7 +164,7 @@ class CallerMiddleware:
             return
         path: str = scope["path"]
         if not path.startswith("/assets/") and not caller.is_new:
-            caller.person = await self._login_cache.person(caller.id)
+            caller.person = await run_sync(find_person, self._database, caller.id)
         if self._requires_tokens and caller.person is None and not path.startswith(PUBLIC_PATHS):
             await _send_error(scope, receive, send, 401, "open the link with your token to log in")
             return

@@ -363,7 +363,6 @@ async def new_token(services: Services, person: CurrentOrganiser, person_id: Row
         return found.name, issue_token(found)
 
     name, token = await services.database.write(replace_token)
-    services.login_cache.invalidate()
     return TokenBody(name=name, path=f"/login?token={token}")
 
 
@@ -375,7 +374,6 @@ async def change_role(services: Services, person: CurrentOrganiser, person_id: R
         find_other_person(session, person, person_id).role = new.role
 
     await services.database.write(set_role)
-    services.login_cache.invalidate()
 
 
 @api.delete("/people/{person_id}/token", status_code=204)
@@ -386,7 +384,6 @@ async def revoke(services: Services, person: CurrentOrganiser, person_id: RowId)
         find_other_person(session, person, person_id).token_hash = None
 
     await services.database.write(remove_token)
-    services.login_cache.invalidate()
 
 
 @api.get("/batches")

@@ -80,7 +80,6 @@ async def login(
         return visitor.id
 
     caller.id, caller.is_new = await services.database.write(log_in), True  # the middleware sets the new cookie
-    services.login_cache.invalidate()
     return RedirectResponse("/annotate", 303)
 
 
@@ -93,4 +92,3 @@ async def logout(services: Services, caller: CurrentCaller) -> None:
 
     if caller.person is not None:
         await services.database.write(log_out)
-        services.login_cache.invalidate()
