@@ -166,6 +166,8 @@ def test_annotate__the_verdict_is_in_view_after_submit_and_old_results_vanish(
         page.click("#run")
         page.wait_for_selector("#result li")
         assert _in_viewport(page, "#messages .notice")
+        page.wait_for_selector("#saved:has-text('Saved')")  # takes no room of the verdict's
+        assert _in_viewport(page, "#messages .notice")
         page.fill("#program", f"NOT(NOT({BLUE}))")
         assert page.locator("#result li").count() == page.locator("#messages .notice").count() == 0
         page.click("#run")
