@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import hashlib
 import os
-import threading
-from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,8 +20,6 @@ MAX_FILES = 2_000  # listed per kind
 MAX_DEPTH = 6  # depth of nested directories
 MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
-
-FileStamp = tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
 
 
 class UnreadableRecording(ValueError):
@@ -49,7 +46,7 @@ class AgentRun(NamedTuple):
 class _FoundFile:
     path: Path
     name: str
-    stamp: FileStamp
+    stamp: tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
 
 
 class RunDirectory:
@@ -57,13 +54,10 @@ class RunDirectory:
 
     def __init__(self, directory: Path | None) -> None:
         self.directory = directory
-        self._headers: dict[str, tuple[FileStamp, RecordingFile]] = {}
-        self._recordings: OrderedDict[str, tuple[FileStamp, Recording]] = OrderedDict()
-        self._lock = threading.Lock()
 
     def recordings(self) -> list[RecordingFile]:
         """Every recording, sorted by name; damaged ones are included with their fault."""
-        return [self._describe(key, file) for key, file in self._find(SUFFIX).items()]
+        return [_described(key, file) for key, file in self._find(SUFFIX).items()]
 
     def agent_directories(self) -> dict[str, Path]:
         """The directory of each run with an agent, by id."""
@@ -75,30 +69,7 @@ class RunDirectory:
     def read(self, recording_id: str) -> Recording | None:
         """The recording with that id, or None. Raises UnreadableRecording."""
         file = self._find(SUFFIX).get(recording_id)
-        if file is None:
-            return None
-        with self._lock:
-            cached = self._recordings.get(recording_id)
-            if cached is not None and cached[0] == file.stamp:
-                self._recordings.move_to_end(recording_id)
-                return cached[1]
-            recording = _read(file)
-            self._recordings[recording_id] = file.stamp, recording
-            if len(self._recordings) > RECORDING_CACHE_SIZE:
-                self._recordings.popitem(last=False)
-        return recording
-
-    def _describe(self, key: str, file: _FoundFile) -> RecordingFile:
-        cached = self._headers.get(key)
-        if cached is None or cached[0] != file.stamp:
-            header, fault = None, None
-            try:
-                header = read_header(file.path)
-                fault = None if header else "its first line is not the header of a recording"
-            except EpisodesError as error:
-                fault = _without_path(error, file)
-            cached = self._headers[key] = file.stamp, RecordingFile(key, file.name, header, fault)
-        return cached[1]
+        return None if file is None else _read(file)
 
     def _find(self, suffix: str) -> dict[str, _FoundFile]:
         """Files by id, a hash of the relative path."""
@@ -132,6 +103,17 @@ def _files(directory: Path, suffix: str) -> Iterator[Path]:
                 yield Path(parent, name)
 
 
+@lru_cache(maxsize=MAX_FILES)
+def _described(key: str, file: _FoundFile) -> RecordingFile:
+    try:
+        header = read_header(file.path)
+    except EpisodesError as error:
+        return RecordingFile(key, file.name, None, _without_path(error, file))
+    fault = None if header else "its first line is not the header of a recording"
+    return RecordingFile(key, file.name, header, fault)
+
+
+@lru_cache(maxsize=RECORDING_CACHE_SIZE)
 def _read(file: _FoundFile) -> Recording:
     if file.stamp[1] > MAX_BYTES:
         raise UnreadableRecording(f"{file.name} is larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import threading
+from functools import lru_cache
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -24,8 +24,7 @@ class TrainedPartners:
 
     def __init__(self, run_directory: RunDirectory) -> None:
         self._run_directory = run_directory
-        self._agents: dict[str, Agent] = {}
-        self._lock = threading.Lock()
+        self._agent = lru_cache(AGENT_CACHE_SIZE)(self._load)
 
     def names(self) -> dict[str, str]:
         """Display names by form value."""
@@ -53,16 +52,9 @@ class TrainedPartners:
             raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
         return partner
 
-    def _agent(self, name: str) -> Agent:
+    def _load(self, name: str) -> Agent:
         from lilgym_mp.learning.agents import load_agent, open_agent
 
-        with self._lock:
-            if name not in self._agents:
-                if len(self._agents) >= AGENT_CACHE_SIZE:
-                    self._agents.pop(next(iter(self._agents)))
-                if name.startswith(SHIPPED_PREFIX):
-                    self._agents[name] = load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
-                else:
-                    directory = self._run_directory.agent_directories()[name.removeprefix(RUN_PREFIX)]
-                    self._agents[name] = open_agent(directory, "cpu")
-            return self._agents[name]
+        if name.startswith(SHIPPED_PREFIX):
+            return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
+        return open_agent(self._run_directory.agent_directories()[name.removeprefix(RUN_PREFIX)], "cpu")

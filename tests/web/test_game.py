@@ -331,7 +331,7 @@ def test_trained_partner__takes_either_seat(browser: Browser, seats: tuple[str, 
         assert body["your_turn"]
 
 
-def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: Path):
+def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     pytest.importorskip("torch")
     from lilgym_mp.learning.game.recipe import GameRecipe
     from lilgym_mp.learning.game.training import train_game
@@ -342,7 +342,7 @@ def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: P
     settings = GameSettings.of(protocol="audit", rewards="correctness")
     trained = train_game(settings, recipe, tmp_path / "run", steps=16, device="cpu")
     name = "agent:parse-and-plan"
-    browser.app.state.services.trained_partners._agents[name] = trained  # in place of the shipped agent
+    monkeypatch.setattr(browser.app.state.services.trained_partners, "_agent", {name: trained}.get)
     chosen = {"verifier": name, "proposer": "person", "configuration": "TowerScratch"}
     refused = browser.post(GAMES, {**chosen, "protocol": "veto"})
     assert refused.status_code == 422
