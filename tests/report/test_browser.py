@@ -129,6 +129,8 @@ def test_printed_report__has_every_column_of_every_table(browser: Any, report: P
         watched.page.emulate_media(media="print")
         cut = "[...document.querySelectorAll('table, img')].filter(part => part.getBoundingClientRect().right > 701)"
         assert watched.page.evaluate(f"{cut}.map(part => part.closest('section').id)") == []
+        shown = "[...document.querySelectorAll('main h2, main section')].filter(part => part.checkVisibility())"
+        assert "H2 H2" not in watched.page.evaluate(f"{shown}.map(part => part.tagName).join(' ')")  # an empty chapter
     text = "".join(page.extract_text() for page in pypdf.PdfReader(tmp_path / "report.pdf").pages)
     text = re.sub(r"\s+", "", normalize("NFKC", text))  # the font has a ligature for "fi"
     assert [cell for cell in cells if cell not in text] == []
