@@ -105,18 +105,20 @@ class Planner:
     @torch.inference_mode()
     def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
         """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
-        table = self._reader.renewed_table()
+        is_tower = self._reader.renewed_table().appearance == "tower"
         exchanges = self.recipe.averaged_exchanges
         judges = [Judge(one, self._reader, statement, exchanges, target=target) for one in self._networks]
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
-        plan = {"tower": _plan_tower, "scatter": _plan_scatter}[table.appearance]
         proposed = max(most, PROPOSED) if len(judges) > 1 else most
-        plans = [
-            one
-            for judge in judges
-            for one in plan(judge, scene, most_edits, self.dynamics, self.recipe, proposed, may_stop=may_stop)
-        ]
+
+        def proposals(judge: Judge) -> list[Plan]:
+            if is_tower:
+                return _plan_tower(judge, scene, most_edits, self.recipe, proposed, may_stop=may_stop)
+            search = _ScatterSearch(judge, self.dynamics, self.recipe)
+            return search.plans(scene, most_edits, proposed, may_stop=may_stop)
+
+        plans = [plan for judge in judges for plan in proposals(judge)]
         if len(judges) > 1:
             plans = self._chosen(judges, scene, plans)[:most]
         lowest = plans[0].success_probability - self.recipe.edit_cost
@@ -156,14 +158,7 @@ def _box_edits(index: int, before: int, after: int) -> list[Action]:
 
 
 def _plan_tower(
-    judge: Judge,
-    scene: Scene,
-    most_edits: int,
-    dynamics: Dynamics,
-    recipe: RewardModelRecipe,
-    most: int,
-    *,
-    may_stop: bool,
+    judge: Judge, scene: Scene, most_edits: int, recipe: RewardModelRecipe, most: int, *, may_stop: bool
 ) -> list[Plan]:
     start = judge.reader.table.of(scene)
     distances = _box_distances()[list(start)]  # (3, 121)
@@ -229,19 +224,6 @@ class _Edit(NamedTuple):
     box: int
     canonical: int  # -1: a removal
     position: int
-
-
-def _plan_scatter(
-    judge: Judge,
-    scene: Scene,
-    most_edits: int,
-    dynamics: Dynamics,
-    recipe: RewardModelRecipe,
-    most: int,
-    *,
-    may_stop: bool,
-) -> list[Plan]:
-    return _ScatterSearch(judge, dynamics, recipe).plans(scene, most_edits, most, may_stop=may_stop)
 
 
 class _ScatterSearch:
