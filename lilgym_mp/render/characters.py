@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from lilgym_mp.render.drawing import item_mask
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Item, Scene, Shape
@@ -12,10 +12,13 @@ _TEXT_COLOURS = {Colour.YELLOW: 33, Colour.BLACK: 30, Colour.BLUE: 34}
 _TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
 
 
-def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
+def text(
+    scene: Scene, lines: Sequence[str], *, coloured: bool = True, mark: Callable[[Item], str] | None = None
+) -> str:
     """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, items are drawn as y (yellow), k (black) or b (blue), whatever their shape.
+    Without colours, items are drawn as y (yellow), k (black) or b (blue), whatever their shape. `mark` gives another
+    character for an item.
     """
     width, height = TEXT_CELL
     box_columns, rows = BOX_SIDE // width, BOX_SIDE // height
@@ -23,7 +26,7 @@ def text(scene: Scene, lines: Sequence[str], *, coloured: bool = True) -> str:
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
         for item in box.items:
-            character = _text_mark(item, coloured=coloured)
+            character = _text_mark(item, coloured=coloured) if mark is None else mark(item)
             for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
                 for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
                     if _covers(item, column * width + width // 2, row * height + height // 2):

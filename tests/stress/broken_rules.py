@@ -218,8 +218,8 @@ BREAKS = (
     Break(
         "position of an item read from an image",
         "lilgym_mp/perception.py",
-        "return Item(x, row * shrink + template.odd_y, template.shape",
-        "return Item(x, row * shrink, template.shape",
+        "return Item(x, row * self._shrink + template.odd_y, template.shape",
+        "return Item(x, row * self._shrink, template.shape",
         ("tests/test_perception.py",),
     ),
     Break(
