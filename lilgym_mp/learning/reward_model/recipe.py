@@ -47,14 +47,6 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {
-        "counts": 0,
-        "first_stops": 150,
-        "dropout": 0.15,
-        "unknown_words": 0.05,
-        "averaged_exchanges": 6,
-        "members": 3,
-        "beam": 8,
-    },
+    "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
     "scatter": {"first_stops": 250, "reuse": 12, "beam": 3},
 }
