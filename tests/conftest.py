@@ -16,6 +16,8 @@ SOURCES = {  # fixture: (environment variable, contents)
 }
 RAN = ("passed", "failed", "xfailed", "xpassed")
 
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's threads would contend with the other test processes
+
 settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
