@@ -20,7 +20,7 @@ LINES = 10  # printed in total when there is no bar
 LINE_SECONDS = 1.0  # least time between them
 GAP = 2  # blanks between the columns of a table
 RULED = "\n".join(["    "] * 2 + ["----"] + ["    "] * 5)  # a line under the header, in the form of `rich.box`
-NUMBER = re.compile(r"[-+]?\d[\d.,]*( ?%.*| \(.*)?|-")  # with its share, or of how many
+NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
 
 def printable(text: str) -> str:

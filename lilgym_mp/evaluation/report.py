@@ -12,6 +12,7 @@ from typing import Any
 
 from lilgym_mp.evaluation.comparison import Result, task_counts
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES, SuccessCount
+from lilgym_mp.terminal import NUMBER
 from lilgym_mp.terminal import table as aligned
 
 FORMAT = "lilgym_mp-evaluation"
@@ -44,7 +45,7 @@ def terminal_tables(results: Sequence[Result], width: int) -> str:
     for configuration in dict.fromkeys(result.plan.settings.configuration for result in results):
         rows = [(row[0], *row[3:]) for result in results if (row := _row(result))[1] == configuration]
         episodes = next(r.summary.all.episodes for r in results if r.plan.settings.configuration == configuration)
-        parts += [f"{configuration}, {episodes:,} episodes", aligned(heads, rows, width)]
+        parts += [f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}", aligned(heads, rows, width)]
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
     return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
@@ -81,16 +82,14 @@ def _percent_of(count: SuccessCount) -> str:
 
 
 def markdown_table(rows: Sequence[Sequence[str]]) -> str:
-    """An aligned Markdown table; the first row is the header, and all columns but the first are right-aligned."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = [
-        "| " + " | ".join(_justified(cell, width, first=n == 0) for n, (cell, width) in enumerate(cells)) + " |"
-        for cells in (list(zip(row, widths, strict=True)) for row in rows)
-    ]
-    rule = (
-        "|" + "|".join("-" * (width + 2) if n == 0 else "-" * (width + 1) + ":" for n, width in enumerate(widths)) + "|"
-    )
-    return "\n".join([lines[0], rule, *lines[1:]])
+    """An aligned Markdown table; the first row is the header, and columns of numbers are right-aligned."""
+    columns: list[list[str]] = []
+    for cells in zip(*rows, strict=True):
+        width, right = max(map(len, cells)), columns and all(map(NUMBER.fullmatch, cells[1:]))
+        rule = "-" * (width + 1) + (":" if right else "-")
+        head, *rest = (f" {cell.rjust(width) if right else cell.ljust(width)} " for cell in cells)
+        columns.append([head, rule, *rest])
+    return "\n".join(f"|{'|'.join(line)}|" for line in zip(*columns, strict=True))
 
 
 def fold_long_blocks(text: str) -> str:
@@ -104,10 +103,6 @@ def _folded(block: str) -> str:
         return block
     summary = f"<summary>{rows} {'rows' if block.startswith('|') else 'lines'}</summary>"
     return f'<details markdown="1">\n{summary}\n\n{block}\n\n</details>'
-
-
-def _justified(cell: str, width: int, *, first: bool) -> str:
-    return cell.ljust(width) if first else cell.rjust(width)
 
 
 def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:

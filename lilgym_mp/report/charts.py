@@ -75,6 +75,7 @@ def _empty_panels(
 
 def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_width: float) -> None:
     width = 0.8 / max(1, len(panel.values))
+    places = 0 if any(abs(_mean(value)) >= 10 for values in panel.values.values() for value in values) else 2
     for series, (name, values) in enumerate(panel.values.items()):
         xs = [index + (series - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
         heights = [_mean(value) for value in values]
@@ -87,8 +88,7 @@ def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_wid
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
         )
         if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
-            texts = ["" if value is None else _short_number(_mean(value)) for value in values]
-            axes.bar_label(bars, texts, fontsize=7, color=INK, padding=2)
+            axes.bar_label(bars, fmt=f"{{:.{places}f}}", fontsize=7, color=INK, padding=2)
     count = len(panel.categories)
     axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
     axes.set_xlim(-0.5, count - 0.5)
@@ -97,10 +97,6 @@ def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_wid
 
 def _mean(value: MeanStd | float | None) -> float:
     return value.mean if isinstance(value, MeanStd) else float("nan") if value is None else value
-
-
-def _short_number(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 10 or value == 0 else f"{value:.1f}" if abs(value) >= 1 else f"{value:.2f}"
 
 
 def style_axes(axes: Any, title: str, unit: str = "") -> None:

@@ -94,12 +94,18 @@ def test_legend__names_the_policies_with_a_mask():
     assert legend([result()]).endswith("With a mask of legal actions: none.")
 
 
-def test_markdown_table__aligns_the_first_column_left_and_others_right():
-    assert markdown_table([("a", "bcd"), ("ef", "g")]) == "| a  | bcd |\n|----|----:|\n| ef |   g |"
+def test_markdown_table__aligns_numbers_right_and_texts_left():
+    rows = [("a", "bcd", "ef"), ("ef", "1.5", "–"), ("g", "x", "12.0 ± 1 [9, 13]")]
+    assert markdown_table(rows).splitlines() == [
+        "| a  | bcd |               ef |",
+        "|----|-----|-----------------:|",
+        "| ef | 1.5 |                – |",
+        "| g  | x   | 12.0 ± 1 [9, 13] |",
+    ]
 
 
 def test_supervision_table__has_a_row_per_policy():
-    assert supervision_table([result(), result()]).splitlines()[2:] == ["| mine   |     rewards |"]
+    assert supervision_table([result(), result()]).splitlines()[2:] == ["| mine   | rewards     |"]
 
 
 def test_result__is_a_row_with_accuracies_from_0_to_1():

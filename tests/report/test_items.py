@@ -581,6 +581,12 @@ def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide(
         assert not any(box.overlaps(after) for box, after in pairwise(boxes))
 
 
+def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
+    rewards, shares = BarPanel("", ["a", "b"], {"x": [0.641, -1.2]}), BarPanel("", ["a", "b"], {"x": [9.5, 12.3]})
+    figure = bar_chart([rewards, shares], "")
+    assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "-1.20"], ["10", "12"]]
+
+
 def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
     half = MeanStd(2 / 3, None, 3)
     cells = [("own", 200 / 3, None, half), ("paper †", 1.0, 2.0, None)]
