@@ -120,6 +120,7 @@ def test_behaviour_cloning__learns_from_a_dataset(run: Run, monkeypatch: pytest.
     )
 
 
+@pytest.mark.long
 def test_train_language_model__reports_both_phases(run: Run) -> None:
     _needs("train_language_model.py", "torch", "train")
     short = ("--rows", "40", "--supervised-steps", "2", "--reward-steps", "1", "--prompts", "2", "--plans", "random")

@@ -380,6 +380,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)

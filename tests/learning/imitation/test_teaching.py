@@ -32,7 +32,7 @@ def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.parametrize("own_states", [0.0, 1.0])
+@pytest.mark.parametrize("own_states", [0.0, pytest.param(1.0, marks=pytest.mark.long)])
 def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
     statements: str, teacher: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_states: float
 ):

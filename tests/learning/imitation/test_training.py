@@ -43,7 +43,7 @@ def test_training__solves_three_statements_in_seconds(statements: str, tmp_path:
     assert progress_lines(tmp_path / "run")[-1]["truth_accuracy"] > 0.85
 
 
-@pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
+@pytest.mark.parametrize("name", [pytest.param("TowerScratch", marks=pytest.mark.long), "ScatterFlipIt"])
 def test_resume__continues_interrupted_pretraining(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
@@ -66,6 +66,7 @@ def test_resume__continues_interrupted_pretraining(
     assert agent.description.details["steps"] == 40
 
 
+@pytest.mark.long
 def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     add = DataCollector.add
 
