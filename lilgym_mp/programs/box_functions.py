@@ -43,6 +43,7 @@ class _ItemCache(dict[Item, bool]):
         return value
 
 
+_BITS = tuple(1 << index for index in range(MAX_BOX_ITEMS))
 _EMPTY_BOX = BoxView(Box())  # placeholder for tests that do not depend on the box
 
 
@@ -61,6 +62,20 @@ def forget_programs(memo: dict[Hashable, Any]) -> None:
             memo.pop(key, None)
 
 
+def _memoised(key: str, compute: BoxFunction) -> BoxFunction:
+    """The function of a box, memoised in `box.memo`. Raises FallbackError for a box with too many items."""
+
+    def value_of(box: Box) -> Any:
+        value = box.memo.get(key)
+        if value is None:
+            if len(box.items) > MAX_BOX_ITEMS:
+                raise FallbackError
+            value = box.memo[key] = compute(box)
+        return value
+
+    return value_of
+
+
 @cache
 def vectorised_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask]:
     """The bitmask of a box's items for which the word, given the constants as further arguments, is true."""
@@ -68,20 +83,19 @@ def vectorised_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], 
     def test(view: ItemView) -> bool:
         return word.function(view, *constants)
 
+    def mask_of(box: Box) -> Mask:
+        return sum([1 << view.index for view in _view(box).members if test(view)])
+
     key = " ".join(("program test", word.name, *map(str, constants)))
-    if word.depends_on == "attributes":
-        return _vectorise_item_type_test(key, test)
-    return (
-        _vectorise_item_test(key, test, word.depends_on)
-        if word.depends_on_item_only
-        else _vectorise_box_test(key, test)
-    )
+    return _vectorise_item_test(key, test, word.depends_on) if word.depends_on_item_only else _memoised(key, mask_of)
 
 
 @cache
 def vectorised_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
     """The bitmask of a box's items with that value of the attribute (color, shape or size)."""
-    return _vectorise_item_type_test(f"program attribute {value}", lambda view: getattr(view, attribute) is value)
+    return _vectorise_item_test(
+        f"program attribute {value}", lambda view: getattr(view, attribute) is value, "attributes"
+    )
 
 
 class ItemTest(NamedTuple):
@@ -115,16 +129,7 @@ class _Rows(dict[int, Mask]):
 @cache
 def vectorised_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
     """The relation on a box's items as item index -> bitmask of related items. Index it only: rows are lazy."""
-    key = f"program relation {word.name}"
-
-    def rows_of(box: Box) -> Mapping[int, Mask]:
-        rows = box.memo.get(key)
-        if rows is None:
-            check_size(box)
-            rows = box.memo[key] = _Rows(word, box)
-        return rows
-
-    return rows_of
+    return _memoised(f"program relation {word.name}", lambda box: _Rows(word, box))
 
 
 def is_tower(box: Box) -> bool:
@@ -135,66 +140,29 @@ def is_tower(box: Box) -> bool:
     return value
 
 
-def _vectorise_item_type_test(key: str, test: Test) -> Callable[[Box], Mask]:
-    """Vectorises a test of the item type; most compare a single field with a constant, which is the fastest case."""
-    items = [Item(0, 0, *fields) for fields in itertools.product(Shape, Colour, Size)]
-    passing = frozenset(item for item in items if test(ItemView(item, _EMPTY_BOX, 0)))
-    for field, value in {(field, item[field]) for item in passing for field in ITEM_TYPE_FIELDS}:
-        if passing == frozenset(item for item in items if item[field] == value):
-            function = _vectorise_field_test(key, field, int(value))
-            _ITEM_TESTS[function] = _as_item_test(test, "attributes")
-            return function
-    return _vectorise_item_test(key, test, "attributes")
-
-
-def _vectorise_field_test(key: str, field: int, value: int) -> Callable[[Box], Mask]:
-    def mask_of(box: Box) -> Mask:
-        mask = box.memo.get(key)
-        if mask is None:
-            items = box.items
-            if len(items) > MAX_BOX_ITEMS:
-                raise FallbackError
-            mask, bit = 0, 1
-            for item in items:
-                if item[field] == value:
-                    mask |= bit
-                bit <<= 1
-            box.memo[key] = mask
-        return mask
-
-    return mask_of
-
-
 def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Mask]:
-    cache = _ItemCache(test)
+    cached = _ItemCache(test)
+    tested = _tested_field(cached) if depends_on == "attributes" else None
+    field, value = tested or (0, 0)
 
     def mask_of(box: Box) -> Mask:
-        mask = box.memo.get(key)
-        if mask is None:
-            items = box.items
-            if len(items) > MAX_BOX_ITEMS:
-                raise FallbackError
-            mask, bit = 0, 1
-            for item in items:
-                if cache[item]:
-                    mask |= bit
-                bit <<= 1
-            box.memo[key] = mask
-        return mask
+        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if cached[item]])
 
-    _ITEM_TESTS[mask_of] = _as_item_test(test, depends_on)
-    return mask_of
+    def mask_by_field(box: Box) -> Mask:
+        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if item[field] == value])
+
+    function = _memoised(key, mask_of if tested is None else mask_by_field)
+    _ITEM_TESTS[function] = ItemTest(cached.__missing__, depends_on)
+    return function
 
 
-def _vectorise_box_test(key: str, test: Test) -> Callable[[Box], Mask]:
-    def mask_of(box: Box) -> Mask:
-        mask = box.memo.get(key)
-        if mask is None:
-            check_size(box)
-            mask = box.memo[key] = sum([1 << view.index for view in _view(box).members if test(view)])
-        return mask
-
-    return mask_of
+def _tested_field(passes: Mapping[Item, bool]) -> tuple[int, int] | None:
+    """The field and value that a test of the item type compares; None if it compares more than one."""
+    items = [Item(0, 0, *fields) for fields in itertools.product(Shape, Colour, Size)]
+    for field, value in itertools.product(ITEM_TYPE_FIELDS, range(3)):
+        if all(passes[item] == (item[field] == value) for item in items):
+            return field, value
+    return None
 
 
 def _view(box: Box) -> BoxView:
@@ -202,10 +170,3 @@ def _view(box: Box) -> BoxView:
     if view is None:
         view = box.memo["program view"] = BoxView(box)
     return view
-
-
-def _as_item_test(test: Test, depends_on: Dependency) -> ItemTest:
-    def passes(item: Item) -> bool:
-        return test(ItemView(item, _EMPTY_BOX, 0))
-
-    return ItemTest(passes, depends_on)

@@ -7,7 +7,7 @@ where `static_types` proves it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from enum import Enum
 
@@ -28,14 +28,12 @@ from lilgym_mp.programs.static_types import (
     type_of,
 )
 from lilgym_mp.programs.values import Color, Shape, Size
-from lilgym_mp.programs.words import WORDS, Parameter, Word
+from lilgym_mp.programs.words import WORDS, Parameter
 from lilgym_mp.scene import BOX_COUNT
 
 VARIABLES = ("x", "y", "z", "u", "v", "w")  # names by nesting depth; deeper variables are numbered
 ATTRIBUTE_TESTS: Mapping[Enum, str] = {
-    **{color: f"is_{color.name.lower()}" for color in Color},
-    **{size: f"is_{size.name.lower()}" for size in Size},
-    **{shape: f"is_{shape.name.lower()}" for shape in Shape},
+    member: f"is_{member.name.lower()}" for kind in (Color, Size, Shape) for member in kind
 }
 _ATTRIBUTE_TEST_ORDER = {name: index for index, name in enumerate(ATTRIBUTE_TESTS.values())}
 _MEMBER_TYPES = {"color": Color, "shape": Shape, "size": Size}
@@ -71,39 +69,26 @@ def _rewrite(node: syntax.Node, scope: Scope) -> syntax.Node:
 
 
 def _rewrite_children(node: syntax.Node, scope: Scope) -> syntax.Node:
-    def inner(part: syntax.Node) -> syntax.Node:
-        return _rewrite(part, scope)
-
     match node:
         case syntax.Lambda():
             return _rewrite_lambda(node, scope, UNKNOWN)
-        case syntax.Call(word=word, arguments=arguments):
-            return syntax.Call(word, _rewrite_arguments(word, arguments, scope))
+        case syntax.Call():
+            return _rewrite_arguments(node, scope)
         case _:
-            return _map_children(node, inner)
+            return syntax.with_children(node, lambda part: _rewrite(part, scope))
 
 
-def _rewrite_arguments(
-    word: Word, arguments: Sequence[syntax.Node | None], scope: Scope
-) -> tuple[syntax.Node | None, ...]:
+def _rewrite_arguments(call: syntax.Call, scope: Scope) -> syntax.Call:
     """Rewrites arguments; the parameter of a lambda gets the element type of the collection it is applied to."""
     done: list[syntax.Node | None] = []
-    for parameter, argument in zip(word.parameters, arguments, strict=True):
-        if argument is None:
-            done.append(None)
-        elif parameter.type.name == "function":
-            done.append(_rewrite_function(argument, scope, _element_type(done[0], scope)))
+    for parameter, argument in zip(call.word.parameters, call.arguments, strict=True):
+        is_function = argument and parameter.type.name == "function"
+        function = syntax.as_lambda(argument, variable_name(len(scope))) if argument and is_function else None
+        if function is not None:
+            done.append(_rewrite_lambda(function, scope, _element_type(done[0], scope)))
         else:
-            done.append(_rewrite(argument, scope))
-    return tuple(done)
-
-
-def _rewrite_function(node: syntax.Node, scope: Scope, element: Type) -> syntax.Node:
-    if isinstance(node, syntax.WordName) and all(parameter.optional for parameter in node.word.parameters[1:]):
-        name = variable_name(len(scope))
-        rest: tuple[None, ...] = (None,) * (len(node.word.parameters) - 1)
-        node = syntax.Lambda(name, syntax.Call(node.word, (syntax.Variable(name), *rest)))
-    return _rewrite_lambda(node, scope, element) if isinstance(node, syntax.Lambda) else _rewrite(node, scope)
+            done.append(argument and _rewrite(argument, scope))
+    return syntax.Call(call.word, tuple(done))
 
 
 def _rewrite_lambda(node: syntax.Lambda, scope: Scope, element: Type) -> syntax.Lambda:
@@ -379,9 +364,7 @@ def _required(node: syntax.Node | None) -> syntax.Node:
 
 
 def _call(name: str, *arguments: syntax.Node | None) -> syntax.Call:
-    word = WORDS[name]
-    rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(arguments))
-    return syntax.Call(word, (*arguments, *rest))
+    return syntax.call(WORDS[name], *arguments)
 
 
 def _attribute_test(value: object, item: syntax.Node) -> syntax.Call:
@@ -389,45 +372,13 @@ def _attribute_test(value: object, item: syntax.Node) -> syntax.Call:
     return _call(ATTRIBUTE_TESTS[value], item)
 
 
-# Names of variables
-
-
-def _map_children(node: syntax.Node, changed: Callable[[syntax.Node], syntax.Node]) -> syntax.Node:
-    """Maps `changed` over the children; calls and lambdas, which callers treat separately, are returned unchanged."""
-    match node:
-        case syntax.Member(of=of):
-            return replace(node, of=changed(of))
-        case syntax.Logic(operands=operands):
-            return replace(node, operands=tuple(map(changed, operands)))
-        case syntax.Not(operand=operand):
-            return syntax.Not(changed(operand))
-        case syntax.Comparison(left=left, rights=rights):
-            return replace(node, left=changed(left), rights=tuple(map(changed, rights)))
-        case syntax.Arithmetic(left=left, right=right):
-            return replace(node, left=changed(left), right=changed(right))
-        case syntax.Subscript(of=of, index=index):
-            return syntax.Subscript(changed(of), changed(index))
-        case syntax.Slice(of=of, start=start, stop=stop, step=step):
-            return syntax.Slice(changed(of), *(None if part is None else changed(part) for part in (start, stop, step)))
-        case syntax.Display(elements=elements):
-            return replace(node, elements=tuple(map(changed, elements)))
-        case _:
-            return node
-
-
 def _named_by_depth(node: syntax.Node, names: Mapping[str, syntax.Variable], depth: int) -> syntax.Node:
     """Renames each variable by the nesting depth of its lambda."""
-
-    def inner(part: syntax.Node) -> syntax.Node:
-        return _named_by_depth(part, names, depth)
-
     match node:
         case syntax.Variable(name=name):
             return names.get(name, node)
         case syntax.Lambda(parameter=parameter, body=body):
             name = variable_name(depth)
             return syntax.Lambda(name, _named_by_depth(body, {**names, parameter: syntax.Variable(name)}, depth + 1))
-        case syntax.Call(word=word, arguments=arguments):
-            return syntax.Call(word, tuple(None if part is None else inner(part) for part in arguments))
         case _:
-            return _map_children(node, inner)
+            return syntax.with_children(node, lambda part: _named_by_depth(part, names, depth))

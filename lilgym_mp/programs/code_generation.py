@@ -14,7 +14,8 @@ import itertools
 import math
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
@@ -37,6 +38,7 @@ from lilgym_mp.programs.syntax import (
     Subscript,
     Variable,
     WordName,
+    as_lambda,
     children,
     own_size,
 )
@@ -110,6 +112,15 @@ def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], 
         ir.unsupported("too long")
     exec(compile(source, f"<{name} of a program>", "exec"), names)
     return names[name]
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class Kernel:
+    """A compiled kernel: its key in `box.memo`, its function of a box, and its expression."""
+
+    key: str
+    function: Callable[[Box], Any]
+    expression: Expression
 
 
 class _KernelUse(NamedTuple):
@@ -222,14 +233,17 @@ class _Generator:
     def expression(self, code: ir.Code) -> Expression:
         return Expression(code, {name: hoisted for hoisted, name in self.hoisted.items()}, self.names)
 
-    def can_be_kernel(self, parameter: str, body: Node) -> bool:
-        info = self.context.info(body)
-        return not self.kernel and info.free <= {parameter} and not info.uses_scene
+    def can_be_kernel(self, function: Lambda) -> bool:
+        info = self.context.info(function.body)
+        return not self.kernel and info.free <= {function.parameter} and not info.uses_scene
 
     # Expressions
 
-    def condition(self, node: Node, scope: ir.Scope) -> ir.Bool:
-        """The truthiness of the node's value."""
+    def condition(self, node: Node, scope: ir.Scope, *, strict: bool = False) -> ir.Bool:
+        """The truthiness of the node's value; with `strict`, the value itself, which must be a bool."""
+        if strict:
+            value = self.lower(node, scope)
+            return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
         match node:
             case Logic(operator=operator, operands=operands):
                 truths = [self.condition(operand, scope) for operand in operands]
@@ -241,11 +255,6 @@ class _Generator:
                 value = self.lower(node, scope)
                 self.charge(ir.max_measure_steps(value))
                 return ir.as_truth(value)
-
-    def strict_condition(self, node: Node, scope: ir.Scope) -> ir.Bool:
-        """The value of a node that must be a bool."""
-        value = self.lower(node, scope)
-        return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
 
     def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
         """Lowers a node. Raises Unsupported when its text, which may repeat the text of its parts, gets too long."""
@@ -273,7 +282,7 @@ class _Generator:
             case Variable(name=name):
                 return scope[name]
             case Logic(operands=operands):
-                truths = [self.strict_condition(operand, scope) for operand in operands]
+                truths = [self.condition(operand, scope, strict=True) for operand in operands]
                 return ir.Bool(ir.operate(node.operator, *(truth.code for truth in truths)), ir.all_total(truths))
             case Not(operand=operand):
                 return ir.negate(self.condition(operand, scope))
@@ -388,7 +397,7 @@ class _Generator:
 
     def call(self, node: Call, scope: ir.Scope) -> ir.Value:
         word = node.word
-        if _is_test(word):
+        if word.is_item_test:
             return self.test(node, scope)
         if len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box":
             return self.relation(node, scope)
@@ -459,20 +468,20 @@ class _Generator:
         """filter_obj, All and Any."""
         collection = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
         self.charge_call(node.word, collection, ir.FALSE)
-        parameter, body = _as_lambda(cast("Node", node.arguments[1]))
+        function = _as_lambda(cast("Node", node.arguments[1]))
         name = node.word.name
         strict = name != "filter_obj"
         if isinstance(collection, ir.AttributeSet):
             collection = ir.as_static_list(collection)
         if isinstance(collection, ir.Combinations):
-            found = self.filter_combinations(parameter, body, collection, scope, strict=strict)
+            found = self.filter_combinations(function, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_combinations(name, collection, found)
         if isinstance(collection, ir.StaticList):
-            found = self.filter_static(parameter, body, collection, scope, strict=strict)
+            found = self.filter_static(function, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_static(name, collection, found)
         if not isinstance(collection, ir.Items):
             ir.unsupported("collection")
-        parts = [self.filter_part(parameter, body, part, scope, strict=strict) for part in collection.parts]
+        parts = [self.filter_part(function, part, scope, strict=strict) for part in collection.parts]
         found = ir.Items(tuple(parts), ordered=True)
         if name == "filter_obj":
             return found
@@ -503,7 +512,7 @@ class _Generator:
         return ir.Bool(code, collection.total and found.total)
 
     def filter_combinations(
-        self, parameter: str, body: Node, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
+        self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
     ) -> ir.Combinations:
         if collection.filtered:
             ir.unsupported("combinations filtered twice")
@@ -518,14 +527,13 @@ class _Generator:
                 self.variables += len(group)
                 items.extend(ir.ItemRef(ir.Code(name), box=box) for name in names)
                 loops.append(f"for {', '.join(names)}, in choose(bits({group[0].mask.text}), {len(group)})")
-            chosen: ir.Scope = {**scope, parameter: ir.StaticList(tuple(items), (ir.TRUE,) * len(items))}
-            self.loop_depth += 1
+            chosen: ir.Scope = {**scope, function.parameter: ir.StaticList(tuple(items), (ir.TRUE,) * len(items))}
             sizes = Counter(part.box for part in parts).values()
             choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes)
             max_runs, self.max_runs = self.max_runs, self.max_runs * choices
-            self.charge_lambda(body)
-            condition = self.strict_condition(body, chosen) if strict else self.condition(body, chosen)
-            self.loop_depth, self.max_runs = self.loop_depth - 1, max_runs
+            self.charge_lambda(function.body)
+            condition = self.condition_in_loop(function.body, chosen, strict=strict)
+            self.max_runs = max_runs
             total = total and condition.total
             texts.append(f"sum([1 {' '.join(loops)} if {condition.text}])")
         return ir.Combinations(
@@ -534,14 +542,14 @@ class _Generator:
 
     def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
         collection = self.lower(cast("Node", node.arguments[0]), scope)
-        parameter, body = _as_lambda(cast("Node", node.arguments[1]))
+        function = _as_lambda(cast("Node", node.arguments[1]))
         self.charge_call(node.word, collection, ir.FALSE)
         if isinstance(collection, ir.AttributeSet):
             collection = ir.as_static_list(collection)
         if not isinstance(collection, ir.StaticList):
             ir.unsupported("all_same_attribute")
-        self.charge_lambda(body, len(collection.elements))
-        values = [self.lower(body, {**scope, parameter: element}) for element in collection.elements]
+        self.charge_lambda(function.body, len(collection.elements))
+        values = [self.lower(function.body, {**scope, function.parameter: element}) for element in collection.elements]
         if not all(isinstance(value, ir.Int) for value in values) and not all(isinstance(v, ir.Bool) for v in values):
             ir.unsupported("all_same_attribute of other values")
         sets = [
@@ -551,121 +559,113 @@ class _Generator:
         return ir.Bool(ir.Code(f"(len({' | '.join(sets)}) == 1)"), collection.total and ir.all_total(values))
 
     def filter_static(
-        self, parameter: str, body: Node, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
+        self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
     ) -> ir.StaticList:
         conditions: list[ir.Bool] = []
         for element, before in zip(collection.elements, collection.conditions, strict=True):
-            condition = self.element_condition(parameter, body, element, scope, strict=strict)
+            condition = self.element_condition(function, element, scope, strict=strict)
             if before != ir.TRUE:
                 condition = ir.Bool(ir.operate("and", before.code, condition.code), before.total and condition.total)
             conditions.append(condition)
         return ir.StaticList(collection.elements, tuple(conditions))
 
-    def element_condition(
-        self, parameter: str, body: Node, element: ir.Value, scope: ir.Scope, *, strict: bool
-    ) -> ir.Bool:
+    def element_condition(self, function: Lambda, element: ir.Value, scope: ir.Scope, *, strict: bool) -> ir.Bool:
+        parameter, body = function.parameter, function.body
         self.charge_lambda(body)
-
-        def lower_body(generator: _Generator, bound: ir.Scope) -> ir.Bool:
-            return generator.strict_condition(body, bound) if strict else generator.condition(body, bound)
-
-        if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(parameter, body):
-            return lower_body(self, {**scope, parameter: element})
+        if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(function):
+            return self.condition(body, {**scope, parameter: element}, strict=strict)
+        local: ir.Scope = {parameter: ir.BoxRef(ir.LOCAL_BOX)}
         key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
-        return ir.Bool(
-            *self.kernel_call(element.box, key, lambda inner: lower_body(inner, {parameter: ir.BoxRef(ir.LOCAL_BOX)}))
-        )
+        return ir.Bool(*self.kernel_call(element.box, key, lambda inner: inner.condition(body, local, strict=strict)))
 
-    def filter_part(
-        self, parameter: str, body: Node, part: ir.BoxItems, scope: ir.Scope, *, strict: bool
-    ) -> ir.BoxItems:
+    def filter_part(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
         """The items of a part for which the body is true, computed by a kernel where possible."""
-        if not self.can_be_kernel(parameter, body):
-            return self.filter_inline(parameter, body, part, scope, strict=strict)
+        if not self.can_be_kernel(function):
+            return self.filter_inline(function, part, scope, strict=strict)
         whole = ir.BoxItems(ir.LOCAL_BOX, None)
         chosen, total = self.kernel_call(
             part.box,
-            (parameter, id(body), ("items", strict)),
-            lambda inner: inner.filter_inline(parameter, body, whole, {}, strict=strict),
+            (function.parameter, id(function.body), ("items", strict)),
+            lambda inner: inner.filter_inline(function, whole, {}, strict=strict),
         )
         if part.chosen is not None:
             chosen = ir.operate("&", part.chosen, chosen)
         return ir.BoxItems(part.box, chosen, part.total and total)
 
-    def filter_inline(
-        self, parameter: str, body: Node, part: ir.BoxItems, scope: ir.Scope, *, strict: bool
-    ) -> ir.BoxItems:
+    def filter_inline(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
         self.variables += 1
         index = f"i{self.variables}"
-        bound: ir.Scope = {**scope, parameter: ir.ItemRef(ir.Code(index), box=part.box)}
+        item = ir.ItemRef(ir.Code(index), box=part.box)
+        bound: ir.Scope = {**scope, function.parameter: item}
         max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
-        self.charge_lambda(body)
-        masks, rest = self.split(parameter, body, index, bound, strict=strict)
+        self.charge_lambda(function.body)
+        masks, rest = self.split(function, item, bound, strict=strict)
         for mask in masks:
             part = ir.narrow(part, mask)
         if rest is None:
             self.max_runs = max_runs
             return part
-        self.loop_depth += 1
-        condition = self.strict_condition(rest, bound) if strict else self.condition(rest, bound)
-        self.loop_depth, self.max_runs = self.loop_depth - 1, max_runs
+        condition = self.condition_in_loop(rest, bound, strict=strict)
+        self.max_runs = max_runs
         code = ir.Code(f"sum([1 << {index} for {index} in bits({part.mask.text}) if {condition.text}])")
         return ir.BoxItems(part.box, code, part.total and condition.total)
 
     def split(
-        self, parameter: str, body: Node, index: str, bound: ir.Scope, *, strict: bool
+        self, function: Lambda, item: ir.ItemRef, bound: ir.Scope, *, strict: bool
     ) -> tuple[list[ir.ItemMask], Node | None]:
         """Splits the body of a filter into masks and the remaining condition to be evaluated item by item."""
-        whole = self.item_mask(parameter, body, index, bound)
+
+        def mask_of(node: Node) -> ir.ItemMask | None:
+            return self.item_mask(function.parameter, node, item, bound)
+
+        body = function.body
+        whole = mask_of(body)
         if whole is not None:
             return [whole], None
-        if isinstance(body, Logic) and body.operator == "and" and not strict:
-            masks: list[ir.ItemMask] = []
-            for position, operand in enumerate(body.operands):
-                mask = self.item_mask(parameter, operand, index, bound)
-                if mask is None:
-                    rest = body.operands[position:]
-                    return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
-                masks.append(mask)
-        if isinstance(body, Call) and body.word.name == "AND":
-            first, second = cast("tuple[Node, Node]", body.arguments)
-            mask = self.item_mask(parameter, first, index, bound)
-            if mask is not None and self.lower_in_loop(second, bound).total:
-                return [mask], second if strict else Not(Not(second))
-            mask = self.item_mask(parameter, second, index, bound)
-            if mask is not None and self.lower_in_loop(first, bound).total:
-                return [mask], first if strict else Not(Not(first))
+        match body:
+            case Logic(operator="and", operands=operands) if not strict:
+                masks: list[ir.ItemMask] = []
+                for position, operand in enumerate(operands):
+                    mask = mask_of(operand)
+                    if mask is None:
+                        rest = operands[position:]
+                        return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
+                    masks.append(mask)
+            case Call(word=Word(name="AND"), arguments=(first, second)) if first and second:
+                for tested, rest in ((first, second), (second, first)):
+                    mask = mask_of(tested)
+                    if mask is not None and self.condition_in_loop(rest, bound, strict=True).total:
+                        return [mask], rest if strict else Not(Not(rest))
+            case _:
+                pass
         return [], body
 
-    def lower_in_loop(self, node: Node, bound: ir.Scope) -> ir.Bool:
+    def condition_in_loop(self, node: Node, bound: ir.Scope, *, strict: bool) -> ir.Bool:
         self.loop_depth += 1
-        condition = self.strict_condition(node, bound)
+        condition = self.condition(node, bound, strict=strict)
         self.loop_depth -= 1
         return condition
 
-    def item_mask(self, parameter: str, node: Node, index: str, bound: ir.Scope) -> ir.ItemMask | None:
+    def item_mask(self, parameter: str, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition on an item vectorised over its box; None when that is not possible."""
-        box = cast("ir.ItemRef", bound[parameter]).box
         self.charge(costs.CALL + 8)  # the cost of AND, OR and NOT of bools
         match node:
-            case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and _is_test(word):
-                return ir.ItemMask(self.test_mask(node, box))
+            case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and word.is_item_test:
+                return ir.ItemMask(self.test_mask(node, item.box))
             case Not(operand=operand) | Call(word=Word(name="NOT"), arguments=(operand,)) if operand is not None:
-                inner = self.item_mask(parameter, operand, index, bound)
+                inner = self.item_mask(parameter, operand, item, bound)
                 return inner and ir.ItemMask(ir.invert(inner.code), in_range=False, total=inner.total)
-            case Logic(operator=operator, operands=operands):
-                return self.combined_mask(parameter, operator, operands, index, bound)
-            case Call(word=Word(name="AND" | "OR" as name), arguments=operands):
-                return self.combined_mask(parameter, name.lower(), cast("tuple[Node, ...]", operands), index, bound)
+            case Logic(operator=operator) | Call(word=Word(name="AND" | "OR" as operator)):
+                return self.combined_mask(parameter, operator.lower(), children(node), item, bound)
             case _:
-                return self.constant_mask(node, index, bound)
+                return self.constant_mask(node, item, bound)
 
     def combined_mask(
-        self, parameter: str, operator: str, operands: tuple[Node, ...], index: str, bound: ir.Scope
+        self, parameter: str, operator: str, operands: Iterable[Node], item: ir.ItemRef, bound: ir.Scope
     ) -> ir.ItemMask | None:
         masks: list[ir.ItemMask] = []
         for operand in operands:
-            mask = self.item_mask(parameter, operand, index, bound)
+            mask = self.item_mask(parameter, operand, item, bound)
             if mask is None:
                 return None
             masks.append(mask)
@@ -673,40 +673,19 @@ class _Generator:
         code = ir.operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
         return ir.ItemMask(code, in_range=in_range, total=ir.all_total(masks))
 
-    def constant_mask(self, node: Node, index: str, bound: ir.Scope) -> ir.ItemMask | None:
+    def constant_mask(self, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition independent of the item, such as one on its box, broadcast to all items of the box."""
         try:
-            value = self.lower_in_loop(node, bound)
+            value = self.condition_in_loop(node, bound, strict=True)
         except ir.Unsupported:
             return None
-        if re.search(rf"\b{index}\b", value.text):
+        if re.search(rf"\b{item.text}\b", value.text):
             return None
         return ir.ItemMask(ir.negative(value.code), in_range=False, total=value.total)
 
 
-def _is_test(word: Word) -> bool:
-    """Whether the word is a vectorisable predicate of an item whose other arguments, if any, are Sides."""
-    types = [parameter.type.name for parameter in word.parameters]
-    return types[:1] == ["item"] and set(types[1:]) <= {"Side"} and word.result == "bool" and word.depends_on != "scene"
-
-
-def _as_lambda(node: Node) -> tuple[str, Node]:
-    if isinstance(node, Lambda):
-        return node.parameter, node.body
-    if not isinstance(node, WordName) or any(not parameter.optional for parameter in node.word.parameters[1:]):
-        ir.unsupported("function")
-    return "x", Call(node.word, (Variable("x"), *(None for _ in node.word.parameters[1:])))
-
-
-class Kernel:
-    """A compiled kernel: its function of a box, its key in `box.memo`, and its expression."""
-
-    __slots__ = ("__weakref__", "expression", "function", "key")
-
-    def __init__(self, key: str, function: Callable[[Box], Any], expression: Expression) -> None:
-        self.key = key
-        self.function = function
-        self.expression = expression
+def _as_lambda(node: Node) -> Lambda:
+    return as_lambda(node, "x") or ir.unsupported("function")
 
 
 _KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # keyed by source; shared between programs

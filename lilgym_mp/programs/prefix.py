@@ -149,9 +149,7 @@ def _node(token: str, parts: Sequence[syntax.Node], depth: int) -> syntax.Node:
         case _ if token.startswith("."):
             return syntax.Member(parts[0], token.removesuffix("()")[1:], called=token.endswith("()"))
         case _ if token.endswith(")"):
-            word = WORDS[token.split("(")[0]]
-            rest: tuple[None, ...] = (None,) * (len(word.parameters) - len(parts))
-            return syntax.Call(word, (*parts, *rest))
+            return syntax.call(WORDS[token.split("(")[0]], *parts)
         case _ if "/" in token:
             return syntax.Display(list if token.startswith("list") else set, tuple(parts))
         case _ if "." in token:

@@ -98,14 +98,8 @@ def may_fail(node: syntax.Node, scope: Scope) -> bool:
 
 def function_may_fail(function: syntax.Node, element: Type, scope: Scope) -> bool:
     """Whether calling a lambda or word with a value of type `element` might raise an error."""
-    match function:
-        case syntax.Lambda(parameter=parameter, body=body):
-            return may_fail(body, {**scope, parameter: element})
-        case syntax.WordName(word=word):
-            rest: tuple[None, ...] = (None,) * (len(word.parameters) - 1)
-            return _call_may_fail(word, (syntax.Variable(""), *rest), {"": element})
-        case _:
-            return True
+    called = syntax.as_lambda(function, "")
+    return called is None or may_fail(called.body, {**scope, called.parameter: element})
 
 
 def is_hashable(given: Type) -> bool:

@@ -11,9 +11,9 @@ import ast
 import difflib
 import keyword
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn, cast, get_args
 
 from lilgym_mp.programs import functions as _functions
 from lilgym_mp.programs.errors import ProgramError
@@ -48,21 +48,11 @@ _TOKEN = re.compile(
 _REFUSED = re.compile(r"\*\*|//|<<|>>|->|:=|\*|/|-|[\"'`]+|@|\||&|\^|~|\\|!|#|;|\?|\$|\s|.", re.DOTALL)
 ONLY_OPERATORS = "the only operators are + % and comparisons"
 _WHY = {
-    '"': "strings are not part of the language",
-    "'": "strings are not part of the language",
+    **dict.fromkeys("\"'", "strings are not part of the language"),
+    **dict.fromkeys((*"*/-|&^~", "<<", ">>"), ONLY_OPERATORS),
+    **dict.fromkeys("\n\r", "a program is one line"),
     "#": "comments are not part of the language",
     ":=": "assignments are not part of the language",
-    "*": ONLY_OPERATORS,
-    "/": ONLY_OPERATORS,
-    "-": ONLY_OPERATORS,
-    "|": ONLY_OPERATORS,
-    "&": ONLY_OPERATORS,
-    "^": ONLY_OPERATORS,
-    "~": ONLY_OPERATORS,
-    "<<": ONLY_OPERATORS,
-    ">>": ONLY_OPERATORS,
-    "\n": "a program is one line",
-    "\r": "a program is one line",
     "\0": "a null character",
 }
 assert _functions
@@ -180,6 +170,7 @@ Node = (
     | Slice
     | Display
 )
+_NODES = frozenset(get_args(Node))
 
 
 def parse(source: str) -> Node:
@@ -197,33 +188,37 @@ def parse(source: str) -> Node:
 
 def children(node: Node) -> Iterator[Node]:
     """The direct children of a node."""
-    match node:
-        case Lambda(body=body):
-            yield body
-        case Call(arguments=arguments):
-            yield from (argument for argument in arguments if argument is not None)
-        case Member(of=of):
-            yield of
-        case Logic(operands=operands):
-            yield from operands
-        case Not(operand=operand):
-            yield operand
-        case Comparison(left=left, rights=rights):
-            yield left
-            yield from rights
-        case Arithmetic(left=left, right=right):
-            yield left
-            yield right
-        case Subscript(of=of, index=index):
-            yield of
-            yield index
-        case Slice(of=of, start=start, stop=stop, step=step):
-            yield of
-            yield from (part for part in (start, stop, step) if part is not None)
-        case Display(elements=elements):
-            yield from elements
-        case _:
-            return
+    for name in node.__match_args__:
+        part: Any = getattr(node, name)
+        if type(part) in _NODES:
+            yield part
+        elif type(part) is tuple:
+            for each in cast("tuple[Any, ...]", part):
+                if type(each) in _NODES:
+                    yield each
+
+
+def with_children(node: Node, changed: Callable[[Node], Node]) -> Node:
+    """The node with each direct child replaced by what `changed` returns for it."""
+
+    def replaced(part: Any) -> Any:
+        if type(part) is tuple:
+            return tuple(map(replaced, cast("tuple[Any, ...]", part)))
+        return changed(part) if type(part) in _NODES else part
+
+    return type(node)(*(replaced(getattr(node, name)) for name in node.__match_args__))
+
+
+def call(word: Word, *arguments: Node | None) -> Call:
+    """A call of the word with the first arguments given, and defaults for the others."""
+    return Call(word, (*arguments, *(None for _ in word.parameters[len(arguments) :])))
+
+
+def as_lambda(node: Node, parameter: str) -> Lambda | None:
+    """A lambda, or a word that can be called with one argument as a lambda of `parameter`; None for other nodes."""
+    if isinstance(node, WordName) and all(other.optional for other in node.word.parameters[1:]):
+        return Lambda(parameter, call(node.word, Variable(parameter)))
+    return node if isinstance(node, Lambda) else None
 
 
 def own_size(node: Node) -> int:
@@ -389,17 +384,10 @@ class _Checker:
         if len(keywords) != len(node.keywords):
             self.refuse(node, "an argument is given twice")
         try:
-            places = called.bind(len(node.args), keywords)
+            arguments = called.bind(node.args, keywords)
         except TypeError as fault:
             self.refuse(node, f"{fault}; the function is {called.signature}")
-        arguments = [
-            None if place is None else node.args[place] if isinstance(place, int) else keywords[place]
-            for place in places
-        ]
-        return Call(
-            called,
-            tuple(None if part is None else self.checked(part, variables, depth + 1) for part in arguments),
-        )
+        return Call(called, tuple(part and self.checked(part, variables, depth + 1) for part in arguments))
 
     def _method_call(self, node: ast.Call, method: ast.Attribute, variables: frozenset[str], depth: int) -> Node:
         if method.attr in ATTRIBUTES:

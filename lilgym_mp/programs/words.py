@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable, Hashable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args, get_type_hints
@@ -19,6 +19,7 @@ from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.values import BoxView, Color, ItemView, Shape, Side, Size
 
 Function = TypeVar("Function", bound=Callable[..., Any])
+Argument = TypeVar("Argument")
 Dependency = Literal["attributes", "position", "item", "box", "scene"]
 GROUPS = (
     "sets",
@@ -258,33 +259,31 @@ class Word:
         per_pair = costs.PAIR * item_count if self.depends_on in ("box", "scene") else 0
         return costs.CALL + element_count * (self.steps_per_element + per_pair)
 
-    def bind(self, positional: int, keywords: Iterable[str]) -> tuple[int | str | None, ...]:
-        """Where each parameter's argument comes from: a position, a keyword, or None for the default.
+    @property
+    def is_item_test(self) -> bool:
+        """Whether the word is a predicate of one item that depends on nothing beyond its box but sides, if given."""
+        types = [parameter.type.name for parameter in self.parameters]
+        one_item = types[:1] == ["item"] and set(types[1:]) <= {"Side"}
+        return one_item and self.result == "bool" and self.depends_on != "scene"
+
+    def bind(self, positional: Sequence[Argument], keywords: Mapping[str, Argument]) -> tuple[Argument | None, ...]:
+        """The argument of each parameter, None for the default.
 
         Raises TypeError for missing, unknown, repeated or surplus arguments.
         """
-        named = set(keywords)
-        if len(named) != len(list(keywords)):
-            raise TypeError("an argument is given twice")
-        places: list[int | str | None] = []
-        for index, parameter in enumerate(self.parameters):
-            by_position = index < positional and not parameter.keyword_only
-            if by_position and parameter.name in named:
+        by_position = [parameter.name for parameter in self.parameters if not parameter.keyword_only]
+        given = {**keywords, **dict(zip(by_position, positional, strict=False))}
+        for parameter in self.parameters:
+            if parameter.name in keywords and parameter.name in by_position[: len(positional)]:
                 raise TypeError(f"argument {parameter.name!r} is given twice")
-            if by_position:
-                places.append(index)
-            elif parameter.name in named:
-                places.append(parameter.name)
-            elif parameter.optional:
-                places.append(None)
-            else:
+            if parameter.name not in given and not parameter.optional:
                 raise TypeError(f"argument {parameter.name!r} is missing")
-        unknown = named - {parameter.name for parameter in self.parameters}
+        unknown = keywords.keys() - {parameter.name for parameter in self.parameters}
         if unknown:
             raise TypeError(f"there is no argument {min(unknown)!r}")
-        if sum(isinstance(place, int) for place in places) < positional:
-            raise TypeError(f"{positional} arguments are too many")
-        return tuple(places)
+        if len(by_position) < len(positional):
+            raise TypeError(f"{len(positional)} arguments are too many")
+        return tuple(given.get(parameter.name) for parameter in self.parameters)
 
     def __call__(self, *args: Any) -> Any:
         coerced = self.coerce(args)

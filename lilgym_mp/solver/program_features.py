@@ -140,15 +140,10 @@ def _is_number(node: syntax.Node) -> bool:
 
 def _as_predicate(node: syntax.Node) -> syntax.Node | None:
     """The node as a predicate on the variable x, if it combines tests of one and the same item; else None."""
-    match node:
-        case syntax.WordName(word=word) if _is_item_test(word) and all(p.optional for p in word.parameters[1:]):
-            return syntax.Call(word, (syntax.Variable("x"), *(None for _ in word.parameters[1:])))
-        case syntax.Call() | syntax.Logic() | syntax.Not() if (
-            len(names := set(_tested_variables(node))) == 1 and None not in names
-        ):
-            return _renamed(node)
-        case _:
-            return None
+    if isinstance(node, syntax.WordName) and (function := syntax.as_lambda(node, "x")):
+        node = function.body
+    names = set(_tested_variables(node))
+    return _renamed(node) if len(names) == 1 and None not in names else None
 
 
 def _tested_variables(node: syntax.Node) -> Iterator[str | None]:
@@ -173,24 +168,12 @@ def _has_constant_sides(call: syntax.Call) -> bool:
 
 def _is_item_test(word: Word) -> bool:
     """Whether the word is a predicate on one item that depends on nothing else but sides given as arguments."""
-    types = [parameter.type.name for parameter in word.parameters]
-    takes_one_item = types[:1] == ["item"] and set(types[1:]) <= {"Side"}
-    return takes_one_item and word.result == "bool" and word.depends_on_item_only
+    return word.is_item_test and word.depends_on_item_only
 
 
 def _renamed(node: syntax.Node) -> syntax.Node:
     """The node with every variable renamed to x."""
-    match node:
-        case syntax.Variable():
-            return syntax.Variable("x")
-        case syntax.Call(word=word, arguments=arguments):
-            return syntax.Call(word, tuple(argument and _renamed(argument) for argument in arguments))
-        case syntax.Logic(operator=operator, operands=operands):
-            return syntax.Logic(operator, tuple(map(_renamed, operands)))
-        case syntax.Not(operand=operand):
-            return syntax.Not(_renamed(operand))
-        case _:
-            return node
+    return syntax.Variable("x") if isinstance(node, syntax.Variable) else syntax.with_children(node, _renamed)
 
 
 # Features with their values for all canonical items
