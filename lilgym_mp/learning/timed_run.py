@@ -1,16 +1,20 @@
-"""Base of training runs whose budget is CPU time or optimiser steps: when to report, to save and to stop."""
+"""The loop of a training run in memory: steps, reports and checkpoints until its budget is spent."""
 
 from __future__ import annotations
 
 import math
 import os
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from lilgym_mp.learning.training_run import TrainingError, TrainingRun
+import torch
+
+from lilgym_mp.learning.interrupts import StopRequest
+from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, TrainingRun, TrainingRunError
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0
@@ -28,23 +32,32 @@ def cpu_seconds() -> float:
 class Counters:
     """The counters in a checkpoint; field names are part of its format."""
 
-    steps: int = 0  # of the optimiser
+    steps: int = 0  # of the environments in PPO and in the game, else of the optimiser
+    seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
     cpu_seconds: float = 0.0  # over all sessions of the run
     exploring_seconds: float = 0.0  # part of them for data collection
 
 
 class Budget(NamedTuple):
-    """`minutes` of CPU time, everything included, or `steps` of the optimiser; the other one is None."""
+    """`minutes` of CPU time, everything included, or `steps`, whichever is spent first."""
 
     minutes: float | None
     steps: int | None
 
     def check(self) -> None:
-        """Raises ValueError unless there is one positive budget."""
-        if (self.minutes is None) == (self.steps is None):
-            raise ValueError("give a budget: either minutes or steps")
-        if not 0 < (self.minutes or self.steps or 0) < math.inf:
-            raise ValueError(f"the budget must be positive, not {self.minutes or self.steps}")
+        """Raises ValueError unless there is a positive budget."""
+        if self.minutes is None and self.steps is None:
+            raise ValueError("give a budget: minutes, steps, or both")
+        for name, value in self._asdict().items():
+            if value is not None and not 0 < value < math.inf:
+                raise ValueError(f"the budget in {name} must be above 0, not {value:g}")
+
+
+class Every(NamedTuple):
+    """An interval between reports or between checkpoints; the default is one step."""
+
+    steps: int = 0
+    seconds: float = 0.0  # CPU time
 
 
 class TimedRun(ABC, Generic[Measured]):
@@ -53,10 +66,12 @@ class TimedRun(ABC, Generic[Measured]):
     files: TrainingRun
     counters: Counters
 
-    def __init__(self, budget: Budget) -> None:
+    def __init__(self, budget: Budget, report_every: Every | None = None, save_every: Every | None = None) -> None:
         budget.check()
         self.budget = budget
-        self._start_cpu_seconds = cpu_seconds()
+        self._report_every = report_every or Every(seconds=REPORT_SECONDS)
+        self._save_every = save_every or Every(seconds=SAVE_SECONDS)
+        self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
@@ -68,37 +83,67 @@ class TimedRun(ABC, Generic[Measured]):
 
     @abstractmethod
     def step(self) -> Measured:
-        """One optimiser step, with data collection when it is due."""
+        """One step of the algorithm, with data collection when it is due. Raises NotFiniteError."""
 
     @abstractmethod
     def report(self, recent: Sequence[Measured]) -> None:
         """Reports the steps since the last report."""
 
     def seconds(self) -> float:
+        """CPU time."""
         return self.counters.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
+
+    def wall_seconds(self) -> float:
+        return self.counters.seconds + time.monotonic() - self._start_seconds
+
+    @contextmanager
+    def paused(self) -> Iterator[None]:
+        """Excludes the time spent in the block from `wall_seconds`."""
+        began = time.monotonic()
+        yield
+        self._start_seconds += time.monotonic() - began
 
     def progress(self) -> float:
         """The fraction of the budget spent."""
-        if self.budget.steps is not None:
-            return self.counters.steps / self.budget.steps
-        assert self.budget.minutes is not None
-        return self.seconds() / (60 * self.budget.minutes)
+        minutes, steps = self.budget
+        by_steps = 0.0 if steps is None else self.counters.steps / steps
+        return max(by_steps, 0.0 if minutes is None else self.seconds() / (60 * minutes))
 
-    def optimise(self) -> None:
-        """Takes steps until the budget is spent."""
+    def is_over(self) -> bool:
+        return self.progress() >= 1
+
+    def check_unspent(self) -> None:
+        """Raises TrainingRunError if a resumed run has spent the budget."""
+        if self.is_over():
+            given = " or ".join(f"--{name}" for name, value in self.budget._asdict().items() if value is not None)
+            raise TrainingRunError(
+                f"the run in {self.files.path} already has {self.counters.steps:,} steps; request more with {given}"
+            )
+
+    def optimise(self, stop: StopRequest | None = None) -> None:
+        """Takes steps until the budget is spent, or a stop is requested."""
         recent: list[Measured] = []
-        saved = reported = self.seconds()
-        while self.progress() < 1:
-            recent.append(self.step())
-            now = self.seconds()
-            if now - reported > REPORT_SECONDS:
+        saved = reported = Every(self.counters.steps, self.seconds())
+        while not self.is_over() and not (stop is not None and stop.requested):
+            with self.errors_located():
+                recent.append(self.step())
+            now = Every(self.counters.steps, self.seconds())
+            if _is_due(now, reported, self._report_every):
                 self.report(recent)
                 recent, reported = [], now
-            if now - saved > SAVE_SECONDS:
+            if _is_due(now, saved, self._save_every):
                 self.save()
                 saved = now
         if recent:
             self.report(recent)
+
+    @contextmanager
+    def errors_located(self) -> Iterator[None]:
+        """Adds the step and the last checkpoint to a NotFiniteError."""
+        try:
+            yield
+        except NotFiniteError as error:
+            raise self.not_finite(str(error)) from None
 
     @contextmanager
     def saved_on_interrupt(self) -> Iterator[None]:
@@ -117,14 +162,15 @@ class TimedRun(ABC, Generic[Measured]):
 
     def not_finite(self, parts: str = "") -> TrainingError:
         """The error for a loss that is not finite; `parts`: the losses that it adds up."""
+        kept = f"the last good checkpoint is kept in {self.files.path}"
         return TrainingError(
             f"the loss is not finite at step {self.counters.steps}{parts and f' ({parts})'};"
-            f" the last good checkpoint is kept in {self.files.path}; try a lower learning rate"
+            f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
         )
 
     def save(self) -> None:
-        counters = {**asdict(self.counters), "cpu_seconds": self.seconds()}
-        self.files.save_checkpoint({**self.state(), "counters": counters})
+        spent = {"seconds": self.wall_seconds(), "cpu_seconds": self.seconds()}
+        self.files.save_checkpoint({**self.state(), "counters": {**asdict(self.counters), **spent}})
 
     def load(self, device: Any) -> None:
         """Continues from the checkpoint, if there is one. Raises TrainingRunError."""
@@ -132,8 +178,15 @@ class TimedRun(ABC, Generic[Measured]):
             with self.files.checkpoint(device) as state:
                 self.counters = type(self.counters)(**state["counters"])
                 self.restore(state)
+                for name, tensor in (state.get("network") or state["networks"]).items():
+                    if not torch.isfinite(tensor).all():
+                        raise ValueError(f"{name} holds non-finite values")
 
     def statistics(self) -> dict[str, float]:
         """Details of the model file."""
         minutes, exploring = self.seconds() / 60, self.counters.exploring_seconds / 60
         return {"cpu_minutes": round(minutes, 2), "exploring_cpu_minutes": round(exploring, 2)}
+
+
+def _is_due(now: Every, last: Every, interval: Every) -> bool:
+    return now.steps - last.steps >= interval.steps and now.seconds - last.seconds >= interval.seconds

@@ -43,6 +43,10 @@ class TrainingError(ValueError):
     """Training that cannot continue."""
 
 
+class NotFiniteError(TrainingError):
+    """A loss that is not finite; the message has the losses that it adds up."""
+
+
 class TrainingRun:
     """The files of one run."""
 
@@ -107,10 +111,10 @@ class TrainingRun:
     def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
         save_model(self.agent_file, description, tensors)
 
-    def record(self, progress: Mapping[str, Any]) -> None:
-        """Appends a line to progress.jsonl."""
-        with (self.path / PROGRESS_FILE).open("a", encoding="utf-8") as file:
-            file.write(json.dumps(progress) + "\n")
+    def record(self, line: Mapping[str, Any], file: str = PROGRESS_FILE) -> None:
+        """Appends a line to a file of JSON lines."""
+        with (self.path / file).open("a", encoding="utf-8") as lines:
+            lines.write(json.dumps(line) + "\n")
 
 
 def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:

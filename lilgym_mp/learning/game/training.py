@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,7 +20,6 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.agents import AgentError, agent_file
-from lilgym_mp.learning.clock import TrainingClock
 from lilgym_mp.learning.devices import select_device, torch_threads
 from lilgym_mp.learning.game.agent import (
     KIND,
@@ -45,9 +44,9 @@ from lilgym_mp.learning.ppo.models.weights import weights_digest
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun
+from lilgym_mp.learning.training_run import NotFiniteError, TrainingRunError, begin_run, resumable_run
 
-SAVE_SECONDS = 60.0  # CPU time between checkpoints
 CRITIC = "critic"  # name of the central critic's network
 TEXT_LAYERS, HEADS = 1, 2
 
@@ -71,13 +70,8 @@ class Progress(NamedTuple):
 
 
 @dataclass
-class _Counters:
-    """The counters in a checkpoint; field names are part of its format."""
-
-    steps: int = 0
+class _Counters(Counters):
     games: int = 0
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
 
 
 def train_game(
@@ -104,29 +98,22 @@ def train_game(
     Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`, TrainingError when a loss is not
     finite, CorpusError for unusable data.
     """
-    if minutes is None and steps is None:
-        raise ValueError("give a budget: minutes, steps, or both")
-    for name, budget in (("minutes", minutes), ("steps", steps)):
-        if budget is not None and not 0 < budget < float("inf"):
-            raise ValueError(f"{name} must be above 0, not {budget:g}")
     with torch_threads(threads), stop_on_signals() as stop:
-        run = Run(settings, recipe, out, dict(partners or {}), start_from, device, resume=resume)
-        if run.done(minutes, steps) >= 1:
-            raise TrainingRunError(f"the run in {out} has spent this budget; request more with --minutes or --steps")
+        budget = Budget(minutes, steps)
+        run = Run(settings, recipe, out, dict(partners or {}), start_from, device, budget, resume=resume)
+        run.check_unspent()
         run.files.remember(minutes=minutes, steps=steps)
+        run.on_progress = on_progress
         on_begin(run)
-        saved = run.clock.cpu_seconds
-        while (done := run.done(minutes, steps)) < 1 and not stop.requested:
-            on_progress(run.update(done), done)
-            if run.clock.cpu_seconds - saved > SAVE_SECONDS:
-                run.save()
-                saved = run.clock.cpu_seconds
-        run.save()
+        run.optimise(stop)
         return run.finish(stop)
 
 
-class Run:
-    """A run in memory."""
+class Run(TimedRun["Progress"]):
+    """A run in memory; a step is a rollout with its updates."""
+
+    counters: _Counters
+    on_progress: Callable[[Progress, float], object]
 
     def __init__(
         self,
@@ -136,9 +123,11 @@ class Run:
         partners: dict[Role, Sequence[Path | Partner]],
         start_from: Path | None,
         device: str,
+        budget: Budget,
         *,
         resume: bool,
     ) -> None:
+        super().__init__(budget, Every())
         self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
         self.recipe, self._device = recipe, select_device(device)
         partners = {role: found for role, found in partners.items() if found}
@@ -162,12 +151,11 @@ class Run:
             for name, network in actors.items()
         }
         self._rng = np.random.default_rng(recipe.seed)
-        self._counters = _Counters()
+        self.counters = _Counters()
         self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
-        if resume and self.files.has_checkpoint:
-            self._load()
-        self.clock = TrainingClock(self._counters.seconds, self._counters.cpu_seconds)
+        if resume:
+            self.load(self._device)
 
     def _make_networks(self, start_from: Path | None, game: Any) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
         """The agents' networks by name, and the central critic."""
@@ -187,17 +175,8 @@ class Run:
         return networks, networks.pop(CRITIC, None)
 
     @property
-    def steps(self) -> int:
-        return self._counters.steps
-
-    @property
     def trained_parameters(self) -> int:
         return sum(parameter.numel() for parameter in self.networks.parameters())
-
-    def done(self, minutes: float | None, steps: int | None) -> float:
-        """The fraction of the budget spent."""
-        by_steps = 0.0 if steps is None else self.steps / steps
-        return max(by_steps, 0.0 if minutes is None else self.clock.cpu_seconds / (60 * minutes))
 
     # Acting, as `rollout.Actors`
 
@@ -234,30 +213,23 @@ class Run:
 
     # Learning
 
-    def update(self, done: float) -> Progress:
-        """Plays a rollout and learns from it. `done`: training progress, 0 to 1."""
-        start = self.clock.cpu_seconds
-        entropy_coefficient = 0.0
+    def step(self) -> Progress:
+        """Plays a rollout and learns from it."""
+        start, entropy_coefficient = self.seconds(), 0.0
         for optimiser in self._optimisers.values():
-            entropy_coefficient = schedule(optimiser, self.recipe, done)
+            entropy_coefficient = schedule(optimiser, self.recipe, self.progress())
         self.networks.eval()
         rollout = self._player.play(self, self._rng)
         self.networks.train()
         self._clear_caches()
         losses: dict[str, Losses] = {}
-        try:
-            for name, optimiser in self._optimisers.items():
-                if (experience := self._experience(name, rollout)) is not None:
-                    found = update(experience, optimiser, self.recipe, entropy_coefficient, self._rng)
-                    losses[name] = mean_losses(found)
-            claim_losses = self._learn_claims(rollout)
-        except TrainingError as error:
-            raise TrainingError(
-                f"the loss is not finite after {self.steps:,} turns ({error}); the last good checkpoint is kept in"
-                f" {self.files.path}; try a lower learning-rate"
-            ) from None
-        self._counters.steps += self.recipe.rollout
-        return self._report(rollout, losses, claim_losses, start)
+        for name, optimiser in self._optimisers.items():
+            if (experience := self._experience(name, rollout)) is not None:
+                found = update(experience, optimiser, self.recipe, entropy_coefficient, self._rng)
+                losses[name] = mean_losses(found)
+        claim_losses = self._learn_claims(rollout)
+        self.counters.steps += self.recipe.rollout
+        return self._progress(rollout, losses, claim_losses, start)
 
     def _clear_caches(self) -> None:
         for network in (*self._actors.values(), self._critic):
@@ -334,7 +306,7 @@ class Run:
         for claims in self._memory.batches(self._rng):
             loss, accuracy = claim_loss(network, rollout.table, rollout.statements, claims)
             if not torch.isfinite(loss):
-                raise TrainingError(f"claims {loss.item():g}")
+                raise NotFiniteError(f"claims {loss.item():g}")
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(network.parameters(), self.recipe.gradient_norm)
@@ -342,21 +314,20 @@ class Run:
             found.append((float(loss.detach()), accuracy))
         return found
 
-    def _report(
+    def _progress(
         self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
     ) -> Progress:
-        statistics, counters = rollout.statistics, self._counters
+        statistics, counters, seconds = rollout.statistics, self.counters, self.seconds()
         counters.games += statistics.games
-        self._read_clock()
         count = statistics.games
         completeness, soundness, j = judgement_rates(statistics.judged)
         loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
-        progress = Progress(
+        return Progress(
             steps=counters.steps,
             games=counters.games,
-            seconds=round(counters.seconds, 3),
-            cpu_seconds=round(counters.cpu_seconds, 3),
-            turns_per_second=round(self.recipe.rollout / max(1e-9, counters.cpu_seconds - start), 1),
+            seconds=round(self.wall_seconds(), 3),
+            cpu_seconds=round(seconds, 3),
+            turns_per_second=round(self.recipe.rollout / max(1e-9, seconds - start), 1),
             success=statistics.successes / count if count else None,
             returns=(statistics.returns / count).round(4).tolist() if count else None,
             completeness=completeness,
@@ -369,46 +340,38 @@ class Run:
             claim_loss=loss,
             claim_accuracy=accuracy,
         )
-        self.files.record(progress._asdict())
-        return progress
+
+    def report(self, recent: Sequence[Progress]) -> None:
+        for progress in recent:
+            self.files.record(progress._asdict())
+            self.on_progress(progress, self.progress())
 
     # Files
 
-    def _read_clock(self) -> None:
-        self._counters.seconds, self._counters.cpu_seconds = self.clock.seconds, self.clock.cpu_seconds
+    def state(self) -> dict[str, Any]:
+        return {
+            "networks": self.networks.state_dict(),
+            "optimisers": {name: optimiser.state_dict() for name, optimiser in self._optimisers.items()},
+            "claims": self._memory.to_json(),
+            "random": json.dumps(self._rng.bit_generator.state),
+        }
 
-    def save(self) -> None:
-        """Saves a checkpoint."""
-        self._read_clock()
-        self.files.save_checkpoint(
-            {
-                "networks": self.networks.state_dict(),
-                "optimisers": {name: optimiser.state_dict() for name, optimiser in self._optimisers.items()},
-                "counters": asdict(self._counters),
-                "claims": self._memory.to_json(),
-                "random": json.dumps(self._rng.bit_generator.state),
-            }
-        )
-
-    def _load(self) -> None:
-        with self.files.checkpoint(self._device) as state:
-            self.networks.load_state_dict(state["networks"])
-            for name, optimiser in self._optimisers.items():
-                optimiser.load_state_dict(state["optimisers"][name])
-            self._counters = _Counters(**state["counters"])
-            self._memory.restore(state["claims"])
-            self._rng.bit_generator.state = json.loads(state["random"])
-            if any(not torch.isfinite(tensor).all() for tensor in self.networks.state_dict().values()):
-                raise ValueError("a network holds non-finite values")
+    def restore(self, state: dict[str, Any]) -> None:
+        self.networks.load_state_dict(state["networks"])
+        for name, optimiser in self._optimisers.items():
+            optimiser.load_state_dict(state["optimisers"][name])
+        self._memory.restore(state["claims"])
+        self._rng.bit_generator.state = json.loads(state["random"])
 
     def finish(self, stop: StopRequest) -> GameAgent:
         """Saves the agents."""
-        counters, actors = self._counters, self._actors
+        self.save()
+        counters, actors = self.counters, self._actors
         statistics = {
             "steps": counters.steps,
             "games": counters.games,
-            "seconds": round(counters.seconds, 1),
-            "cpu_minutes": round(counters.cpu_seconds / 60, 2),
+            "seconds": round(self.wall_seconds(), 1),
+            "cpu_minutes": round(self.seconds() / 60, 2),
             "seed": self.recipe.seed,
             "trained_parameters": self.trained_parameters,
             "interrupted": stop.requested,
@@ -535,6 +498,3 @@ def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
 
 def _numpy(tensor: Tensor) -> Float32Array:
     return tensor.detach().float().cpu().numpy()
-
-
-__all__ = ["Progress", "Run", "saved_arguments", "train_game"]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 import torch
-from torch import nn
 from torch.nn import functional
 
 from lilgym_mp.corpus.held_out import statement_digest
@@ -25,11 +25,13 @@ from lilgym_mp.learning.parsing.batches import (
     PairSources,
     generated_fraction,
     sample_batches,
+    training_step,
 )
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import Pair, Variations
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, tokens_recoloured, words_recoloured
+from lilgym_mp.learning.training_run import NotFiniteError
 
 PARSER = ParserRecipe()  # hyperparameters shared with parse and plan
 GEOMETRY_LEARNING_RATE = 0.01
@@ -78,21 +80,13 @@ class TextPretraining:
         )
 
     def step(self, done: float) -> float:
-        """One optimiser step; returns the loss. `done`: the fraction of pretraining completed, 0 to 1."""
+        """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises NotFiniteError."""
         self._done = done
         for group in self._optimiser.param_groups:
             group["lr"] = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
-        words, tokens, slots = next(self._batches)
-        self._parser.train()
-        logits = self._parser(words, tokens, slots)
-        loss = functional.cross_entropy(
-            logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=PARSER.smoothing
+        return training_step(
+            self._parser, next(self._batches), self._optimiser, PARSER.smoothing, self._recipe.gradient_norm
         )
-        self._optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self._parser.parameters(), self._recipe.gradient_norm)
-        self._optimiser.step()
-        return loss.item()
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         rng, token_id = self._rng, self._tokenizer.vocabulary.token_id
@@ -126,6 +120,8 @@ class GeometryPretraining:
         self._optimiser.zero_grad()
         loss.backward()
         self._optimiser.step()
+        if not math.isfinite(loss.item()):
+            raise NotFiniteError(f"legal edits {loss.item():g}")
         return loss.item()
 
 

@@ -20,7 +20,7 @@ from lilgym_mp.learning.imitation.losses import losses
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, action_chooser, play_episodes, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.training_run import TrainingError
+from lilgym_mp.learning.training_run import NotFiniteError, TrainingError
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
 
@@ -63,7 +63,7 @@ class Imitation:
         )
 
     def step(self, done: float) -> StepResult:
-        """One optimiser step at a training progress `done`, 0 to 1. Raises TrainingError for a loss not finite."""
+        """One optimiser step at a training progress `done`, 0 to 1. Raises NotFiniteError."""
         recipe, network = self.recipe, self.network
         solvable = [entry for entry in self.entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
@@ -76,7 +76,7 @@ class Imitation:
         parts = losses(outputs, batch)
         loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
         if not math.isfinite(loss.item()):
-            raise TrainingError(", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items()))
+            raise NotFiniteError(", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items()))
         self.optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), recipe.gradient_norm)

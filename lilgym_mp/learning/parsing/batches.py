@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import random
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
+from torch.nn import functional
 
-from lilgym_mp.learning.parsing.network import Sizes, Slots
+from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, slots_of
-from lilgym_mp.learning.training_run import TrainingError
+from lilgym_mp.learning.training_run import NotFiniteError, TrainingError
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
 POOL = 16  # batches sampled together and sorted by length
@@ -48,30 +51,28 @@ class ExamplePool:
 
     def _tokenised(self, index: int) -> Pair | None:
         """The example's pair; None, removing the example, if its program has no prefix form or too many tokens."""
-        statement, program, appearance = self._examples[index]
-        normalised = normalise_statement(statement, appearance, self._known)
-        pair = self._pairs[index] = pair_of(normalised, program, most_tokens=Sizes.longest_program)
+        pair = self._pairs[index] = _pair(self._examples[index], self._known)
         if pair is None:
             self._examples[index], self._pairs[index] = self._examples[-1], self._pairs[-1]
             del self._examples[-1], self._pairs[-1]
         return pair
 
 
+def _pair(example: Example, known: Collection[str]) -> Pair | None:
+    normalised = normalise_statement(example.statement, example.appearance, known)
+    return pair_of(normalised, example.program, most_tokens=Sizes.longest_program)
+
+
+@dataclass(frozen=True)
 class ExampleStream:
     """An infinite stream of examples."""
 
-    def __init__(self, examples: Iterator[Example], known: frozenset[str]) -> None:
-        self._examples = examples
-        self._known = known
+    examples: Iterator[Example]
+    known: Collection[str]
 
     def sample(self, rng: random.Random) -> Pair:
         """The next pair; examples without one are skipped."""
-        while True:
-            statement, program, appearance = next(self._examples)
-            normalised = normalise_statement(statement, appearance, self._known)
-            pair = pair_of(normalised, program, most_tokens=Sizes.longest_program)
-            if pair is not None:
-                return pair
+        return next(pair for example in self.examples if (pair := _pair(example, self.known)) is not None)
 
 
 class PairSource(Protocol):
@@ -138,3 +139,20 @@ def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -
             padded([[slot.argument for slot in row] for row in slots]),
         ),
     )
+
+
+def training_step(
+    network: ParserNetwork, batch: Batch, optimiser: torch.optim.Optimizer, smoothing: float, norm: float = 1.0
+) -> float:
+    """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises NotFiniteError."""
+    network.train()
+    words, tokens, slots = batch
+    logits = network(words, tokens, slots)
+    loss = functional.cross_entropy(logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=smoothing)
+    if not math.isfinite(loss.item()):
+        raise NotFiniteError(f"text {loss.item():g}")
+    optimiser.zero_grad()
+    loss.backward()
+    nn.utils.clip_grad_norm_(network.parameters(), norm)
+    optimiser.step()
+    return loss.item()

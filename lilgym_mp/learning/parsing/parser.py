@@ -10,7 +10,6 @@ from functools import cache
 from typing import Any, NamedTuple
 
 import torch
-from torch import Tensor
 
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.devices import single_thread
@@ -169,10 +168,6 @@ def _ranked(
         ProgramCandidate(programs[truth_vector], masses[truth_vector] / total, len(scores[truth_vector]))
         for truth_vector in ranked
     )
-
-
-def tensors_of(parser: Parser) -> dict[str, Tensor]:
-    return {name: tensor.detach() for name, tensor in parser.network.state_dict().items()}
 
 
 def move(parser: Parser, device: torch.device) -> Parser:

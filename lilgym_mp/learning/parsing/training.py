@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import random
-import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict
@@ -14,8 +13,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import torch
-from torch import nn
-from torch.nn import functional
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statement_digest
@@ -24,17 +21,18 @@ from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
+from lilgym_mp.learning.interrupts import stop_on_signals
 from lilgym_mp.learning.model_file import ModelDescription
 from lilgym_mp.learning.parsing import batches
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
 from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, Pair, Variations
-from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, tensors_of, truths
+from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
-from lilgym_mp.learning.training_run import TrainingError, TrainingRun, begin_run
+from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun
+from lilgym_mp.learning.training_run import TrainingRun, begin_run
 from lilgym_mp.rules import Outcome
 
 KIND = "parse-and-plan"
@@ -83,66 +81,13 @@ def train_parser(
     Raises TrainingRunError for an unusable directory, CorpusError for an unusable corpus, TrainingError when the loss
     is not finite; the last checkpoint is kept.
     """
-    start_cpu_seconds = time.process_time()
-    torch_device = select_device(device)
-    data = load_training_data(corpus, recipe)
-    identity = {
-        "learner": KIND,
-        "corpus": corpus,
-        "corpus_sha256": data.sha256,
-        "held_out_sha256": data.held_out_sha256,
-        "recipe": asdict(recipe),
-    }
-    run = begin_run(out, identity, resume=resume)
-    torch.manual_seed(recipe.seed)
-    sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
-    network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(torch_device)
-    trainer = _Trainer(network, recipe, data, torch_device)
-    if resume and run.has_checkpoint:
-        trainer.restore(run)
-    earlier = trainer.cpu_seconds
-    losses: list[float] = []
     with stop_on_signals() as stop:
-        while trainer.step < recipe.steps and not stop.requested:
-            losses.append(trainer.train_step(run))
-            trainer.cpu_seconds = earlier + time.process_time() - start_cpu_seconds
-            if trainer.step % REPORT_EVERY == 0:
-                progress = Progress(trainer.step, recipe.steps, sum(losses) / len(losses), trainer.cpu_seconds)
-                losses.clear()
-                run.record(progress._asdict())
-                on_progress(progress)
-            if trainer.step % save_every == 0:
-                run.save_checkpoint(trainer.state())
-        run.save_checkpoint(trainer.state())
-        if trainer.step == recipe.steps:
-            _finish(run, trainer, data, corpus, stop)
-    return run
-
-
-def _finish(run: TrainingRun, trainer: _Trainer, data: TrainingData, corpus: str, stop: StopRequest) -> None:
-    """Calibrates the parser and saves the agent."""
-    parser = Parser(trainer.network.eval(), data.vocabulary)
-    parser.temperature = calibrated_temperature(parser, data.held_out)
-    coverage = beam_coverage(parser, data.held_out)
-    calibration = fit_calibration(forecasts(parser, corpus, data.held_out, trainer.recipe.objective))
-    configurations = tuple(
-        name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
-    )
-    generated = ", generated statements" if data.generated else ""
-    description = ModelDescription(
-        KIND,
-        VERSION,
-        configurations,
-        f"programs of train statements ({corpus}){generated}",
-        {"corpus": corpus, **run.identity["recipe"]},
-        {
-            **parser.to_details(),
-            "coverage": coverage,
-            "calibration": asdict(calibration),
-            "cpu_seconds": round(trainer.cpu_seconds, 1),
-        },
-    )
-    run.save_agent(description, tensors_of(parser))
+        run = _Run(corpus, recipe, out, device, save_every, on_progress, resume=resume)
+        run.optimise(stop)
+        run.save()
+        if run.is_over():
+            run.finish()
+    return run.files
 
 
 def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
@@ -185,53 +130,62 @@ def _generated(
         )
 
 
-class _Trainer:
-    """Network, optimiser and training state."""
+class _Run(TimedRun[float]):
+    """A run in memory; a step is one of the optimiser."""
 
-    def __init__(self, network: ParserNetwork, recipe: ParserRecipe, data: TrainingData, device: torch.device) -> None:
-        self.network = network
-        self.recipe = recipe
-        self.step = 0
-        self.cpu_seconds = 0.0
-        self._data = data
-        self._device = device
+    def __init__(
+        self,
+        corpus: str,
+        recipe: ParserRecipe,
+        out: Path,
+        device: str,
+        save_every: int,
+        on_progress: Callable[[Progress], object],
+        *,
+        resume: bool,
+    ) -> None:
+        super().__init__(Budget(None, recipe.steps), Every(REPORT_EVERY), Every(save_every))
+        self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
+        self._device = select_device(device)
+        self.counters = Counters()
+        self._data = data = load_training_data(corpus, recipe)
+        identity = {
+            "learner": KIND,
+            "corpus": corpus,
+            "corpus_sha256": data.sha256,
+            "held_out_sha256": data.held_out_sha256,
+            "recipe": recipe.to_json(),
+        }
+        self.files = begin_run(out, identity, resume=resume)
+        torch.manual_seed(recipe.seed)
+        sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
+        self._network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(self._device)
         self._optimiser = torch.optim.AdamW(
-            network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+            self._network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         self._rng = random.Random(f"batches {recipe.seed}")
         self._batches = self._drawn()
+        if resume:
+            self.load(self._device)
 
-    def train_step(self, run: TrainingRun) -> float:
-        """One optimiser step; returns the loss. Raises TrainingError when it is not finite."""
-        self.network.train()
+    def step(self) -> float:
+        """One optimiser step; returns the loss. Raises NotFiniteError."""
         for group in self._optimiser.param_groups:
-            group["lr"] = self.recipe.learning_rate * self._schedule()
-        words, tokens, slots = next(self._batches)
-        logits = self.network(words, tokens, slots)
-        loss = functional.cross_entropy(
-            logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=self.recipe.smoothing
-        )
-        value = loss.item()
-        if not math.isfinite(value):
-            kept = f"the last checkpoint is kept in {run.path}" if run.has_checkpoint else "nothing was saved yet"
-            raise TrainingError(f"the loss is {value} at step {self.step + 1}; {kept}; try a lower learning rate")
-        self._optimiser.zero_grad(set_to_none=True)
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
-        self._optimiser.step()
-        self.step += 1
-        return value
+            group["lr"] = self._recipe.learning_rate * self._schedule()
+        loss = batches.training_step(self._network, next(self._batches), self._optimiser, self._recipe.smoothing)
+        self.counters.steps += 1
+        return loss
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak: linear warm-up times cosine decay."""
-        decay = 0.5 * (1 + math.cos(math.pi * self.step / self.recipe.steps))
-        return decay * min(1.0, (self.step + 1) / self.recipe.warm_up)
+        decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
+        return decay * min(1.0, (self.counters.steps + 1) / self._recipe.warm_up)
 
     def _generated_fraction(self) -> float:
-        return batches.generated_fraction(self.recipe.generated, self.step / self.recipe.steps)
+        return batches.generated_fraction(self._recipe.generated, self.progress())
 
     def _drawn(self) -> Iterator[batches.Batch]:
-        recipe, data = self.recipe, self._data
+        recipe, data = self._recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
         sources = batches.PairSources(data.corpus, data.generated if len(data.generated) else None)
         return batches.sample_batches(
@@ -242,26 +196,44 @@ class _Trainer:
         vocabulary, rng = self._data.vocabulary, self._rng
         unknown = vocabulary.index(UNKNOWN)
         words = [
-            unknown if position and rng.random() < self.recipe.unknown else vocabulary.index(word, unknown)
+            unknown if position and rng.random() < self._recipe.unknown else vocabulary.index(word, unknown)
             for position, word in enumerate(pair.words)
         ]
         return words, [TOKENS.index(token) for token in pair.tokens]
 
-    def state(self) -> dict[str, Any]:
-        return {
-            "network": self.network.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
-            "step": self.step,
-            "cpu_seconds": self.cpu_seconds,
-        }
+    def report(self, recent: Sequence[float]) -> None:
+        progress = Progress(self.counters.steps, self._recipe.steps, sum(recent) / len(recent), self.seconds())
+        self.files.record(progress._asdict())
+        self._on_progress(progress)
 
-    def restore(self, run: TrainingRun) -> None:
-        """Restores the run's checkpoint. Raises TrainingRunError."""
-        with run.checkpoint() as state:
-            self.network.load_state_dict(state["network"])
-            self._optimiser.load_state_dict(state["optimiser"])
-            self.step, self.cpu_seconds = int(state["step"]), float(state["cpu_seconds"])
-        self._rng.seed(f"batches {self.recipe.seed} {self.step}")
+    def state(self) -> dict[str, Any]:
+        return {"network": self._network.state_dict(), "optimiser": self._optimiser.state_dict()}
+
+    def restore(self, state: dict[str, Any]) -> None:
+        self._network.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self._rng.seed(f"batches {self._recipe.seed} {self.counters.steps}")
+
+    def finish(self) -> None:
+        """Calibrates the parser and saves the agent."""
+        data, recipe, corpus = self._data, self._recipe, self._corpus
+        parser = Parser(self._network.eval(), data.vocabulary)
+        parser.temperature = calibrated_temperature(parser, data.held_out)
+        coverage = beam_coverage(parser, data.held_out)
+        calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
+        configurations = tuple(
+            name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
+        )
+        supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
+        details = {
+            **parser.to_details(),
+            "coverage": coverage,
+            "calibration": asdict(calibration),
+            "cpu_seconds": round(self.seconds(), 1),
+        }
+        recorded = {"corpus": corpus, **recipe.to_json()}
+        description = ModelDescription(KIND, VERSION, configurations, supervision, recorded, details)
+        self.files.save_agent(description, self._network.state_dict())
 
 
 # Calibration on held-out statements

@@ -118,7 +118,8 @@ class _Display:
 
     def begin(self, run: Run) -> None:
         recipe, model = run.recipe, run.model
-        resumed = f", resumed after {run.steps:,}" if run.steps else ""
+        steps = run.counters.steps
+        resumed = f", resumed after {steps:,}" if steps else ""
         frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
         print(
             f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
@@ -129,7 +130,7 @@ class _Display:
             f"run directory: {self._directory}",
             flush=True,
         )
-        self._progress = Progress(self._steps, "steps", run.steps)
+        self._progress = Progress(self._steps, "steps", steps)
 
     def __call__(self, update: TrainingProgress) -> None:
         if self._progress is not None:

@@ -6,7 +6,7 @@ The algorithm itself is in `update`.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,7 +22,6 @@ from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
-from lilgym_mp.learning.clock import TrainingClock
 from lilgym_mp.learning.devices import DeviceError, select_device, torch_threads
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
@@ -32,7 +31,7 @@ from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.models.weights import weights_digest
 from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TrainingTasks, plays_empty_starts, training_tasks
+from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, plays_empty_starts, training_tasks
 from lilgym_mp.learning.ppo.update import (
     Experience,
     Losses,
@@ -43,7 +42,8 @@ from lilgym_mp.learning.ppo.update import (
     update,
 )
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError, begin_run
+from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun
+from lilgym_mp.learning.training_run import begin_run
 
 
 class Progress(NamedTuple):
@@ -66,14 +66,9 @@ class Progress(NamedTuple):
 
 
 @dataclass
-class _Counters:
-    """The counters in a checkpoint; field names are part of its format."""
-
-    steps: int = 0
+class _Counters(Counters):
     optimiser_steps: int = 0
     episodes: int = 0
-    seconds: float = 0.0
-    cpu_seconds: float = 0.0
 
 
 def train_ppo(
@@ -102,32 +97,23 @@ def train_ppo(
     TrainingError when the loss is not finite, CorpusError for unusable data.
     """
     with torch_threads(threads), stop_on_signals() as stop:
-        run = Run(settings, recipe, out, recipe_name, weights, device, resume=resume)
+        run = Run(settings, recipe, out, recipe_name, weights, device, Budget(None, steps), save_every, resume=resume)
         run.files.remember(steps=steps, evaluate_every=evaluate_every)
-        if run.steps >= steps:
-            raise TrainingRunError(f"the run in {out} already has {run.steps:,} steps; request more with --steps")
-        curve = LearningCurve(settings, recipe, evaluate_every) if evaluate_every else None
+        run.check_unspent()
+        run.on_progress = on_progress
+        if evaluate_every:
+            run.curve = LearningCurve(settings, recipe, evaluate_every, run.files)
         on_begin(run)
-        saved = run.steps
-        while run.steps < steps and not stop.requested and not run.validation.is_out_of_patience:
-            if curve is not None and curve.is_due(out, run.steps):
-                run.add_point(curve)
-            on_progress(run.update(done=run.steps / steps))
-            if run.validation.is_due(run.steps):
-                run.validate()
-            if run.steps - saved >= save_every:
-                run.save()
-                saved = run.steps
-        if not stop.requested:
-            run.validate()
-        run.save()
-        if curve is not None and not stop.requested:
-            run.add_point(curve)
+        run.optimise(stop)
         return run.finish(stop)
 
 
-class Run:
-    """A run in memory."""
+class Run(TimedRun["Progress"]):
+    """A run in memory; a step is a rollout with its updates."""
+
+    counters: _Counters
+    curve: LearningCurve | None = None
+    on_progress: Callable[[Progress], object]
 
     def __init__(
         self,
@@ -137,9 +123,12 @@ class Run:
         recipe_name: str,
         weights: Path | None,
         device: str,
+        budget: Budget,
+        save_every: int,
         *,
         resume: bool,
     ) -> None:
+        super().__init__(budget, Every(), Every(steps=save_every))
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self._device = select_device(device)
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
@@ -147,23 +136,26 @@ class Run:
         settings.make(TRAINING_SPLIT)
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)
-        identity = _identity(settings, recipe, recipe_name, self.tasks, weights)
+        identity = {
+            "learner": KIND,
+            "environment": settings.to_json(),
+            "recipe_name": recipe_name,
+            "recipe": recipe.to_json(),
+            "tasks_sha256": self.tasks.sha256,
+            "weights": None if weights is None else str(weights),
+            "weights_sha256": None if weights is None else weights_digest(weights),
+        }
         self.files = begin_run(out, identity, resume=resume)
         _to(self.model, self._device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
-        self._counters = _Counters()
+        self.counters = _Counters()
         self._collector = RolloutCollector(settings, recipe, self.tasks)
-        self.validation = Validation(settings, recipe, self.tasks.validation, out)
+        self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         if resume and self.files.has_checkpoint:
-            self._load()
+            self.load(self._device)
         else:
             self._collector.reset(self._rng)
-        self._clock = TrainingClock(self._counters.seconds, self._counters.cpu_seconds)
-
-    @property
-    def steps(self) -> int:
-        return self._counters.steps
 
     @property
     def configurations(self) -> tuple[str, ...]:
@@ -178,25 +170,27 @@ class Run:
         count = REPORTED_PARAMETERS.get(self.recipe.model)
         return "" if count is None else f" ({count})"
 
-    def update(self, done: float) -> Progress:
-        """Collects a rollout and optimises on it. `done`: training progress, 0 to 1."""
-        start_seconds = self._clock.seconds
-        entropy_coefficient = schedule(self._optimiser, self.recipe, done)
+    def is_over(self) -> bool:
+        return super().is_over() or self.validation.is_out_of_patience
+
+    def step(self) -> Progress:
+        """Collects a rollout and optimises on it."""
+        counters, start_seconds = self.counters, self.wall_seconds()
+        if self.curve is not None and self.curve.is_due(counters.steps):
+            self._add_point()
+        entropy_coefficient = schedule(self._optimiser, self.recipe, self.progress())
         self.model.eval()
         with self._precision():
             rollout = self._collector.collect(self.model, self._rng)
         self.model.train()
         self.model.clear_cache()
-        try:
-            losses = update(self._experience(rollout), self._optimiser, self.recipe, entropy_coefficient, self._rng)
-        except TrainingError as error:
-            raise TrainingError(
-                f"the loss is not finite after {self.steps:,} steps ({error}); the last good checkpoint is kept in"
-                f" {self.files.path}; try a lower learning-rate"
-            ) from None
-        self._counters.steps += self.recipe.rollout
-        self._counters.optimiser_steps += len(losses)
-        return self._report(mean_losses(losses), start_seconds)
+        losses = update(self._experience(rollout), self._optimiser, self.recipe, entropy_coefficient, self._rng)
+        counters.steps += self.recipe.rollout
+        counters.optimiser_steps += len(losses)
+        progress = self._progress(mean_losses(losses), start_seconds)
+        if self.validation.is_due(counters.steps):
+            self._validate()
+        return progress
 
     def _experience(self, rollout: Rollout) -> Experience:
         recipe, legal = self.recipe, rollout.legal
@@ -216,17 +210,17 @@ class Run:
             return torch.autocast("cuda", torch.bfloat16)
         return nullcontext()
 
-    def _report(self, mean: Losses, start_seconds: float) -> Progress:
+    def _progress(self, mean: Losses, start_seconds: float) -> Progress:
         statistics, self._collector.statistics = self._collector.statistics, EpisodeStatistics()
-        count, counters = statistics.ends.total(), self._counters
+        count, counters = statistics.ends.total(), self.counters
         counters.episodes += count
-        self._read_clock()
-        progress = Progress(
+        seconds = self.wall_seconds()
+        return Progress(
             steps=counters.steps,
             episodes=counters.episodes,
-            seconds=round(counters.seconds, 3),
-            cpu_seconds=round(counters.cpu_seconds, 3),
-            steps_per_second=round(self.recipe.rollout / max(1e-9, counters.seconds - start_seconds), 1),
+            seconds=round(seconds, 3),
+            cpu_seconds=round(self.seconds(), 3),
+            steps_per_second=round(self.recipe.rollout / max(1e-9, seconds - start_seconds), 1),
             accuracy=statistics.ends["success"] / count if count else None,
             mean_reward=statistics.reward / count if count else None,
             mean_length=statistics.steps / count if count else None,
@@ -237,60 +231,55 @@ class Run:
             entropy=round(float(mean.entropy), 5),
             clipped=round(float(mean.clipped), 5),
         )
-        self.files.record(progress._asdict())
-        return progress
 
-    def _read_clock(self) -> None:
-        self._counters.seconds, self._counters.cpu_seconds = self._clock.seconds, self._clock.cpu_seconds
+    def report(self, recent: Sequence[Progress]) -> None:
+        for progress in recent:
+            self.files.record(progress._asdict())
+            self.on_progress(progress)
 
-    def validate(self) -> None:
-        with self._clock.paused():
-            self.validation.validate(self.model, self.steps)
+    def _validate(self) -> None:
+        with self.paused():
+            self.validation.validate(self.model, self.counters.steps)
 
-    def add_point(self, curve: LearningCurve) -> None:
-        """Adds a point to the learning curve."""
-        seconds = self._clock.seconds
-        with self._clock.paused():
-            curve.add_point(self.files.path, self.model, self.steps, seconds)
+    def _add_point(self) -> None:
+        assert self.curve is not None
+        seconds = self.wall_seconds()
+        with self.paused():
+            self.curve.add_point(self.model, self.counters.steps, seconds)
 
-    def save(self) -> None:
-        """Saves a checkpoint."""
-        self._read_clock()
-        self.files.save_checkpoint(
-            {
-                "network": self.model.state_dict(),
-                "best": self.validation.best_weights,
-                "optimiser": self._optimiser.state_dict(),
-                "counters": asdict(self._counters),
-                "validation": asdict(self.validation.state),
-                "episodes": self._collector.to_json(),
-                "random": json.dumps(self._rng.bit_generator.state),
-            }
-        )
+    def state(self) -> dict[str, Any]:
+        return {
+            "network": self.model.state_dict(),
+            "best": self.validation.best_weights,
+            "optimiser": self._optimiser.state_dict(),
+            "validation": asdict(self.validation.state),
+            "episodes": self._collector.to_json(),
+            "random": json.dumps(self._rng.bit_generator.state),
+        }
 
-    def _load(self) -> None:
-        with self.files.checkpoint(self._device) as state:
-            non_finite = [name for name, tensor in state["network"].items() if not torch.isfinite(tensor).all()]
-            if non_finite:
-                raise ValueError(f"{non_finite[0]} holds non-finite values")
-            self.model.load_state_dict(state["network"])
-            self._optimiser.load_state_dict(state["optimiser"])
-            self._counters = _Counters(**state["counters"])
-            self.validation.state = ValidationState(**state["validation"])
-            self.validation.best_weights = state["best"]
-            self._rng.bit_generator.state = json.loads(state["random"])
-            self._collector.restore_episodes(state["episodes"])
+    def restore(self, state: dict[str, Any]) -> None:
+        self.model.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self.validation.state = ValidationState(**state["validation"])
+        self.validation.best_weights = state["best"]
+        self._rng.bit_generator.state = json.loads(state["random"])
+        self._collector.restore_episodes(state["episodes"])
 
     def finish(self, stop: StopRequest) -> PPOAgent:
         """Saves the agent: with the best validated weights, or the current ones without validation."""
-        counters, validated, best_weights = self._counters, self.validation.state, self.validation.best_weights
+        if not stop.requested:
+            self._validate()
+        self.save()
+        if self.curve is not None and not stop.requested:
+            self._add_point()
+        counters, validated, best_weights = self.counters, self.validation.state, self.validation.best_weights
         if best_weights is not None:
             self.model.load_state_dict(best_weights)
         statistics = {
             "steps": counters.steps,
             "episodes": counters.episodes,
-            "seconds": round(counters.seconds, 1),
-            "cpu_minutes": round(counters.cpu_seconds / 60, 2),
+            "seconds": round(self.wall_seconds(), 1),
+            "cpu_minutes": round(self.seconds() / 60, 2),
             "seed": self.recipe.seed,
             "trained_parameters": self.model.trained_parameters,
             "frozen_parameters": self.model.frozen_parameters,
@@ -306,20 +295,6 @@ class Run:
         return PPOAgent(description, self._settings, self.model.eval(), self.recipe.mask)
 
 
-def _identity(
-    settings: Settings, recipe: PPORecipe, recipe_name: str, tasks: TrainingTasks, weights: Path | None
-) -> Mapping[str, Any]:
-    return {
-        "learner": KIND,
-        "environment": settings.to_json(),
-        "recipe_name": recipe_name,
-        "recipe": recipe.to_json(),
-        "tasks_sha256": tasks.sha256,
-        "weights": None if weights is None else str(weights),
-        "weights_sha256": None if weights is None else weights_digest(weights),
-    }
-
-
 def _to(model: Model, device: torch.device) -> None:
     """Moves the model. Raises DeviceError with the memory needed if it does not fit."""
     if device.type == "cuda":
@@ -332,6 +307,3 @@ def _to(model: Model, device: torch.device) -> None:
                 f" but {free / 2**30:.1f} GiB are free; choose a smaller model or another device"
             )
     model.to(device)
-
-
-__all__ = ["Progress", "Run", "train_ppo"]

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.learning.training_run import TrainingError
+from lilgym_mp.learning.training_run import NotFiniteError
 
 EPSILON = 1e-8  # added to the standard deviation
 
@@ -84,7 +84,7 @@ def update(
     entropy_coefficient: float,
     rng: np.random.Generator,
 ) -> list[Losses]:
-    """Optimises on the experience; returns the losses of each optimiser step. Raises TrainingError for a NaN."""
+    """Optimises on the experience; returns the losses of each optimiser step. Raises NotFiniteError."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     steps: list[Losses] = []
     for _ in range(recipe.epochs):
@@ -183,7 +183,7 @@ def scale_advantages(advantages: Float32Array, mode: str) -> Float32Array:
 
 def check_finite(loss: Losses) -> None:
     if not torch.isfinite(loss.total):
-        raise TrainingError(f"policy {loss.policy.item():g}, value {loss.value.item():g}")
+        raise NotFiniteError(f"policy {loss.policy.item():g}, value {loss.value.item():g}")
 
 
 def mean_losses(parts: list[Losses]) -> Losses:

@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Collection, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from typing import NamedTuple
 
 from torch import Tensor
 
-from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.learning.dev_evaluation import DevEvaluator, last_steps
+from lilgym_mp.actions import Stop
+from lilgym_mp.corpus import CorpusError, load_tasks
+from lilgym_mp.corpus.matching import Content, MatchingTask, content, matching_corpus
+from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
+from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.learning.ppo.agent import ModelPolicy
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT
+from lilgym_mp.learning.training_run import TrainingRun
 
+SPLIT = "dev"
 EVALUATIONS_FILE = "evaluations.jsonl"
 VALIDATIONS_FILE = "validations.jsonl"
 
@@ -32,10 +40,8 @@ class ValidationState:
 class Validation:
     """Plays the held-out tasks and keeps the best weights; without such tasks it does nothing."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], path: Path) -> None:
-        """`path`: the run directory."""
-        self._settings, self._recipe, self._task_ids = settings, recipe, task_ids
-        self._file = path / VALIDATIONS_FILE
+    def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], run: TrainingRun) -> None:
+        self._settings, self._recipe, self._task_ids, self._run = settings, recipe, task_ids, run
         self.state = ValidationState()
         self.best_weights: dict[str, Tensor] | None = None
 
@@ -48,50 +54,113 @@ class Validation:
 
     def validate(self, model: Model, steps: int) -> None:
         """Plays the tasks, unless done at this step already."""
-        state, recipe = self.state, self._recipe
+        state, seed = self.state, self._recipe.seed
         if not self._task_ids or (state.best is not None and state.validated_at == steps):
             return
-        episodes = evaluate(
-            playing(model, recipe, sampled=recipe.sampled),
-            self._settings,
-            TRAINING_SPLIT,
-            seed=recipe.seed,
-            task_ids=self._task_ids,
-        )
+        policy = playing(model, self._recipe, sampled=self._recipe.sampled)
+        episodes = evaluate(policy, self._settings, TRAINING_SPLIT, seed=seed, task_ids=self._task_ids)
         model.clear_cache()
-        accuracy = sum(episode.is_success for episode in episodes) / len(episodes)
+        accuracy = _mean([episode.is_success for episode in episodes])
         state.validated_at = steps
         state.without_better += 1
         if state.best is None or accuracy > state.best:
             state.best, state.best_steps, state.without_better = accuracy, steps, 0
             self.best_weights = {name: tensor.detach().clone() for name, tensor in model.state_dict().items()}
         line = {"steps": steps, "tasks": len(episodes), "accuracy": accuracy, "best_steps": state.best_steps}
-        with self._file.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(line) + "\n")
+        self._run.record(line, VALIDATIONS_FILE)
 
 
 class LearningCurve:
     """Evaluations on dev at intervals of `every` steps."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, every: int) -> None:
+    def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: TrainingRun) -> None:
         """Raises CorpusError when dev has no tasks."""
-        self._evaluator, self._recipe, self._every = DevEvaluator(settings, recipe.seed), recipe, every
+        self._evaluator, self._recipe, self._every, self._run = DevEvaluator(settings, recipe.seed), recipe, every, run
+        self._last = _last_steps(run)
 
-    def is_due(self, path: Path, steps: int) -> bool:
-        last = last_steps(path / EVALUATIONS_FILE)
-        return last is None or steps - last >= self._every
+    def is_due(self, steps: int) -> bool:
+        return self._last is None or steps - self._last >= self._every
 
-    def add_point(self, path: Path, model: Model, steps: int, seconds: float) -> None:
-        """Appends a point, unless there is one at this step already. `path`: the run directory."""
-        last = last_steps(path / EVALUATIONS_FILE)
-        if last is not None and steps <= last:
+    def add_point(self, model: Model, steps: int, seconds: float) -> None:
+        """Appends a point, unless there is one at this step already."""
+        if self._last is not None and steps <= self._last:
             return
         point = self._evaluator(playing(model, self._recipe, sampled=True), steps, seconds)
         model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
-        with (path / EVALUATIONS_FILE).open("a", encoding="utf-8") as lines:
-            lines.write(json.dumps(point._asdict()) + "\n")
+        self._run.record(point._asdict(), EVALUATIONS_FILE)
+        self._last = steps
+
+
+def _last_steps(run: TrainingRun) -> int | None:
+    """The step count in the last complete line of a run's evaluations; None without one."""
+    file = run.path / EVALUATIONS_FILE
+    for line in reversed(file.read_text(encoding="utf-8").splitlines() if file.exists() else []):
+        with suppress(ValueError, KeyError, TypeError):
+            return int(json.loads(line)["steps"])
+    return None
 
 
 def playing(model: Model, recipe: PPORecipe, *, sampled: bool) -> ModelPolicy:
     """The model's policy, in evaluation mode."""
     return ModelPolicy(model.eval(), mask=recipe.mask, sampled=sampled)
+
+
+class DevEvaluation(NamedTuple):
+    """One episode from each start scene of dev; fractions from 0 to 1."""
+
+    steps: int  # training steps so far
+    seconds: float  # training time so far
+    start_scenes: int
+    accuracy: float
+    mean_reward: float
+    # Scratch only: tasks for which the corpus has a scene labelled with the target (Figure 4); else None
+    start_scenes_with_image: int | None
+    accuracy_with_image: float | None
+    image_accuracy: float | None  # fraction of them that end with STOP in such a scene: the NLVR reward's success
+
+
+class DevEvaluator:
+    """Evaluates on dev with the same random numbers each time."""
+
+    def __init__(self, settings: Settings, seed: int) -> None:
+        """Raises CorpusError when dev has no tasks."""
+        env = settings.make(SPLIT)
+        self._settings, self._seed = settings, seed
+        self._tasks, self._dynamics = env.tasks, env.dynamics
+        self._goals = _goals(settings)
+
+    def __call__(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
+        episodes = evaluate(policy, self._settings, SPLIT, seed=self._seed)
+        solvable = [episode for episode in episodes if self._goals.get(episode.task_id)]
+        return DevEvaluation(
+            steps,
+            round(seconds, 3),
+            len(episodes),
+            _mean([episode.is_success for episode in episodes]),
+            _mean([episode.reward for episode in episodes]),
+            len(solvable) or None,
+            _mean([episode.is_success for episode in solvable]) if solvable else None,
+            _mean([self._stopped_in_goal(episode) for episode in solvable]) if solvable else None,
+        )
+
+    def _stopped_in_goal(self, episode: Episode) -> bool:
+        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
+        if not isinstance(actions[-1], Stop):
+            return False
+        last = scenes(self._dynamics, self._tasks.by_id(episode.task_id).start, actions)[-1]
+        return content(last) in self._goals[episode.task_id]
+
+
+def _goals(settings: Settings) -> Mapping[str, frozenset[Content]]:
+    """By task id, the contents of the corpus's scenes labelled with the target; none for FlipIt or without labels."""
+    if settings.start != SCRATCH:
+        return {}
+    try:
+        tasks = matching_corpus(load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT))
+    except CorpusError:
+        return {}
+    return {task.id: task.goals for task in tasks if isinstance(task, MatchingTask)}
+
+
+def _mean(values: Collection[float]) -> float:
+    return sum(values) / len(values)

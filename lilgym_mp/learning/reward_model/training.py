@@ -83,11 +83,11 @@ def train_reward_model(
 ) -> RewardModelAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
-    The budget is either `minutes` of CPU time, everything included, or `steps` of the optimiser; with `steps` equal
-    arguments give equal agents. `resume` continues from the last checkpoint in `out`, which must have the same recipe
-    and seed. Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`,
-    TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint
-    first.
+    The budget is `minutes` of CPU time, everything included, or `steps` of the optimiser, whichever is spent first;
+    with `steps` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
+    must have the same recipe and seed. Raises ValueError for an invalid budget or settings, TrainingRunError for an
+    unusable `out`, TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a
+    checkpoint first.
     """
     run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume)
     run.learn()

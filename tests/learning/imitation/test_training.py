@@ -151,7 +151,7 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     assert all(torch.isfinite(weights).all() for weights in kept["network"].values())
 
 
-@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "steps": 3}, {"minutes": -1.0}, {"minutes": float("nan")}])
+@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "steps": 0}, {"minutes": -1.0}, {"minutes": float("nan")}])
 def test_training__rejects_invalid_budgets(budget: dict[str, float], statements: str, tmp_path: Path):
     settings = Settings("TowerScratch", corpus=statements)
     with pytest.raises(ValueError, match="budget"):

@@ -21,7 +21,6 @@ from lilgym_mp.corpus import CorpusError, Vocabulary, load_tasks, write_corpus
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.agents import AgentError, open_agent
-from lilgym_mp.learning.dev_evaluation import DevEvaluator
 from lilgym_mp.learning.model_file import load_model
 from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
@@ -29,6 +28,7 @@ from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
+from lilgym_mp.learning.ppo.validation import DevEvaluator
 from lilgym_mp.learning.training_run import TrainingRunError, resumable_run
 from lilgym_mp.scene import Scene, Shape
 from tests.own_corpus import write_own_corpus

@@ -201,7 +201,7 @@ def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("arguments", "fault"), [({}, "give a budget"), ({"steps": 0}, "positive"), ({"minutes": -1.0}, "positive")]
+    ("arguments", "fault"), [({}, "give a budget"), ({"steps": 0}, "above 0"), ({"minutes": -1.0}, "above 0")]
 )
 def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, arguments: dict[str, float], fault: str):
     settings = Settings("TowerFlipIt", corpus=statements)
