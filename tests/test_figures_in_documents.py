@@ -98,6 +98,16 @@ def test_results__each_row_says_where_it_comes_from() -> None:
     assert all("n = " in column for column in table_2[0][2:])
 
 
+def test_results__accuracies_by_target_value_have_intervals() -> None:
+    head, _, *rows = table_rows(
+        results_page().split("**Figures 3 and 5,")[1].split("| agent | configuration | without")[0]
+    )
+    columns = [head.index(f"target {value}") for value in ("true", "false")]
+    for row in rows:
+        for cell in (row[column] for column in columns):
+            assert cell == "–" if row[1].endswith("Scratch") else re.search(r" \[[\d.]+, [\d.]+\]$", cell), row
+
+
 def test_results__have_no_row_of_a_run_too_short_to_mean_anything() -> None:
     steps = re.findall(r"^lilgym-mp train ppo .*--steps (\d+)", results_page(), re.MULTILINE)
     assert steps
