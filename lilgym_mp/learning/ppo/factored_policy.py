@@ -19,7 +19,7 @@ from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock
 from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import Float32Array, Float64Array, Int64Array
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
 
 UNUSED = -1  # sentinel: an argument the type does not use, or an action without probability
 STOP = 0  # action index
@@ -99,25 +99,26 @@ def slot_factorisation(appearance: Appearance) -> Factorisation:
 
 
 @cache
-def joint_factorisation(appearance: Appearance) -> Factorisation:
+def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> Factorisation:
     """One head for ADD, over box, cell and item type, and one for REMOVE, over box and cell.
 
-    A Tower box is a single cell with three item types, its colours. Scatter's cells on separators have probability 0,
-    as no edit is ever legal there.
+    A Tower box is a single cell with three item types, its colours. Scatter's cells on separators, where no edit is
+    ever legal, come after the others with `separators`, and have probability 0 without.
     """
     count = appearance.action_count
     pairs = [_joint_choice(appearance, appearance.decode(index)) for index in range(count)]
-    types = np.array([action_type for action_type, _ in pairs], np.int64)
-    adds, removes = ([choice for action_type, choice in pairs if action_type == edit] for edit in _EDITS)
-    choices = np.full((count, 2), UNUSED, np.int64)
-    choices[types == ActionType.ADD, 0] = adds
-    choices[types == ActionType.REMOVE, 1] = removes
-    heads = Head("add", 1 + max(adds), (ActionType.ADD,)), Head("remove", 1 + max(removes), (ActionType.REMOVE,))
-    return Factorisation(heads, types, choices)
+    types, chosen = (np.array(column, np.int64) for column in zip(*pairs, strict=True))
+    if appearance.grid is not None and not separators:
+        rows, columns, _ = box_cells(appearance.grid)
+        options = np.array([1, len(ITEM_TYPES), 1])[types]  # of a cell
+        types[chosen >= BOX_COUNT * rows * columns * options] = UNUSED
+    choices = np.stack([np.where(types == edit, chosen, UNUSED) for edit in _EDITS], 1)
+    heads = (Head(edit.name.lower(), 1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
+    return Factorisation(tuple(heads), types, choices)
 
 
 def _joint_choice(appearance: Appearance, action: Action) -> tuple[int, int]:
-    """The type and its head's choice; type UNUSED for an action on a separator."""
+    """The type and its head's choice."""
     match action:
         case AddBlock(box, colour):
             return ActionType.ADD, box * len(Colour) + colour
@@ -125,24 +126,20 @@ def _joint_choice(appearance: Appearance, action: Action) -> tuple[int, int]:
             return ActionType.REMOVE, box
         case AddItem(column, row, shape, colour, size):
             cell = _cell(appearance, column, row)
-            return (
-                (UNUSED, 0)
-                if cell is None
-                else (ActionType.ADD, cell * len(ITEM_TYPES) + item_type_of(shape, colour, size))
-            )
+            return ActionType.ADD, cell * len(ITEM_TYPES) + item_type_of(shape, colour, size)
         case RemoveItem(column, row):
-            cell = _cell(appearance, column, row)
-            return (UNUSED, 0) if cell is None else (ActionType.REMOVE, cell)
+            return ActionType.REMOVE, _cell(appearance, column, row)
         case _:
             return ActionType.STOP, UNUSED
 
 
-def _cell(appearance: Appearance, column: int, row: int) -> int | None:
-    """The cell's index, by box, then row-major; None on a separator."""
+def _cell(appearance: Appearance, column: int, row: int) -> int:
+    """The cell's index, by box, then row-major; those on separators come last."""
     assert appearance.grid is not None
     rows, columns, pitch = box_cells(appearance.grid)
     box, box_column = divmod(column, pitch)
-    return None if box_column >= columns else (box * rows + row) * columns + box_column
+    first, width = (0, columns) if box_column < columns else (BOX_COUNT * rows * columns, pitch - columns)
+    return first + (box * rows + row) * width + box_column % columns
 
 
 def box_cells(grid: Grid) -> tuple[int, int, int]:

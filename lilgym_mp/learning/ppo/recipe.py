@@ -18,6 +18,7 @@ from lilgym_mp.learning.recipes import Recipe, option, setting
 
 MODELS = {
     "ours": "a transformer over boxes and words, nothing pretrained",
+    "ours-separators": "the same, with actions on Scatter's separators too, which are never legal",
     "c3-bert": "three convolutions and a frozen BERT",
     "c10-bert": "ten convolutions and a frozen BERT",
     "vilt": "ViLT, fine-tuned",
@@ -187,7 +188,7 @@ def _ours(configuration: str, model: str) -> dict[str, Any]:
     fine_tuned = model in FINE_TUNED
     return {
         "empty_starts": 0.25 if start == "flipit" else 0.0,
-        "learning_rate": 1e-3 if model == "ours" else 3e-5 if fine_tuned else 3e-4,
+        "learning_rate": 3e-5 if fine_tuned else 3e-4 if model in TRANSFORMERS else 1e-3,
         "optimiser": "adamw" if fine_tuned else "adam",
     }
 

@@ -195,6 +195,15 @@ def test_factorisation__only_joint_heads_exclude_scatters_separators():
     assert finer.heads[1].size == 3 * 10 * 10
 
 
+def test_factorisation__with_separators_every_action_has_choices_of_its_own():
+    boxes, everywhere = joint_factorisation(Scatter()), joint_factorisation(Scatter(), separators=True)
+    assert [head.size for head in everywhere.heads] == [95 * 27, 95]
+    assert len(np.unique(np.column_stack([everywhere.types, everywhere.choices]), axis=0)) == 2_661
+    inside = boxes.types >= 0
+    assert (boxes.choices[inside] == everywhere.choices[inside]).all()
+    assert joint_factorisation(Tower(), separators=True).heads == joint_factorisation(Tower()).heads
+
+
 def test_unforced_stop__is_normalised_over_types_only():
     """The log-probability of a forced STOP does not depend on the argument heads."""
     factorisation = slot_factorisation(Tower())

@@ -16,6 +16,7 @@ from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.weights import WeightsError
@@ -110,15 +111,26 @@ def test_ours__caches_statements_until_the_cache_is_cleared(ours: BoxTransformer
 
 
 def test_ours__every_parameter_has_a_gradient():
-    for appearance in (Tower(), Scatter()):
+    for appearance, separators in ((Tower(), False), (Scatter(), False), (Scatter(), True)):
         torch.manual_seed(0)
-        model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS))
+        model = BoxTransformer(appearance, Vocabulary.from_statements(STATEMENTS), separators=separators)
         states, _ = seen("TowerFlipIt" if appearance.name == "tower" else "ScatterFlipIt")
         found = model(states)
         total = sum((head * torch.randn_like(head)).sum() for head in (found.types, *found.heads))
         (total + found.values.sum()).backward()
         lacking = [name for name, weight in model.named_parameters() if weight.grad is None]
         assert lacking == []
+
+
+def test_ours__acts_on_separators_only_if_asked_to():
+    states, _ = seen("ScatterFlipIt")
+    for separators, impossible in ((False, 560), (True, 0)):
+        model = BoxTransformer(Scatter(), Vocabulary.from_statements(STATEMENTS), separators=separators)
+        found = model(states)
+        probabilities = FactoredPolicy(model.factorisation, found.types, found.heads).probabilities()
+        torch.testing.assert_close(probabilities.sum(1), torch.ones(len(probabilities)))
+        assert (probabilities == 0).sum(1).unique().tolist() == [impossible]
+        assert bool(model.restriction) == (not separators)
 
 
 def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):

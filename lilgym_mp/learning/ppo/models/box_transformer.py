@@ -74,12 +74,14 @@ class BoxTransformer(Model):
         heads: int = 4,
         text_layers: int = 2,
         pair_layers: int = 2,
+        separators: bool = False,
     ) -> None:
+        """`separators`: also take actions on Scatter's separators."""
         super().__init__()
         self.vocabulary = vocabulary
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
-        self.factorisation = joint_factorisation(appearance)
-        self.restriction = "" if appearance.grid is None else "no actions on separators"
+        self.factorisation = joint_factorisation(appearance, separators=separators)
+        self.restriction = "" if appearance.grid is None or separators else "no actions on separators"
         self.text = network.TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
         self.readings = nn.ModuleList(network.Attention(width, heads) for _ in range(pair_layers))
@@ -97,7 +99,9 @@ class BoxTransformer(Model):
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
         self.act_feedforward = network.Feedforward(width)
-        self.arguments = TowerArguments(width) if appearance.grid is None else ScatterArguments(appearance.grid, width)
+        cells = self.factorisation.heads[1].size
+        grid = appearance.grid
+        self.arguments = TowerArguments(width) if grid is None else ScatterArguments(grid, width, cells)
         for layer in (self.types, self.truth):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
@@ -261,7 +265,8 @@ class ScatterArguments(nn.Module):
 
     CELL = 32
 
-    def __init__(self, grid: Grid, width: int) -> None:
+    def __init__(self, grid: Grid, width: int, cells: int) -> None:
+        """`cells`: of the three boxes, or also of the separators."""
         super().__init__()
         self.rows, self.columns, _ = box_cells(grid)
         self.seen = nn.Linear(CHANNELS, self.CELL)
@@ -272,11 +277,13 @@ class ScatterArguments(nn.Module):
         self.wanted = nn.Linear(width, len(ITEM_TYPES))
         self.remove = nn.Linear(self.CELL, 1)
         self.cell_of_box = nn.Linear(width, self.CELL)
+        self.on_separators = cells - BOX_COUNT * self.rows * self.columns
+        self.separators = nn.Linear(width, self.on_separators * (1 + len(ITEM_TYPES))) if self.on_separators else None
         for layer in (self.add, self.wanted, self.remove):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
 
     def forward(self, features: Tensor, patches: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
-        """(N, 3 * cells * 27) ADD and (N, 3 * cells) REMOVE logits.
+        """(N, 3 * cells * 27) ADD and (N, 3 * cells) REMOVE logits, and if wanted those on separators after them.
 
         From each state's box features given statement and target (N, 3, d), patch features of U distinct boxes
         (U, 5, 5, C), and the box indices of the states (N, 3).
@@ -288,8 +295,11 @@ class ScatterArguments(nn.Module):
         local = local.flatten(1, 2) + self.place
         chunks = zip(features.split(CHUNK), boxes_of.split(CHUNK), strict=True)
         parts = [self._chunk_logits(local, *chunk) for chunk in chunks]
-        adds, removes = zip(*parts, strict=True)
-        return torch.cat(adds), torch.cat(removes)
+        adds, removes = (torch.cat(logits) for logits in zip(*parts, strict=True))
+        if self.separators is None:
+            return adds, removes
+        more = self.separators(features.mean(1)).tensor_split((self.on_separators,), 1)
+        return torch.cat([adds, more[1]], 1), torch.cat([removes, more[0]], 1)
 
     def _chunk_logits(self, local: Tensor, features: Tensor, boxes_of: Tensor) -> tuple[Tensor, Tensor]:
         """The logits of some states; `local` (U, cells, 32)."""

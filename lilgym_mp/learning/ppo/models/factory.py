@@ -40,18 +40,21 @@ def make_model(
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
-        make = _box_transformer(appearance, statements, details)
+        make = _box_transformer(recipe, appearance, statements, details)
     if recipe.critic == "separate":
         return SeparateCritic(make(True, False), make(False, True))
     return make(True, True)
 
 
-def _box_transformer(appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None) -> Make:
+def _box_transformer(
+    recipe: PPORecipe, appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None
+) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
     sizes = {} if details is None else dict(details["sizes"])
     if details is not None:
         check_sizes(sizes)
-    return lambda has_actor, has_critic: BoxTransformer(appearance, words, **sizes)
+    separators = recipe.model == "ours-separators"
+    return lambda has_actor, has_critic: BoxTransformer(appearance, words, separators=separators, **sizes)
 
 
 def _pretrained(
