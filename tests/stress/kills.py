@@ -25,12 +25,13 @@ TIMEOUT = 2.0  # seconds until a stopped worker counts as hung
 EXIT_SECONDS = 20.0  # within which all processes must have ended
 CALLS = ("step", "reset", "states", "masks", "goals")
 INTERRUPTED = """
-import os, signal, sys
+import faulthandler, os, signal, sys
 from lilgym_mp.envs.workers import WorkerVectorEnv
 
 if __name__ == "__main__":
     signal.signal(signal.SIGALRM, lambda *_: os.killpg(0, signal.SIGINT))
-    signal.setitimer(signal.ITIMER_REAL, float(sys.argv[2]))
+    signal.setitimer(signal.ITIMER_REAL, float(sys.argv[2]), 30)  # again, if an extension module swallowed it
+    faulthandler.dump_traceback_later(60)
     env = WorkerVectorEnv("lilgym_mp/TowerFlipIt-v0", 6, 3, start_method=sys.argv[1])
     env.reset(seed=0)
     while True:
@@ -99,14 +100,14 @@ def interrupt(start_method: str, seconds: float) -> str:
     with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, start_new_session=True) as caller:
         try:
             _, errors = caller.communicate(timeout=120)
-        finally:
-            group = caller.pid
-            deadline = time.monotonic() + EXIT_SECONDS
-            while (running := _members(group)) and time.monotonic() < deadline:
-                time.sleep(0.05)
-            if running:
-                os.killpg(group, signal.SIGKILL)
-                raise AssertionError(f"{start_method} {seconds}: processes {running} still run")
+        except subprocess.TimeoutExpired as error:
+            errors = error.stderr or b""
+        deadline = time.monotonic() + EXIT_SECONDS
+        while (running := _members(caller.pid)) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        if running:
+            os.killpg(caller.pid, signal.SIGKILL)
+            raise AssertionError(f"{start_method} {seconds}: processes {running} still run: {errors.decode()[-3000:]}")
     if caller.returncode not in (-signal.SIGINT, 130):
         raise AssertionError(f"{start_method} {seconds}: {errors.decode()[-500:]}")
     return f"Ctrl-C, {start_method}: {errors.count(b'Traceback')} traceback"
