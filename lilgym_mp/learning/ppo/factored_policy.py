@@ -51,14 +51,9 @@ class Factorisation:
         actions = np.full(len(types), STOP, np.int64)
         for action_type in (ActionType.ADD, ActionType.REMOVE):
             rows = np.flatnonzero(types == action_type)
-            used = tuple(choices[index][rows] for index, head in enumerate(self.heads) if action_type in head.types)
-            actions[rows] = self._table(action_type)[used]
+            used = tuple(index for index, head in enumerate(self.heads) if action_type in head.types)
+            actions[rows] = _table(self, action_type, used)[tuple(choices[index][rows] for index in used)]
         return actions
-
-    def _table(self, action_type: ActionType) -> Int64Array:
-        """Lookup table from the choices of the heads the type uses to the action index."""
-        used = tuple(index for index, head in enumerate(self.heads) if action_type in head.types)
-        return _table(self, action_type, used)
 
     def __hash__(self) -> int:
         return id(self)
@@ -66,6 +61,7 @@ class Factorisation:
 
 @cache
 def _table(factorisation: Factorisation, action_type: ActionType, used: tuple[int, ...]) -> Int64Array:
+    """Lookup table from the choices of the heads `used` by the type to the action index."""
     table = np.empty([factorisation.heads[index].size for index in used], np.int64)
     actions = np.flatnonzero(factorisation.types == action_type)
     table[tuple(factorisation.choices[actions, index] for index in used)] = actions
@@ -201,12 +197,6 @@ class FactoredPolicy:
         for index, log_probs in enumerate(head_log_probs):
             total = total + torch.where(choices[actions, index] == UNUSED, torch.zeros_like(log_probs), log_probs)
         return total.masked_fill(action_type == UNUSED, -torch.inf)
-
-    def entropy(self) -> Tensor:
-        """(N,) as in `evaluate_actions`."""
-        return self.evaluate_actions(torch.full((len(self.type_log_probs),), STOP, device=self.type_log_probs.device))[
-            1
-        ]
 
     def joint_log_probs(self) -> Tensor:
         """(N, actions) log-probabilities of all actions, unmasked."""
