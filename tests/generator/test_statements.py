@@ -18,11 +18,10 @@ from lilgym_mp.generator.meanings.semantics import (
     BoxCount,
     Clause,
     Compound,
-    Contains,
+    Count,
     CountComparison,
     Description,
     EveryItem,
-    ItemCount,
     Matches,
     NounPhrase,
     Order,
@@ -44,17 +43,15 @@ APPEARANCE = st.sampled_from(sorted(POOLS))
 BLUE, BLACK = Description(colours=frozenset({Colour.BLUE})), Description(colours=frozenset({Colour.BLACK}))
 CIRCLE, SQUARE = Description(Shape.CIRCLE), Description(Shape.SQUARE)
 MEANINGS: dict[str, Clause] = {
-    "at least two blue": ItemCount(at_least(2), NounPhrase(BLUE)),
-    "no circle": ItemCount(NONE, NounPhrase(CIRCLE)),
-    "circle at the left wall": ItemCount(SOME, NounPhrase(CIRCLE, (AtWall(Wall.LEFT),))),
+    "at least two blue": Count(at_least(2), NounPhrase(BLUE)),
+    "no circle": Count(NONE, NounPhrase(CIRCLE)),
+    "circle at the left wall": Count(SOME, NounPhrase(CIRCLE, (AtWall(Wall.LEFT),))),
     "all black items are circles": EveryItem(NounPhrase(BLACK), Matches(CIRCLE)),
     "more circles than squares": CountComparison(NounPhrase(CIRCLE), Order.MORE, NounPhrase(SQUARE)),
-    "two boxes with one circle": BoxCount(exactly(2), (Contains(exactly(1), NounPhrase(CIRCLE)),)),
-    "circle touching a square": ItemCount(
-        SOME, NounPhrase(CIRCLE, (RelatedTo(Relation.TOUCHING, NounPhrase(SQUARE)),))
-    ),
+    "two boxes with one circle": BoxCount(exactly(2), (Count(exactly(1), NounPhrase(CIRCLE)),)),
+    "circle touching a square": Count(SOME, NounPhrase(CIRCLE, (RelatedTo(Relation.TOUCHING, NounPhrase(SQUARE)),))),
     "two circles, both black": PartitiveCount(exactly(2), NounPhrase(CIRCLE), Partitive.ALL, Matches(BLACK)),
-    "blue but no circle": Compound(True, (ItemCount(SOME, NounPhrase(BLUE)), ItemCount(NONE, NounPhrase(CIRCLE)))),
+    "blue but no circle": Compound(True, (Count(SOME, NounPhrase(BLUE)), Count(NONE, NounPhrase(CIRCLE)))),
 }
 
 

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any, NamedTuple
-
-Builder = Callable[..., Any]
 
 
 class Element(NamedTuple):
-    """An element of a rule's right-hand side: a nonterminal, or alternative words (`symbol` None)."""
+    """An element of a pattern: a symbol or word alternatives. Only symbols in capitals contribute their value."""
 
-    symbol: str | None
-    words: frozenset[str]
+    name: str
     optional: bool
+    keyword: str  # of the value in the call that builds the rule's value; empty if it is positional
+
+    @classmethod
+    def of(cls, text: str) -> Element:
+        keyword, _, name = text.rpartition(":")
+        return cls(name.removesuffix("?"), name.endswith("?"), keyword)
 
 
-class Rule(NamedTuple):
-    elements: tuple[Element, ...]
-    build: Builder
+Values = tuple[tuple[str, Any], ...]  # keywords and values
 
 
 def _only_value(value: Any) -> Any:
@@ -29,71 +31,47 @@ class Grammar:
     """Rules by nonterminal, and a lexicon: preterminal -> word -> value."""
 
     def __init__(self, lexicon: Mapping[str, Mapping[str, object]]) -> None:
-        self.rules: dict[str, list[Rule]] = {}
-        self.lexicon = lexicon
+        self.rules: dict[str, list[tuple[Sequence[Element], Callable[..., Any]]]] = {}
+        self.lexicon = dict(lexicon)
 
-    def add(self, symbol: str, pattern: str, build: Builder = _only_value) -> None:
-        """Add a rule that expands `symbol` to `pattern`: SYMBOLS, words and alternatives a|b; "?" marks optional ones.
+    def add(self, symbol: str, patterns: str, build: Callable[..., Any] = _only_value) -> None:
+        """Add rules that expand `symbol` to each of the patterns, separated by " / ".
 
-        `build` maps the values of the pattern's symbols, in order and None where omitted, to the rule's value; by
-        default it returns the only one.
+        A pattern consists of SYMBOLS, <symbols> without a value, words and alternatives a|b; "?" marks optional ones.
+        `build` maps the values of the pattern's SYMBOLS, None where omitted, to the rule's value: in order, or by
+        keyword for "keyword:SYMBOL". By default it returns the only one.
         """
-        self.rules.setdefault(symbol, []).append(Rule(tuple(map(_element, pattern.split())), build))
+        for pattern in patterns.split(" / "):
+            elements = list(map(Element.of, pattern.split()))
+            self.rules.setdefault(symbol, []).append((elements, build))
+            for name, _, _ in elements:
+                if not name.isupper() and not name.startswith("<"):
+                    self.lexicon[name] = dict.fromkeys(name.split("|"))
 
     def parses(self, symbol: str, tokens: Sequence[str]) -> list[Any]:
         """The value of every parse of all tokens as `symbol`."""
-        chart = _Chart(self, tokens)
-        return [value for end, value in chart.spans(symbol, 0) if end == len(tokens)]
 
+        @cache
+        def spans(symbol: str, start: int) -> list[tuple[int, Any]]:
+            """End index and value of every parse of `symbol` from `start`."""
+            if (entries := self.lexicon.get(symbol)) is not None:
+                return [(start + 1, entries[word]) for word in tokens[start : start + 1] if word in entries]
+            return [
+                (end, build(*(value for keyword, value in values if not keyword), **{k: v for k, v in values if k}))
+                for elements, build in self.rules[symbol]
+                for end, values in sequences(elements, start)
+            ]
 
-def _element(text: str) -> Element:
-    optional = text.endswith("?")
-    name = text.removesuffix("?")
-    if name.isupper():
-        return Element(name, frozenset(), optional)
-    return Element(None, frozenset(name.split("|")), optional)
+        def sequences(elements: Sequence[Element], start: int) -> Iterator[tuple[int, Values]]:
+            """End index and values of every parse of consecutive elements."""
+            if not elements:
+                yield start, ()
+                return
+            (name, optional, keyword), rest = elements[0], elements[1:]
+            found = spans(name, start)
+            for middle, value in [*found, (start, None)] if optional else found:
+                own: Values = ((keyword, value),) if name.isupper() else ()
+                for end, values in sequences(rest, middle):
+                    yield end, (*own, *values)
 
-
-class _Chart:
-    """Memoised partial parses by symbol and start index."""
-
-    def __init__(self, grammar: Grammar, tokens: Sequence[str]) -> None:
-        self.grammar = grammar
-        self.tokens = tokens
-        self.memo: dict[tuple[str, int], list[tuple[int, Any]]] = {}
-
-    def spans(self, symbol: str, start: int) -> list[tuple[int, Any]]:
-        """End index and value of every parse of `symbol` from `start`."""
-        key = (symbol, start)
-        if key not in self.memo:
-            self.memo[key] = list(self._expand(symbol, start))
-        return self.memo[key]
-
-    def _expand(self, symbol: str, start: int) -> Iterator[tuple[int, Any]]:
-        entries = self.grammar.lexicon.get(symbol)
-        if entries is not None:
-            if start < len(self.tokens) and self.tokens[start] in entries:
-                yield start + 1, entries[self.tokens[start]]
-            return
-        for rule in self.grammar.rules[symbol]:
-            for end, values in self._sequence(rule.elements, start):
-                yield end, rule.build(*values)
-
-    def _sequence(self, elements: tuple[Element, ...], start: int) -> Iterator[tuple[int, tuple[Any, ...]]]:
-        """End index and symbol values of every parse of consecutive elements."""
-        if not elements:
-            yield start, ()
-            return
-        element, rest = elements[0], elements[1:]
-        if element.symbol is None:
-            if start < len(self.tokens) and self.tokens[start] in element.words:
-                yield from self._sequence(rest, start + 1)
-            if element.optional:
-                yield from self._sequence(rest, start)
-            return
-        for end, value in self.spans(element.symbol, start):
-            for last, values in self._sequence(rest, end):
-                yield last, (value, *values)
-        if element.optional:
-            for last, values in self._sequence(rest, start):
-                yield last, (None, *values)
+        return [value for end, value in spans(symbol, 0) if end == len(tokens)]

@@ -63,10 +63,8 @@ class _Evaluator:
 
     def clause(self, clause: sem.Clause) -> bool:
         match clause:
-            case sem.ItemCount(quantity, noun):
-                return self.admits(quantity, len(self.denoted(self.items, noun)))
-            case sem.PartitiveCount():
-                return self.partitive(self.items, clause)
+            case sem.Count() | sem.PartitiveCount() | sem.Variety():
+                return self.condition(self.items, clause)
             case sem.BoxCount(quantity, conditions, towers):
                 return self.admits(quantity, sum(self.box(box, conditions, towers) for box in self.boxes))
             case sem.EveryTower(conditions):
@@ -76,7 +74,9 @@ class _Evaluator:
             case sem.NamedBox(index, conditions, towers):
                 return self.box(self.boxes[index], conditions, towers)
             case sem.EveryItem(noun, predicate):
-                return self.every(self.denoted(self.items, noun), predicate)
+                items = self.denoted(self.items, noun)
+                satisfied = all(self.satisfies(placed, predicate) for placed in items)
+                return satisfied and (bool(items) or self.interpretation.vacuous)
             case sem.NotEveryItem(noun, predicate):
                 return not all(self.satisfies(placed, predicate) for placed in self.denoted(self.items, noun))
             case sem.CountComparison(one, order, other, margin):
@@ -86,8 +86,6 @@ class _Evaluator:
                 pair = (self.boxes[one], self.boxes[other])
                 counts = (len(self.denoted(pair[0], noun)), len(self.denoted(pair[1], noun)))
                 return _ordered(counts, order) and (all(pair) or not towers)
-            case sem.SceneVariety(attribute, quantity):
-                return self.admits(quantity, len(_values(self.items, attribute)))
             case sem.EqualCounts(noun, same):
                 return len({len(self.denoted(box, noun)) for box in self.boxes}) == (1 if same else len(self.boxes))
             case sem.Parity(noun, even):
@@ -99,11 +97,9 @@ class _Evaluator:
                 return satisfied and (len(largest) == 1 or self.interpretation.ties)
             case sem.Compound(conjunctive, clauses):
                 values = [self.clause(part) for part in clauses]
-                return (
-                    all(values)
-                    if conjunctive
-                    else any(values) and not (self.interpretation.exclusive and sum(values) > 1)
-                )
+                if conjunctive:
+                    return all(values)
+                return any(values) and not (self.interpretation.exclusive and sum(values) > 1)
 
     def admits(self, quantity: Quantity, count: int) -> bool:
         shift = self.interpretation.vague_shift if quantity.vague else 0
@@ -116,22 +112,6 @@ class _Evaluator:
             if _matches(placed, noun.description)
             and all(self.satisfies(placed, predicate) for predicate in noun.predicates)
         ]
-
-    def every(self, items: Sequence[PlacedItem], predicate: sem.Predicate) -> bool:
-        return all(self.satisfies(placed, predicate) for placed in items) and (
-            bool(items) or self.interpretation.vacuous
-        )
-
-    def partitive(self, items: Sequence[PlacedItem], clause: sem.PartitiveCount | sem.ContainsPartitive) -> bool:
-        denoted = self.denoted(items, clause.noun)
-        satisfying = sum(self.satisfies(placed, clause.predicate) for placed in denoted)
-        holds_for = {
-            sem.Partitive.ALL: satisfying == len(denoted),
-            sem.Partitive.NONE: satisfying == 0,
-            sem.Partitive.SOME: satisfying > 0,
-            sem.Partitive.ONE: satisfying == 1,
-        }
-        return self.admits(clause.quantity, len(denoted)) and holds_for[clause.partitive]
 
     def satisfies(self, placed: PlacedItem, predicate: sem.Predicate) -> bool:
         return self.satisfies_positively(placed, predicate) == predicate.positive
@@ -152,9 +132,8 @@ class _Evaluator:
             case sem.RelatedTo(relation, noun):
                 return bool(self.denoted(self.related_items(placed, relation), noun))
             case sem.RelatedByAttribute(relation, attribute, same):
-                value = _value(placed.item, attribute)
-                others = (_value(other.item, attribute) for other in self.related_items(placed, relation))
-                return any((other == value) == same for other in others)
+                value, others = _value(placed, attribute), self.related_items(placed, relation)
+                return any((_value(other, attribute) == value) == same for other in others)
 
     def related_items(self, placed: PlacedItem, relation: sem.Relation) -> list[PlacedItem]:
         box = self.boxes[placed.box]
@@ -205,26 +184,31 @@ class _Evaluator:
     def box(self, box: Sequence[PlacedItem], conditions: sem.BoxConditions, towers: bool) -> bool:
         return all(self.condition(box, condition) for condition in conditions) and (bool(box) or not towers)
 
-    def condition(self, box: Sequence[PlacedItem], condition: sem.BoxCondition) -> bool:
+    def condition(self, items: Sequence[PlacedItem], condition: sem.BoxCondition) -> bool:
+        """Whether the items of a box, or of the picture, satisfy the condition."""
         match condition:
-            case sem.Contains(quantity, noun):
-                return self.admits(quantity, len(self.denoted(box, noun)))
+            case sem.Count(quantity, noun):
+                return self.admits(quantity, len(self.denoted(items, noun)))
             case sem.ContainsOnly(description):
-                return bool(box) and all(_matches(placed, description) for placed in box)
-            case sem.BoxVariety(attribute, quantity):
-                return self.admits(quantity, len(_values(box, attribute)))
+                return bool(items) and all(_matches(placed, description) for placed in items)
+            case sem.Variety(attribute, quantity):
+                return self.admits(quantity, len(_values(items, attribute)))
             case sem.EndColour(position, colours):
-                return any(self.at_position(placed, position) and placed.item.colour in colours for placed in box)
+                return any(self.at_position(placed, position) and placed.item.colour in colours for placed in items)
             case sem.MatchingEnds(same):
-                ends = [
-                    placed
-                    for placed in box
-                    if self.at_position(placed, sem.TowerPosition.TOP)
-                    or self.at_position(placed, sem.TowerPosition.BOTTOM)
-                ]
-                return len(box) > 1 and (len(_values(ends, sem.Attribute.COLOUR)) == 1) == same
-            case sem.ContainsPartitive():
-                return self.partitive(box, condition)
+                positions = (sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM)
+                ends = [placed for placed in items if any(self.at_position(placed, end) for end in positions)]
+                return len(items) > 1 and (len(_values(ends, sem.Attribute.COLOUR)) == 1) == same
+            case sem.PartitiveCount(quantity, noun, partitive, predicate):
+                denoted = self.denoted(items, noun)
+                satisfying = sum(self.satisfies(placed, predicate) for placed in denoted)
+                holds_for = {
+                    sem.Partitive.ALL: satisfying == len(denoted),
+                    sem.Partitive.NONE: satisfying == 0,
+                    sem.Partitive.SOME: satisfying > 0,
+                    sem.Partitive.ONE: satisfying == 1,
+                }
+                return self.admits(quantity, len(denoted)) and holds_for[partitive]
 
 
 def _placed(item: Item, box: int) -> PlacedItem:
@@ -242,17 +226,11 @@ def _matches(placed: PlacedItem, description: sem.Description) -> bool:
 
 
 def _values(items: Sequence[PlacedItem], attribute: sem.Attribute) -> set[int]:
-    return {_value(placed.item, attribute) for placed in items}
+    return {_value(placed, attribute) for placed in items}
 
 
-def _value(item: Item, attribute: sem.Attribute) -> int:
-    match attribute:
-        case sem.Attribute.COLOUR:
-            return item.colour
-        case sem.Attribute.SHAPE:
-            return item.shape
-        case sem.Attribute.SIZE:
-            return item.size
+def _value(placed: PlacedItem, attribute: sem.Attribute) -> int:
+    return getattr(placed.item, attribute)
 
 
 def _ordered(counts: tuple[int, int], order: sem.Order) -> bool:

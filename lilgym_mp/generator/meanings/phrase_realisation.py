@@ -270,18 +270,18 @@ class PhraseRealiser:
         """The condition as the object of "has" or "with"."""
         items = pluralised(self.style.item)
         match condition:
-            case sem.Contains(quantity, noun):
+            case sem.Count(quantity, noun):
                 return self.quantified(quantity, noun).text
             case sem.ContainsOnly(description):
                 return f"{self.pick('only', 'only', 'nothing but')} {self.description(description, plural=True)}"
-            case sem.BoxVariety(attribute, quantity):
+            case sem.Variety(attribute, quantity):
                 return self.variety(attribute, quantity, items)
             case sem.EndColour(position, colours):
                 return self.end(position, colours)
             case sem.MatchingEnds(same):
                 ends = self.pick("a top and a base", "a base and a top")
                 return f"{ends} of {'the same color' if same else 'different colors'}"
-            case sem.ContainsPartitive(quantity, noun, partitive, predicate):
+            case sem.PartitiveCount(quantity, noun, partitive, predicate):
                 total = self.quantified(quantity, noun).text
                 return f"{total}, {self.partitive(partitive, quantity, predicate, 'which')}"
 

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from lilgym_mp.generator.meanings import semantics as sem
 from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, TOWERS, boxes_where, items_in_box, quantity_test
-from lilgym_mp.generator.quantities import SOME, Quantity
+from lilgym_mp.generator.quantities import SOME
 from lilgym_mp.scene import Size
 
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
 _SIZE_TESTS = {Size.SMALL: "is_small", Size.MEDIUM: "is_medium", Size.LARGE: "is_big"}
-_POSITION_TESTS = {
-    sem.TowerPosition.TOP: "is_top",
-    sem.TowerPosition.BOTTOM: "is_bottom",
-    sem.TowerPosition.SECOND: "is_second",
-    sem.TowerPosition.THIRD: "is_third",
-}
 _RELATED_ITEMS = {
     sem.Relation.TOUCHING: "get_touching",
     sem.Relation.NEAR: "get_closely_touching",
@@ -23,11 +17,6 @@ _RELATED_ITEMS = {
     sem.Relation.ABOVE: "get_box_all_below",
     sem.Relation.BELOW: "get_box_all_above",
 }
-_VALUE_SETS = {
-    sem.Attribute.COLOUR: "get_set_colors",
-    sem.Attribute.SHAPE: "get_set_shapes",
-    sem.Attribute.SIZE: "get_set_sizes",
-}
 _VALUES = {sem.Attribute.COLOUR: "color", sem.Attribute.SHAPE: "shape", sem.Attribute.SIZE: "size"}
 _OPERATORS = {sem.Order.MORE: ">", sem.Order.FEWER: "<", sem.Order.EQUAL: "=="}
 
@@ -35,10 +24,8 @@ _OPERATORS = {sem.Order.MORE: ">", sem.Order.FEWER: "<", sem.Order.EQUAL: "=="}
 def program_source(clause: sem.Clause) -> str:
     """The program that is true where the clause holds."""
     match clause:
-        case sem.ItemCount(quantity, noun):
-            return quantity_test(quantity, _items(ALL_ITEMS, noun, 0))
-        case sem.PartitiveCount(quantity, noun, partitive, predicate):
-            return _partitive(ALL_ITEMS, quantity, noun, partitive, predicate)
+        case sem.Count() | sem.PartitiveCount() | sem.Variety():
+            return _condition(ALL_ITEMS, clause)
         case sem.BoxCount(quantity, conditions, towers):
             return quantity_test(quantity, boxes_where(_box(BOX, conditions, towers)))
         case sem.EveryTower(conditions):
@@ -55,8 +42,6 @@ def program_source(clause: sem.Clause) -> str:
             left, right = (_count(_items(items_in_box(f"all_boxes[{index}]"), noun, 0)) for index in (one, other))
             test = f"{left} {_OPERATORS[order]} {right}"
             return f"all_boxes[{one}].is_tower() and all_boxes[{other}].is_tower() and {test}" if towers else test
-        case sem.SceneVariety(attribute, quantity):
-            return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({ALL_ITEMS})")
         case sem.EqualCounts(noun, same):
             counts = (_count(_items(items_in_box(f"p[{index}]"), noun, 0)) for index in (0, 1))
             return f"All(combinations(all_boxes, 2), lambda p: {(' == ' if same else ' != ').join(counts)})"
@@ -133,7 +118,7 @@ def _positive_test(predicate: sem.Predicate, depth: int) -> str:
         case sem.InBox(index):
             return f"{variable}.box == all_boxes[{index}]"
         case sem.AtPosition(position):
-            return f"{_POSITION_TESTS[position]}({variable})"
+            return f"is_{position}({variable})"
         case sem.RelatedTo(relation, noun):
             return f"exist({_items(f'{_RELATED_ITEMS[relation]}({variable})', noun, depth + 1)})"
         case sem.RelatedByAttribute(relation, attribute, same):
@@ -143,39 +128,31 @@ def _positive_test(predicate: sem.Predicate, depth: int) -> str:
 
 
 def _box(box: str, conditions: sem.BoxConditions, towers: bool) -> str:
-    tests = [_condition(box, condition) for condition in conditions]
+    tests = [_condition(items_in_box(box), condition) for condition in conditions]
     return " and ".join([f"{box}.is_tower()", *tests] if towers else tests)
 
 
-def _condition(box: str, condition: sem.BoxCondition) -> str:
-    items = items_in_box(box)
+def _condition(items: str, condition: sem.BoxCondition) -> str:
+    """Tests a condition of the items of a box or of the picture."""
     match condition:
-        case sem.Contains(quantity, noun):
+        case sem.Count(quantity, noun):
             return quantity_test(quantity, _items(items, noun, 0))
         case sem.ContainsOnly(description):
             return f"All({items}, lambda x: {_positive_test(sem.Matches(description), 0)})"
-        case sem.BoxVariety(attribute, quantity):
-            return quantity_test(quantity, f"{_VALUE_SETS[attribute]}({items})")
+        case sem.Variety(attribute, quantity):
+            return quantity_test(quantity, f"get_set_{_VALUES[attribute]}s({items})")
         case sem.EndColour(position, colours):
-            return quantity_test(
-                SOME, _items(items, sem.NounPhrase(sem.Description(colours=colours), (sem.AtPosition(position),)), 0)
-            )
+            ends = sem.NounPhrase(sem.Description(colours=colours), (sem.AtPosition(position),))
+            return quantity_test(SOME, _items(items, ends, 0))
         case sem.MatchingEnds(same):
             ends = f"filter_obj({items}, lambda x: is_top(x) or is_bottom(x))"
             return f"ge(count({items}), 2) and {'' if same else 'not '}all_same_color({ends})"
-        case sem.ContainsPartitive(quantity, noun, partitive, predicate):
-            return _partitive(items, quantity, noun, partitive, predicate)
-
-
-def _partitive(
-    source: str, quantity: Quantity, noun: sem.NounPhrase, partitive: sem.Partitive, predicate: sem.Predicate
-) -> str:
-    items = _items(source, noun, 0)
-    satisfying = _items(source, noun.such_that(predicate), 0)
-    test = {
-        sem.Partitive.ALL: f"All({items}, lambda x: {_predicate_test(predicate, 0)})",
-        sem.Partitive.NONE: f"NOT(exist({satisfying}))",
-        sem.Partitive.SOME: f"exist({satisfying})",
-        sem.Partitive.ONE: f"count({satisfying}) == 1",
-    }[partitive]
-    return f"{quantity_test(quantity, items)} and {test}"
+        case sem.PartitiveCount(quantity, noun, partitive, predicate):
+            counted, satisfying = _items(items, noun, 0), _items(items, noun.such_that(predicate), 0)
+            test = {
+                sem.Partitive.ALL: f"All({counted}, lambda x: {_predicate_test(predicate, 0)})",
+                sem.Partitive.NONE: f"NOT(exist({satisfying}))",
+                sem.Partitive.SOME: f"exist({satisfying})",
+                sem.Partitive.ONE: f"count({satisfying}) == 1",
+            }[partitive]
+            return f"{quantity_test(quantity, counted)} and {test}"

@@ -96,13 +96,13 @@ class MeaningSampler:
         return self.pick(exactly(1), exactly(2), exactly(2), exactly(3))
 
     def item_count(self) -> sem.Clause:
-        return sem.ItemCount(self.quantity(), self.described_items())
+        return sem.Count(self.quantity(), self.described_items())
 
     def two_item_counts(self) -> sem.Clause:
         conjunctive = self.chance(0.7)
-        first = sem.ItemCount(self.quantity(3), self.described_items())
+        first = sem.Count(self.quantity(3), self.described_items())
         quantity = self.quantity(3, none=0.3) if conjunctive else self.quantity(3, none=0)
-        return sem.Compound(conjunctive, (first, sem.ItemCount(quantity, self.described_items())))
+        return sem.Compound(conjunctive, (first, sem.Count(quantity, self.described_items())))
 
     def described_items(self) -> sem.NounPhrase:
         raise NotImplementedError
@@ -142,26 +142,26 @@ class MeaningSampler:
 
 def _clash(one: sem.BoxCondition, other: sem.BoxCondition) -> bool:
     """Whether the two conditions are redundant or read oddly together."""
-    if isinstance(one, sem.Contains) and isinstance(other, sem.Contains):
+    if isinstance(one, sem.Count) and isinstance(other, sem.Count):
         return one.noun == other.noun or (
             sem.ANYTHING in (one.noun, other.noun) and NONE in (one.quantity, other.quantity)
         )
     if isinstance(one, sem.ContainsOnly) or isinstance(other, sem.ContainsOnly):
-        return not any(isinstance(c, sem.Contains) and c.noun == sem.ANYTHING and c.quantity.low for c in (one, other))
+        return not any(isinstance(c, sem.Count) and c.noun == sem.ANYTHING and c.quantity.low for c in (one, other))
     if isinstance(one, sem.EndColour) and isinstance(other, sem.EndColour):
         return one.position is other.position
     if {type(one), type(other)} == {sem.EndColour, sem.MatchingEnds}:
         return True
-    if {type(one), type(other)} == {sem.Contains, sem.BoxVariety}:
-        return sem.Contains(exactly(1), sem.ANYTHING) in (one, other)
-    if isinstance(one, sem.ContainsPartitive) or isinstance(other, sem.ContainsPartitive):
+    if {type(one), type(other)} == {sem.Count, sem.Variety}:
+        return sem.Count(exactly(1), sem.ANYTHING) in (one, other)
+    if isinstance(one, sem.PartitiveCount) or isinstance(other, sem.PartitiveCount):
         return True
     return type(one) is type(other)
 
 
 def _list_position(condition: sem.BoxCondition) -> int:
     """Sort key for the conditions of a box: total counts first, negative conditions last."""
-    if isinstance(condition, sem.Contains):
+    if isinstance(condition, sem.Count):
         return 3 if condition.quantity == NONE else 0 if condition.noun == sem.ANYTHING else 1
     return 2
 
@@ -192,14 +192,14 @@ def _sensible(clause: sem.Clause) -> bool:
             return all(
                 not _share_attribute(condition.noun.description, condition.predicate.description)
                 for condition in conditions
-                if isinstance(condition, sem.ContainsPartitive) and isinstance(condition.predicate, sem.Matches)
+                if isinstance(condition, sem.PartitiveCount) and isinstance(condition.predicate, sem.Matches)
             )
         case sem.CountComparison(one, _, other):
             return one != other and not (
                 one.description.colours & other.description.colours and one.description.shape == other.description.shape
             )
         case sem.Compound(conjunctive, clauses):
-            nouns = [part.noun for part in clauses if isinstance(part, sem.ItemCount)]
+            nouns = [part.noun for part in clauses if isinstance(part, sem.Count)]
             if not conjunctive and any(len(noun.description.colours) > 1 for noun in nouns):
                 return False
             return len(set(clauses)) == len(clauses) and len(set(nouns)) == len(nouns) and all(map(_sensible, clauses))
@@ -210,7 +210,7 @@ def _sensible(clause: sem.Clause) -> bool:
 def _is_negative_or_bounded(condition: sem.BoxCondition) -> bool:
     """Whether "no box has ..." would be confusing: "no box has no circles", "no box has no fewer than two"."""
     usual = (SOME, exactly(1), exactly(2), exactly(3))
-    return isinstance(condition, sem.Contains) and condition.quantity not in usual
+    return isinstance(condition, sem.Count) and condition.quantity not in usual
 
 
 def _share_attribute(one: sem.Description, other: sem.Description) -> bool:
@@ -270,40 +270,40 @@ class TowerMeaningSampler(MeaningSampler):
         return sem.NounPhrase(sem.Description(colours=self.colours()))
 
     def total_count(self) -> sem.Clause:
-        return sem.ItemCount(self.quantity(7, none=0), sem.ANYTHING)
+        return sem.Count(self.quantity(7, none=0), sem.ANYTHING)
 
     def every_item_coloured(self) -> sem.Clause:
         return sem.EveryItem(sem.ANYTHING, sem.Matches(sem.Description(colours=self.colours(self.pick(1, 2, 2)))))
 
     def scene_variety(self) -> sem.Clause:
-        return sem.SceneVariety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
+        return sem.Variety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
 
     def named_box_contents(self) -> sem.Clause:
         return sem.NamedBox(
             self.pick(0, 1, 2),
-            (self.pick(sem.Contains(self.quantity_in_box(), self.one_colour()), sem.Contains(NONE, sem.ANYTHING)),),
+            (self.pick(sem.Count(self.quantity_in_box(), self.one_colour()), sem.Count(NONE, sem.ANYTHING)),),
         )
 
     def at_position(self) -> sem.Predicate:
         return sem.AtPosition(sem.TowerPosition(self.pick("top", "top", "bottom", "bottom", "second", "third")))
 
     def items_at_position(self) -> sem.Clause:
-        return sem.ItemCount(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
+        return sem.Count(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
 
     def condition(self) -> sem.BoxCondition:
         match self.pick("contains", "contains", "height", "height", "end", "end", "only", "variety", "ends"):
             case "contains":
-                return sem.Contains(self.quantity_in_box(), self.one_colour())
+                return sem.Count(self.quantity_in_box(), self.one_colour())
             case "height":
                 number = self.pick(1, 2, 2, 3, 3, 4)
                 exact = exactly(number)
-                return sem.Contains(self.pick(exact, exact, at_least(max(2, min(3, number)))), sem.ANYTHING)
+                return sem.Count(self.pick(exact, exact, at_least(max(2, min(3, number)))), sem.ANYTHING)
             case "end":
                 return sem.EndColour(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM), self.colours())
             case "only":
                 return sem.ContainsOnly(sem.Description(colours=self.colours(self.pick(1, 1, 2))))
             case "variety":
-                return sem.BoxVariety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return sem.Variety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
                 return sem.MatchingEnds(self.chance(0.6))
 
@@ -317,7 +317,7 @@ class TowerMeaningSampler(MeaningSampler):
         return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
 
     def every_box(self) -> sem.Clause:
-        return sem.BoxCount(exactly(3), (sem.Contains(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
+        return sem.BoxCount(exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
 
     def every_tower(self) -> sem.Clause:
         return sem.EveryTower(self.conditions(1))
@@ -331,11 +331,11 @@ class TowerMeaningSampler(MeaningSampler):
         return sem.RelatedTo(relation, self.one_colour())
 
     def stacked_existence(self) -> sem.Clause:
-        return sem.ItemCount(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
+        return sem.Count(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
 
     def stacked_quantity(self) -> sem.Clause:
         quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return sem.ItemCount(quantity, self.described_items().such_that(self.stacked()))
+        return sem.Count(quantity, self.described_items().such_that(self.stacked()))
 
     def predicate(self) -> sem.Predicate:
         return self.pick(self.at_position(), self.stacked(), sem.InBox(self.pick(0, 1, 2)))
@@ -375,7 +375,7 @@ class TowerMeaningSampler(MeaningSampler):
         )
         return sem.BoxCount(
             SOME,
-            (sem.ContainsPartitive(quantity, self.one_colour(), self.partitive(quantity), predicate),),
+            (sem.PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), predicate),),
             towers=True,
         )
 
@@ -439,7 +439,7 @@ class ScatterMeaningSampler(MeaningSampler):
         return sem.NounPhrase(self.description())
 
     def total_count(self) -> sem.Clause:
-        return sem.ItemCount(self.quantity(6, none=0), sem.ANYTHING)
+        return sem.Count(self.quantity(6, none=0), sem.ANYTHING)
 
     def attribute(self) -> sem.Attribute:
         return self.pick(sem.Attribute.COLOUR, sem.Attribute.COLOUR, sem.Attribute.SHAPE, sem.Attribute.SIZE)
@@ -448,16 +448,16 @@ class ScatterMeaningSampler(MeaningSampler):
         return sem.EveryItem(sem.ANYTHING, sem.Matches(self.description(rich=0.2)))
 
     def scene_variety(self) -> sem.Clause:
-        return sem.SceneVariety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
+        return sem.Variety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
 
     def named_box_contents(self) -> sem.Clause:
         return sem.NamedBox(
             self.pick(0, 1, 2),
             (
                 self.pick(
-                    sem.Contains(self.quantity_in_box(), self.described_items()),
-                    sem.Contains(self.quantity_in_box(), self.described_items()),
-                    sem.Contains(NONE, sem.ANYTHING),
+                    sem.Count(self.quantity_in_box(), self.described_items()),
+                    sem.Count(self.quantity_in_box(), self.described_items()),
+                    sem.Count(NONE, sem.ANYTHING),
                 ),
             ),
         )
@@ -488,16 +488,14 @@ class ScatterMeaningSampler(MeaningSampler):
         return sem.RelatedTo(relation, noun, positive=relation is not sem.Relation.TOUCHING or self.chance(0.85))
 
     def items_with_predicate(self) -> sem.Clause:
-        return sem.ItemCount(
-            self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate())
-        )
+        return sem.Count(self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate()))
 
     def quantity_with_predicate(self) -> sem.Clause:
-        return sem.ItemCount(self.quantity(4), sem.NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
+        return sem.Count(self.quantity(4), sem.NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
 
     def items_with_two_predicates(self) -> sem.Clause:
         first = self.pick(sem.AtWall(self.pick(None, *sem.Wall)), sem.InCorner())
-        return sem.ItemCount(
+        return sem.Count(
             self.quantity(2), sem.NounPhrase(self.description(rich=0.3), (first, sem.InBox(self.pick(0, 1, 2))))
         )
 
@@ -520,32 +518,30 @@ class ScatterMeaningSampler(MeaningSampler):
 
     def every_box(self) -> sem.Clause:
         return sem.BoxCount(
-            exactly(3), (sem.Contains(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
+            exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
         )
 
     def related_existence(self) -> sem.Clause:
-        return sem.ItemCount(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
+        return sem.Count(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
 
     def related_quantity(self) -> sem.Clause:
         quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return sem.ItemCount(quantity, sem.NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
+        return sem.Count(quantity, sem.NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
 
     def condition(self) -> sem.BoxCondition:
         match self.pick(*["contains"] * 5, "total", "total", "only", "variety", "predicate"):
             case "contains":
-                return sem.Contains(self.quantity_in_box(), self.described_items())
+                return sem.Count(self.quantity_in_box(), self.described_items())
             case "total":
                 number = self.pick(1, 2, 3, 3, 4, 5)
-                return sem.Contains(self.pick(exactly(number), at_least(max(2, number))), sem.ANYTHING)
+                return sem.Count(self.pick(exactly(number), at_least(max(2, number))), sem.ANYTHING)
             case "only":
                 return sem.ContainsOnly(self.description(rich=0.2))
             case "variety":
-                return sem.BoxVariety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return sem.Variety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
             case _:
                 predicate = self.pick(sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner())
-                return sem.Contains(
-                    self.pick(SOME, SOME, NONE), sem.NounPhrase(self.description(rich=0.3), (predicate,))
-                )
+                return sem.Count(self.pick(SOME, SOME, NONE), sem.NounPhrase(self.description(rich=0.3), (predicate,)))
 
     def named_box_with_two_conditions(self) -> sem.Clause:
         return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2))
@@ -581,5 +577,5 @@ class ScatterMeaningSampler(MeaningSampler):
             sem.Matches(self.description(rich=0)), sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner()
         )
         return sem.BoxCount(
-            SOME, (sem.ContainsPartitive(quantity, self.described_items(), self.partitive(quantity), predicate),)
+            SOME, (sem.PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate),)
         )

@@ -158,11 +158,29 @@ ANYTHING = NounPhrase()
 
 
 @dataclass(frozen=True, slots=True)
-class Contains:
-    """The box contains this quantity of the items."""
+class Count:
+    """The picture, or the box, has this quantity of the items."""
 
     quantity: Quantity
     noun: NounPhrase
+
+
+@dataclass(frozen=True, slots=True)
+class PartitiveCount:
+    """The picture, or the box, has this quantity of the items, and this part of them satisfies the predicate."""
+
+    quantity: Quantity
+    noun: NounPhrase
+    partitive: Partitive
+    predicate: Predicate
+
+
+@dataclass(frozen=True, slots=True)
+class Variety:
+    """The items of the picture, or of the box, have this quantity of different values of the attribute."""
+
+    attribute: Attribute
+    quantity: Quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,14 +188,6 @@ class ContainsOnly:
     """The box is not empty and every item in it matches the description."""
 
     description: Description
-
-
-@dataclass(frozen=True, slots=True)
-class BoxVariety:
-    """The box's items have this quantity of different values of the attribute."""
-
-    attribute: Attribute
-    quantity: Quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,36 +205,9 @@ class MatchingEnds:
     same: bool
 
 
-@dataclass(frozen=True, slots=True)
-class ContainsPartitive:
-    """The box contains this quantity of the items, and this part of them satisfies the predicate."""
-
-    quantity: Quantity
-    noun: NounPhrase
-    partitive: Partitive
-    predicate: Predicate
-
-
-BoxCondition = Contains | ContainsOnly | BoxVariety | EndColour | MatchingEnds | ContainsPartitive
+PictureOrBoxCondition = Count | PartitiveCount | Variety
+BoxCondition = PictureOrBoxCondition | ContainsOnly | EndColour | MatchingEnds
 BoxConditions = tuple[BoxCondition, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class ItemCount:
-    """The picture has this quantity of the items."""
-
-    quantity: Quantity
-    noun: NounPhrase
-
-
-@dataclass(frozen=True, slots=True)
-class PartitiveCount:
-    """The picture has this quantity of the items, and this part of them satisfies the predicate."""
-
-    quantity: Quantity
-    noun: NounPhrase
-    partitive: Partitive
-    predicate: Predicate
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,14 +273,6 @@ class BoxComparison:
 
 
 @dataclass(frozen=True, slots=True)
-class SceneVariety:
-    """The picture's items have this quantity of different values of the attribute."""
-
-    attribute: Attribute
-    quantity: Quantity
-
-
-@dataclass(frozen=True, slots=True)
 class EqualCounts:
     """All boxes contain equally many of the items, or (`same` False) no two boxes do."""
 
@@ -329,41 +304,27 @@ class Compound:
     clauses: tuple[Clause, ...]
 
 
-Clause = (
-    ItemCount
-    | PartitiveCount
-    | BoxCount
-    | EveryTower
-    | NamedBox
-    | EveryItem
-    | NotEveryItem
-    | CountComparison
-    | BoxComparison
-    | SceneVariety
-    | EqualCounts
-    | Parity
-    | LargestBox
-    | Compound
-)
+UniversalClause = EveryItem | NotEveryItem | EveryTower
+ComparingClause = CountComparison | BoxComparison | EqualCounts | LargestBox
+Clause = PictureOrBoxCondition | BoxCount | NamedBox | UniversalClause | ComparingClause | Parity | Compound
 
 
 def with_values_replaced(node: Node, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Node:
     """The same tree with other colours and shapes: in the same wording, its statement has the same form."""
-    return cast("Node", _with_values_replaced(node, colours, shapes))
 
+    def replaced(part: Any) -> Any:
+        match part:
+            case Colour():
+                return colours[part]
+            case Shape():
+                return shapes[part]
+            case frozenset():
+                return frozenset(map(replaced, cast("frozenset[object]", part)))
+            case tuple() if not isinstance(part, Quantity):
+                return tuple(map(replaced, cast("tuple[object, ...]", part)))
+            case _ if is_dataclass(part):
+                return type(part)(*(replaced(getattr(part, field.name)) for field in fields(part)))
+            case _:
+                return part
 
-def _with_values_replaced(node: Any, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> object:
-    match node:
-        case Colour():
-            return colours[node]
-        case Shape():
-            return shapes[node]
-        case frozenset():
-            return frozenset(_with_values_replaced(child, colours, shapes) for child in cast("frozenset[object]", node))
-        case tuple() if not isinstance(node, Quantity):
-            return tuple(_with_values_replaced(child, colours, shapes) for child in cast("tuple[object, ...]", node))
-        case _ if is_dataclass(node):
-            values = (_with_values_replaced(getattr(node, field.name), colours, shapes) for field in fields(node))
-            return type(node)(*values)
-        case _:
-            return node
+    return replaced(node)

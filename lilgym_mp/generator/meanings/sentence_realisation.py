@@ -56,7 +56,7 @@ class SentenceRealiser(PhraseRealiser):
 
     def templates(self, clause: sem.Clause) -> Sequence[Template]:
         match clause:
-            case sem.ItemCount(quantity, noun):
+            case sem.Count(quantity, noun):
                 return self.item_count_templates(quantity, noun)
             case sem.PartitiveCount():
                 return self.partitive_templates(clause)
@@ -78,7 +78,7 @@ class SentenceRealiser(PhraseRealiser):
                 return self.count_comparison_templates(clause)
             case sem.BoxComparison():
                 return self.box_comparison_templates(clause)
-            case sem.SceneVariety(attribute, quantity):
+            case sem.Variety(attribute, quantity):
                 return self.variety_templates(ATTRIBUTE_NAMES[attribute], quantity)
             case sem.EqualCounts(noun, same):
                 return self.equal_counts_templates(noun, same)
@@ -141,7 +141,7 @@ class SentenceRealiser(PhraseRealiser):
     def picture_lacks(self, things: str) -> str:
         return f"the {self.style.picture} does not {self.pick('show', 'have', 'contain')} any {things}"
 
-    def quantity_of(self, has: sem.Contains) -> Phrase:
+    def quantity_of(self, has: sem.Count) -> Phrase:
         return self.quantified(has.quantity, has.noun)
 
     def bare_range(self, quantity: Quantity) -> str:
@@ -309,7 +309,7 @@ class SentenceRealiser(PhraseRealiser):
         if quantity == NONE:
             templates.append(lambda: f"none of the {nouns} {self.box_verb_phrase(conditions, False)}")
         match conditions:
-            case (sem.Contains(contained, noun),) if quantity == SOME and contained.low:
+            case (sem.Count(contained, noun),) if quantity == SOME and contained.low:
                 templates.append(
                     lambda: f"{self.pick('in', 'inside')} some {word} {self.there_is(self.quantified(contained, noun))}"
                 )
@@ -340,7 +340,7 @@ class SentenceRealiser(PhraseRealiser):
         noun = pluralised(word) if determiner.plural else word
         before, after = "", conditions
         if towers and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, sem.Contains)
+            assert isinstance(first, sem.Count)
             before, after = self.number(first.quantity.low) + "-block ", rest
         elif (
             towers and isinstance(first, sem.ContainsOnly) and len(first.description.colours) == 1 and self.chance(0.5)
@@ -355,7 +355,7 @@ class SentenceRealiser(PhraseRealiser):
         """The conditions as a modifier after the noun: "with two circles", "that has no square"."""
         first = conditions[0]
         if towers and len(conditions) == 1 and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, sem.Contains)
+            assert isinstance(first, sem.Count)
             return self.tall(first.quantity, plural)
         if all(isinstance(condition, sem.EndColour) for condition in conditions) and not plural and self.chance(0.3):
             ends = [self.end_clause(end) for end in conditions if isinstance(end, sem.EndColour)]
@@ -378,27 +378,27 @@ class SentenceRealiser(PhraseRealiser):
     def box_verb_phrase(self, conditions: sem.BoxConditions, plural: bool) -> str:
         """The conditions as a verb phrase: "has two circles and no square"."""
         only = conditions[0]
-        if len(conditions) == 1 and only == sem.Contains(NONE, sem.ANYTHING):
+        if len(conditions) == 1 and only == sem.Count(NONE, sem.ANYTHING):
             return f"{self.be(plural)} empty"
-        contents = all(isinstance(condition, (sem.Contains, sem.ContainsOnly)) for condition in conditions)
+        contents = all(isinstance(condition, (sem.Count, sem.ContainsOnly)) for condition in conditions)
         verb = self.pick("has", "contains", "holds") if contents else "has"
         return f"{conjugated(verb, plural)} {self.all_contents(conditions)}"
 
     def all_contents(self, conditions: sem.BoxConditions) -> str:
         first, *rest = conditions
-        if _is_height(first) and rest and isinstance(rest[0], sem.BoxVariety | sem.ContainsOnly):
-            assert isinstance(first, sem.Contains)
+        if _is_height(first) and rest and isinstance(rest[0], sem.Variety | sem.ContainsOnly):
+            assert isinstance(first, sem.Count)
             return listed([self.described_total(first.quantity, rest[0]), *map(self.contents, rest[1:])])
         texts = [self.contents(condition) for condition in conditions]
-        negative = [isinstance(condition, sem.Contains) and condition.quantity == NONE for condition in conditions]
+        negative = [isinstance(condition, sem.Count) and condition.quantity == NONE for condition in conditions]
         if len(conditions) > 1 and negative[-1] and not any(negative[:-1]):
             return f"{listed(texts[:-1])} but {texts[-1]}"
         return listed(texts)
 
-    def described_total(self, quantity: Quantity, condition: sem.BoxVariety | sem.ContainsOnly) -> str:
+    def described_total(self, quantity: Quantity, condition: sem.Variety | sem.ContainsOnly) -> str:
         """ "three blocks of two colors", "two objects, all of them blue" """
         number = self.quantified(quantity, sem.ANYTHING)
-        if isinstance(condition, sem.BoxVariety):
+        if isinstance(condition, sem.Variety):
             items = pluralised(self.style.item)
             return number.text + self.variety(condition.attribute, condition.quantity, items).removeprefix(items)
         if quantity.low == 1:
@@ -425,12 +425,12 @@ class SentenceRealiser(PhraseRealiser):
             end = "top" if only.position is sem.TowerPosition.TOP else "base"
             templates.append(lambda: f"the {self.pick(end)} of the {name} {word} is {self.colours(only.colours)}")
         elif _is_height(only) and clause.towers:
-            quantity = only.quantity if isinstance(only, sem.Contains) else SOME
+            quantity = only.quantity if isinstance(only, sem.Count) else SOME
             blocks = "block" if quantity.low == 1 else "blocks"
             templates.append(
                 lambda: f"the {name} {word} is {self.number(quantity.low)} {blocks} {self.pick('tall', 'high')}"
             )
-        elif isinstance(only, sem.Contains) and only.noun != sem.ANYTHING:
+        elif isinstance(only, sem.Count) and only.noun != sem.ANYTHING:
             templates += [
                 lambda: f"{self.pick('in', 'inside')} the {name} {word} {self.there_is(self.quantity_of(only))}",
                 lambda: f"{self.there_is(self.quantity_of(only))} in the {name} {word}",
@@ -496,7 +496,7 @@ class SentenceRealiser(PhraseRealiser):
                 lambda: f"either {' or '.join(self.clause(part) for part in clauses)}",
                 lambda: ", or ".join(self.clause(part) for part in clauses),
             ]
-        counts = [part for part in clauses if isinstance(part, sem.ItemCount) and not part.noun.predicates]
+        counts = [part for part in clauses if isinstance(part, sem.Count) and not part.noun.predicates]
         if len(counts) == len(clauses) and not any(_is_upper_bound(part.quantity) for part in counts):
             templates += [lambda: self.merged_counts(counts, conjunctive)] * 4
         return templates
@@ -508,7 +508,7 @@ class SentenceRealiser(PhraseRealiser):
             joints = [", but", " but"]
         return f"{', '.join(first)}{self.pick(*joints)} {last}"
 
-    def merged_counts(self, counts: Sequence[sem.ItemCount], conjunctive: bool) -> str:
+    def merged_counts(self, counts: Sequence[sem.Count], conjunctive: bool) -> str:
         """ "there are two circles and a blue square" """
         if conjunctive and all(part.quantity == NONE for part in counts):
             texts = [self.noun(part.noun, True) for part in counts]
@@ -529,7 +529,7 @@ class SentenceRealiser(PhraseRealiser):
 def _is_height(condition: sem.BoxCondition) -> bool:
     """Whether the condition fixes the number of items in the box."""
     match condition:
-        case sem.Contains(Quantity(low, high, False), noun):
+        case sem.Count(Quantity(low, high, False), noun):
             return low == high and low > 0 and noun == sem.ANYTHING
         case _:
             return False
@@ -542,7 +542,7 @@ def _is_upper_bound(quantity: Quantity) -> bool:
 
 def _is_negative(clause: sem.Clause) -> bool:
     match clause:
-        case sem.ItemCount(quantity, _) | sem.BoxCount(quantity, _, _):
+        case sem.Count(quantity, _) | sem.BoxCount(quantity, _, _):
             return quantity == NONE
         case sem.NotEveryItem():
             return True
