@@ -148,10 +148,20 @@ def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callab
     def mask_of(box: Box) -> Mask:
         return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if cached[item]])
 
-    def mask_by_field(box: Box) -> Mask:
-        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if item[field] == value])
+    def mask_by_field(box: Box) -> Mask:  # the most frequent case, so without calls
+        mask = box.memo.get(key)
+        if mask is None:
+            if len(box.items) > MAX_BOX_ITEMS:
+                raise FallbackError
+            mask, bit = 0, 1
+            for item in box.items:
+                if item[field] == value:
+                    mask |= bit
+                bit <<= 1
+            box.memo[key] = mask
+        return mask
 
-    function = _memoised(key, mask_of if tested is None else mask_by_field)
+    function = _memoised(key, mask_of) if tested is None else mask_by_field
     _ITEM_TESTS[function] = ItemTest(cached.__missing__, depends_on)
     return function
 

@@ -6,7 +6,7 @@ docs/solver.md describes the algorithm and its results. The modules:
 
     solver, solution         entry point and results
     goals, weighted_goals    goals as programs with targets; plans for several uncertain goals
-    layered_search           breadth-first search over scenes, from the layers of each box
+    layered_search           breadth-first layers of a box, and search over scenes from those of each box
     tower_search             exact search for Tower
     scatter_search           search for Scatter: abstract scenes first, then refinement
     box_classes              which boxes are interchangeable for a program
@@ -15,7 +15,7 @@ docs/solver.md describes the algorithm and its results. The modules:
     canonical_items          one item for each class that item tests can distinguish
     abstraction              Scatter boxes without geometry
     refinement               edits that realise abstract edits under the exact rules
-    pruned_layers            heuristic search for Scatter programs that relate items
+    pruned_layers            edits and signatures for Scatter programs that relate items
     first_actions            all optimal first actions in Scatter
     box_editor, edit_tables  single edits of a Scatter box, and all of them at once as arrays
 

@@ -7,7 +7,7 @@ scenes therefore finds how few edits can suffice and which; `refinement` turns t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, cached_property
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Colour, Item, Shape, Size
 from lilgym_mp.solver.box_editor import ItemType
 from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
+from lilgym_mp.solver.layered_search import Layers
 from lilgym_mp.solver.program_features import ItemFeature, ProgramFeatures
 
 AbstractBox = tuple[int, ...]  # the class of each item; sorted unless order matters
@@ -99,7 +100,7 @@ class Abstraction:
         self.classes = ItemClasses(features)
         self.order_matters = features.order_matters
         self._representatives: dict[AbstractBox, Box] = {}
-        self._layers: dict[AbstractBox, AbstractLayers] = {}
+        self._layers: dict[AbstractBox, Layers[AbstractEdit]] = {}
 
     def abstract(self, box: Box) -> AbstractBox:
         return self.from_classes([self.classes.of(item) for item in box.items])
@@ -115,54 +116,19 @@ class Abstraction:
             box = self._representatives[abstract_box] = Box(tuple([items[item_class] for item_class in abstract_box]))
         return box
 
-    def layers(self, box: Box) -> AbstractLayers:
-        """The layers of the box's abstraction, shared by all boxes that have it."""
+    def layers(self, box: Box) -> Layers[AbstractEdit]:
+        """The layers of the box's abstraction as representative boxes, shared by all boxes that have it."""
         abstract_box = self.abstract(box)
         found = self._layers.get(abstract_box)
         if found is None:
-            found = self._layers[abstract_box] = AbstractLayers(self, abstract_box)
+            found = self._layers[abstract_box] = Layers(self.representative(abstract_box), self._successors)
         return found
 
-
-class AbstractLayers:
-    """The breadth-first layers of an abstract box, given as representative boxes; extended on demand."""
-
-    def __init__(self, abstraction: Abstraction, start: AbstractBox) -> None:
-        self._abstraction = abstraction
-        self._layers: list[list[AbstractBox]] = [[start]]
-        self._boxes: list[list[Box]] = [[abstraction.representative(start)]]
-        self._paths: dict[tuple[Item, ...], tuple[AbstractEdit, ...]] = {self._boxes[0][0].items: ()}
-
-    def layer(self, edits: int) -> Sequence[Box]:
-        while len(self._layers) <= edits:
-            self._add_layer()
-        return self._boxes[edits]
-
-    def path(self, box: Box) -> tuple[AbstractEdit, ...]:
-        """A shortest path to the abstract box represented by `box`, which must be in a layer."""
-        return self._paths[box.items]
-
-    def _add_layer(self) -> None:
-        representative = self._abstraction.representative
-        found: list[AbstractBox] = []
-        for abstract_box in self._layers[-1]:
-            path = self._paths[representative(abstract_box).items]
-            for edit, after in self._successors(abstract_box):
-                items = representative(after).items
-                if items not in self._paths:
-                    self._paths[items] = (*path, edit)
-                    found.append(after)
-        self._layers.append(found)
-        self._boxes.append([representative(abstract_box) for abstract_box in found])
-
-    def _successors(self, abstract_box: AbstractBox) -> list[tuple[AbstractEdit, AbstractBox]]:
-        from_classes = self._abstraction.from_classes
-        additions = [
-            (AbstractEdit(item_class, None), from_classes((*abstract_box, item_class)))
-            for item_class in range(len(self._abstraction.classes))
-        ]
-        removals = [
-            (AbstractEdit(item_class, position), abstract_box[:position] + abstract_box[position + 1 :])
-            for position, item_class in enumerate(abstract_box)
-        ]
-        return removals + additions
+    def _successors(self, box: Box) -> Iterator[tuple[AbstractEdit, Box]]:
+        abstract_box = tuple([self.classes.of(item) for item in box.items])
+        for position, item_class in enumerate(abstract_box):
+            after = abstract_box[:position] + abstract_box[position + 1 :]
+            yield AbstractEdit(item_class, position), self.representative(after)
+        for item_class in range(len(self.classes)):
+            after = self.from_classes((*abstract_box, item_class))
+            yield AbstractEdit(item_class, None), self.representative(after)

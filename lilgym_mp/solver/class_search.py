@@ -13,7 +13,7 @@ from typing import Any
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.solver.box_classes import BoxClasses
-from lilgym_mp.solver.layered_search import BoxLayers, Budget
+from lilgym_mp.solver.layered_search import Budget, Layers
 
 CACHE_SIZE = 512  # tuples of programs
 MAX_CACHED_TRUTHS = 200_000  # class triples, for one tuple of programs
@@ -25,7 +25,7 @@ ClassTriple = tuple[int, int, int]  # class by box
 class ReachableClasses:
     """The classes that one box can reach, in breadth-first layers; extended on demand and shared by all searches."""
 
-    def __init__(self, layers: BoxLayers, classes: BoxClasses, box_cost: int) -> None:
+    def __init__(self, layers: Layers[Any], classes: BoxClasses, box_cost: int) -> None:
         self._box_layers = layers
         self._classes = classes
         self._box_cost = box_cost
@@ -66,7 +66,7 @@ class ClassSpace:
         self._reachable: dict[Hashable, ReachableClasses] = {}
         self.retained: dict[str, Any] = {}  # objects to which the cached reachable classes refer
 
-    def reachable(self, key: Hashable, layers: BoxLayers, box_cost: int = 1) -> ReachableClasses:
+    def reachable(self, key: Hashable, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
         """The reachable classes of the box that `key` identifies.
 
         `box_cost`: the budget spent on finding the class of a box, in units of class triples examined.
@@ -85,6 +85,25 @@ class ClassSpace:
             found = self._truths[triple] = self._evaluate(triple)
         return found
 
+    def goals_at(
+        self, edits: int, reachable: Sequence[ReachableClasses], targets: int, budget: Budget
+    ) -> Iterator[tuple[EditCounts, ClassTriple]]:
+        """Every class triple exactly `edits` edits away for which the programs have the values `targets`, a bit mask;
+        with the edits of each box. Raises BudgetExhaustedError."""
+        left, middle, right = reachable
+        for left_edits in range(edits + 1):
+            lefts = left.layer(left_edits, budget)
+            for middle_edits in range(edits - left_edits + 1 if lefts else 0):
+                middles = middle.layer(middle_edits, budget)
+                rights = right.layer(edits - left_edits - middle_edits, budget) if middles else ()
+                edit_counts = (left_edits, middle_edits, edits - left_edits - middle_edits)
+                budget.spend(len(lefts) * len(middles) * len(rights))
+                for first in lefts:
+                    for second in middles:
+                        for third in rights:
+                            if self.truths((first, second, third)) == targets:
+                                yield edit_counts, (first, second, third)
+
     def _evaluate(self, triple: ClassTriple) -> int:
         first, second, third = triple
         if self.classes.separable and not first <= second <= third:  # then the order of the boxes does not matter
@@ -98,23 +117,3 @@ class ClassSpace:
 @lru_cache(maxsize=CACHE_SIZE)
 def class_space(programs: tuple[str, ...]) -> ClassSpace:
     return ClassSpace(programs)
-
-
-def class_triples_at(
-    edits: int, reachable: Sequence[ReachableClasses], budget: Budget
-) -> Iterator[tuple[EditCounts, ClassTriple]]:
-    """Every class triple exactly `edits` edits away, with the edits of each box. Raises BudgetExhaustedError."""
-    left, middle, right = reachable
-    for left_edits in range(edits + 1):
-        lefts = left.layer(left_edits, budget)
-        if not lefts:
-            continue
-        for middle_edits in range(edits - left_edits + 1):
-            middles = middle.layer(middle_edits, budget)
-            rights = right.layer(edits - left_edits - middle_edits, budget) if middles else ()
-            edit_counts = (left_edits, middle_edits, edits - left_edits - middle_edits)
-            budget.spend(len(lefts) * len(middles) * len(rights))
-            for first in lefts:
-                for second in middles:
-                    for third in rights:
-                        yield edit_counts, (first, second, third)

@@ -34,7 +34,7 @@ from lilgym_mp.scene import (
     Size,
 )
 from lilgym_mp.solver import edit_tables
-from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction, AbstractLayers
+from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, ReachableClasses
 from lilgym_mp.solver.layered_search import Budget
@@ -153,7 +153,7 @@ class _BoxReachability:
         self._abstraction = abstraction
         self._item_classes = [abstraction.classes.of(item) for item in box.items]
         abstract_box = abstraction.from_classes(self._item_classes)
-        self._layers: AbstractLayers = abstraction.layers(box)
+        self._layers = abstraction.layers(box)
         self.reachable = space.reachable(("abstract", abstract_box), self._layers, ABSTRACT_BOX_COST)
         self._refinements: dict[tuple[int, int], Refinement | NoRefinement] = {}  # by edits and class
         self._first_actions: dict[tuple[int, int], FirstActions] = {}  # by edits and class

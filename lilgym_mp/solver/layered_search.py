@@ -7,20 +7,14 @@ its boxes. This holds for Tower, for Scatter and for abstract boxes; all three u
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Generic, Protocol, TypeVar
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from operator import attrgetter
+from typing import Any, Generic, TypeVar
 
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene import Box, Item, Scene
 
 Element = TypeVar("Element")
-
-
-class BoxLayers(Protocol):
-    """The breadth-first layers of one box."""
-
-    def layer(self, edits: int) -> Iterable[Box]:
-        """The boxes exactly `edits` edits away. The result can be iterated repeatedly."""
-        ...
+Edit = TypeVar("Edit")
 
 
 class BudgetExhaustedError(Exception):
@@ -56,18 +50,62 @@ class LazyList(Generic[Element]):
     def __init__(self, source: Iterator[Element]) -> None:
         self._source = source
         self._cached: list[Element] = []
+        self._is_complete = False
 
     def __iter__(self) -> Iterator[Element]:
+        return iter(self._cached) if self._is_complete else self._consuming()
+
+    def _consuming(self) -> Iterator[Element]:
         for index in itertools.count():
             if index == len(self._cached):
                 try:
                     self._cached.append(next(self._source))
                 except StopIteration:
+                    self._is_complete = True
                     return
             yield self._cached[index]
 
 
-def scenes_at(edits: int, layers: Sequence[BoxLayers]) -> Iterator[Scene]:
+class Layers(Generic[Edit]):
+    """The breadth-first layers of one box, extended on demand, with a shortest path to each box in them.
+
+    Of several boxes with equal signatures, by default only equal boxes, the first is kept.
+    """
+
+    def __init__(
+        self,
+        start: Box,
+        successors: Callable[[Box], Iterator[tuple[Edit, Box]]],
+        signature: Callable[[Box], Hashable] = attrgetter("items"),
+    ) -> None:
+        self._successors = successors
+        self._signature = signature
+        self._layers: list[Iterable[Box]] = [(start,)]
+        self._paths: dict[tuple[Item, ...], tuple[Edit, ...]] = {start.items: ()}
+        self._seen = {signature(start)}
+
+    def layer(self, edits: int) -> Iterable[Box]:
+        """The boxes exactly `edits` edits away. The result can be iterated repeatedly."""
+        while len(self._layers) <= edits:
+            self._layers.append(LazyList(self._next_layer(self._layers[-1])))
+        return self._layers[edits]
+
+    def path(self, box: Box) -> tuple[Edit, ...]:
+        """The edits that lead to a box of the layers."""
+        return self._paths[box.items]
+
+    def _next_layer(self, boxes: Iterable[Box]) -> Iterator[Box]:
+        for box in boxes:
+            path = self._paths[box.items]
+            for edit, after in self._successors(box):
+                signature = self._signature(after)
+                if signature not in self._seen:
+                    self._seen.add(signature)
+                    self._paths[after.items] = (*path, edit)
+                    yield after
+
+
+def scenes_at(edits: int, layers: Sequence[Layers[Any]]) -> Iterator[Scene]:
     """Every scene exactly `edits` edits away."""
     left_layers, middle_layers, right_layers = layers
     for left_edits in range(edits + 1):
@@ -82,7 +120,7 @@ def scenes_at(edits: int, layers: Sequence[BoxLayers]) -> Iterator[Scene]:
 
 
 def goals_at(
-    edits: int, layers: Sequence[BoxLayers], is_goal: Callable[[Scene], bool], budget: Budget
+    edits: int, layers: Sequence[Layers[Any]], is_goal: Callable[[Scene], bool], budget: Budget
 ) -> Iterator[Scene]:
     """The goals among `scenes_at(edits, layers)`. Raises BudgetExhaustedError."""
     for scene in scenes_at(edits, layers):

@@ -7,16 +7,16 @@ This finds solutions quickly but proves nothing about those it does not find.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections.abc import Hashable, Iterator
 from typing import Any
 
 from lilgym_mp.programs import box_functions
 from lilgym_mp.programs.values import BoxView
 from lilgym_mp.programs.words import Word
-from lilgym_mp.scene import Box, Colour, Item, Shape, Size
+from lilgym_mp.scene import Box, Colour, Shape, Size
 from lilgym_mp.solver.abstraction import ItemClasses
-from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor, EditedBox
-from lilgym_mp.solver.layered_search import Budget, LazyList
+from lilgym_mp.solver.box_editor import BoxEditor, EditedBox
+from lilgym_mp.solver.layered_search import Budget
 from lilgym_mp.solver.program_features import ProgramFeatures
 
 FOOTPRINTS = tuple((shape, size) for size in Size for shape in Shape)  # small ones first: they leave most space
@@ -62,38 +62,6 @@ class SuccessorGenerator:
             if item_class not in seen:
                 seen.add(item_class)
                 yield EditedBox(edit._replace(colour=colour), Box((*others, recoloured)))
-
-
-class PrunedLayers:
-    """The breadth-first layers of a box, with one box for each signature."""
-
-    def __init__(
-        self, box: Box, successors: Callable[[Box], Iterator[EditedBox]], signature: Callable[[Box], Hashable]
-    ) -> None:
-        self._successors = successors
-        self._signature = signature
-        self._layers: list[Iterable[Box]] = [[box]]
-        self._paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]] = {box.items: ()}
-        self._seen: set[Hashable] = {signature(box)}
-
-    def layer(self, edits: int) -> Iterable[Box]:
-        while len(self._layers) <= edits:
-            self._layers.append(LazyList(self._next_layer(self._layers[-1])))
-        return self._layers[edits]
-
-    def path(self, box: Box) -> tuple[BoxEdit, ...]:
-        """The edits that lead to a box of the layers."""
-        return self._paths[box.items]
-
-    def _next_layer(self, boxes: Iterable[Box]) -> Iterator[Box]:
-        for box in boxes:
-            path = self._paths[box.items]
-            for edit, after in self._successors(box):
-                signature = self._signature(after)
-                if signature not in self._seen:
-                    self._seen.add(signature)
-                    self._paths[after.items] = (*path, edit)
-                    yield after
 
 
 class HeuristicSignature:

@@ -14,15 +14,15 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
-from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, AbstractLayers, ItemClasses
+from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, ItemClasses
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
-from lilgym_mp.solver.class_search import class_space, class_triples_at
+from lilgym_mp.solver.class_search import class_space
 from lilgym_mp.solver.edit_tables import addition_actions, addition_table, frame_x_of, removal_actions, removal_table
 from lilgym_mp.solver.first_actions import ScatterReachability
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
-from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, goals_at
+from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.program_features import merged_features, program_features
-from lilgym_mp.solver.pruned_layers import HeuristicSignature, PrunedLayers, SuccessorGenerator
+from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
@@ -102,8 +102,7 @@ class ScatterSearch:
         space, reachability = class_space(programs), self.reachability(programs, state.scene)
         try:
             for edits in range(1, max_edits + 1):
-                candidates = class_triples_at(edits, reachability.reachable, budget)
-                goals = [(edit_counts, triple) for edit_counts, triple in candidates if space.truths(triple) == targets]
+                goals = list(space.goals_at(edits, reachability.reachable, targets, budget))
                 if goals:
                     found = reachability.first_actions(goals, budget)
                     actions = tuple(sorted(found.actions))
@@ -188,8 +187,7 @@ class _FirstEditCheck:
 
     def _is_goal_within_reach(self, reachability: ScatterReachability, after: State) -> bool | None:
         for edits in range(1, self._remaining + 1):
-            candidates = class_triples_at(edits, reachability.reachable, self._budget)
-            goals = [(counts, triple) for counts, triple in candidates if self._space.truths(triple) == self._targets]
+            goals = list(self._space.goals_at(edits, reachability.reachable, self._targets, self._budget))
             if goals:
                 failure = reachability.failure(goals, self._budget)
                 if failure is NoRefinement.INFEASIBLE and edits < self._remaining:  # longer paths may be feasible
@@ -255,7 +253,7 @@ class _TaskSearch:
                 break
         return None
 
-    def _refine_layer(self, edits: int, layers: Sequence[AbstractLayers]) -> _LayerResult:
+    def _refine_layer(self, edits: int, layers: Sequence[Layers[AbstractEdit]]) -> _LayerResult:
         """Refines the abstract goals at that distance until one succeeds."""
         count = 0
         failure = NoRefinement.INFEASIBLE
@@ -268,7 +266,7 @@ class _TaskSearch:
                 failure = NoRefinement.UNDECIDED
         return _LayerResult(None, count, failure)
 
-    def _refine_goal(self, goal: Scene, layers: Sequence[AbstractLayers]) -> list[BoxEdit] | NoRefinement:
+    def _refine_goal(self, goal: Scene, layers: Sequence[Layers[AbstractEdit]]) -> list[BoxEdit] | NoRefinement:
         edits: list[BoxEdit] = []
         for index, box in enumerate(self._boxes):
             found = self._refine_box(index, box, layers[index].path(goal.boxes[index]))
@@ -306,8 +304,8 @@ class _TaskSearch:
         """At each distance, scenes that need removals only come first: they are few, and often suffice."""
         signature = HeuristicSignature(self._abstraction.features, self._abstraction.classes)
         pairs = [(box, self._successors(index)) for index, box in enumerate(self._boxes)]
-        by_removals = [PrunedLayers(box, successors.removals, _items) for box, successors in pairs]
-        by_any_edits = [PrunedLayers(box, successors, signature) for box, successors in pairs]
+        by_removals = [Layers(box, successors.removals) for box, successors in pairs]
+        by_any_edits = [Layers(box, successors, signature) for box, successors in pairs]
         for edits in range(self.least_edits, self._max_edits + 1):
             for layers in (by_removals, by_any_edits):
                 goal = next(goals_at(edits, layers, self._is_goal, self._budget), None)
@@ -317,7 +315,3 @@ class _TaskSearch:
 
     def _successors(self, index: int) -> SuccessorGenerator:
         return SuccessorGenerator(self._editors[index], self._abstraction.classes, self._budget)
-
-
-def _items(box: Box) -> tuple[Item, ...]:
-    return box.items

@@ -7,17 +7,15 @@ serve every task. Only the program remains to be evaluated, scene by scene, near
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
 from lilgym_mp.appearances import PlacementRules, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
-from lilgym_mp.solver.box_classes import BoxClasses
-from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, class_space, class_triples_at
+from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, class_space
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
-from lilgym_mp.solver.layered_search import BoxLayers, Budget, BudgetExhaustedError, goals_at
+from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
 
 BoxEdit = AddBlock | RemoveBlock
@@ -28,39 +26,11 @@ _EDITS: tuple[BoxEdit, ...] = (*(AddBlock(0, colour) for colour in Colour), Remo
 _ACTIONS = [{edit: Tower().encode(edit._replace(box=index)) for edit in _EDITS} for index in range(BOX_COUNT)]  # by box
 
 
-@dataclass(frozen=True, slots=True)
-class StackLayers:
-    """The breadth-first layers of a stack, and the paths to the stacks in them."""
-
-    layers: tuple[tuple[Box, ...], ...]
-    paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]]  # keyed by the items of the stack; edits of box 0
-
-    def layer(self, edits: int) -> Sequence[Box]:
-        return self.layers[edits] if edits < len(self.layers) else ()
-
-    def first_edit(self, after: Box) -> BoxEdit:
-        """The first edit, of box 0, on the path to `after`, which must differ from the start."""
-        return self.paths[after.items][0]
-
-    def path(self, after: Box, index: int) -> tuple[BoxEdit, ...]:
-        """The shortest path to `after` for a stack in box `index`; it is unique, as edits connect stacks in a tree."""
-        return tuple(edit._replace(box=index) for edit in self.paths[after.items])
-
-
 @cache
-def stack_layers(tower: Tower, placement: PlacementRules, stack: tuple[Item, ...]) -> StackLayers:
+def stack_layers(tower: Tower, placement: PlacementRules, stack: tuple[Item, ...]) -> Layers[BoxEdit]:
+    """The layers of a stack, with paths as edits of box 0; paths are unique, as edits connect stacks in a tree."""
     start, *_ = tower.check_scene(Scene((Box(stack), Box(), Box()))).boxes
-    layers: list[tuple[Box, ...]] = [(start,)]
-    paths: dict[tuple[Item, ...], tuple[BoxEdit, ...]] = {stack: ()}
-    while layers[-1]:
-        found: list[Box] = []
-        for box in layers[-1]:
-            for edit, after in _successors(tower, placement, box):
-                if after.items not in paths:
-                    paths[after.items] = (*paths[box.items], edit)
-                    found.append(after)
-        layers.append(tuple(found))
-    return StackLayers(tuple(layers[:-1]), paths)
+    return Layers(start, partial(_successors, tower, placement))
 
 
 def _successors(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[tuple[BoxEdit, Box]]:
@@ -71,28 +41,10 @@ def _successors(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[t
             yield edit, after.boxes[0]
 
 
-class ClassLayers:
-    """The layers of a stack without repetitions: the first box of each class."""
-
-    def __init__(self, layers: StackLayers, classes: BoxClasses) -> None:
-        seen: set[int] = set()
-        self._layers = [tuple(self._new(boxes, classes, seen)) for boxes in layers.layers]
-
-    def _new(self, boxes: Sequence[Box], classes: BoxClasses, seen: set[int]) -> Iterator[Box]:
-        for box in boxes:
-            box_class = classes.of(box)
-            if box_class not in seen:
-                seen.add(box_class)
-                yield box
-
-    def layer(self, edits: int) -> Sequence[Box]:
-        return self._layers[edits] if edits < len(self._layers) else ()
-
-
 class TowerReachability:
     """The box classes that can be reached from a scene, and how."""
 
-    def __init__(self, layers: Sequence[StackLayers], scene: Scene, space: ClassSpace) -> None:
+    def __init__(self, layers: Sequence[Layers[BoxEdit]], scene: Scene, space: ClassSpace) -> None:
         self._layers = layers
         boxes = zip(scene.boxes, layers, strict=True)
         self.reachable = [space.reachable(("stack", box.items), layer) for box, layer in boxes]
@@ -102,7 +54,7 @@ class TowerReachability:
         found: list[BoxEdit] = []
         for index, (edits, box_class) in enumerate(zip(edit_counts, triple, strict=True)):
             after, *_ = self.reachable[index].layer(edits, budget)[box_class]
-            found.extend(self._layers[index].path(after, index))
+            found.extend(_path(self._layers[index], after, index))
         return found
 
     def first_actions(self, goals: Sequence[Collection[tuple[int, int]]], budget: Budget) -> set[int]:
@@ -110,7 +62,7 @@ class TowerReachability:
         found: set[int] = set()
         for index, (layers, reachable) in enumerate(zip(self._layers, self.reachable, strict=True)):
             ends = [reachable.layer(edits, budget)[box_class] for edits, box_class in goals[index] if edits]
-            found.update(_ACTIONS[index][layers.first_edit(box)] for boxes in ends for box in boxes)
+            found.update(_ACTIONS[index][layers.path(box)[0]] for boxes in ends for box in boxes)
         return found
 
 
@@ -124,31 +76,34 @@ class TowerSearch:
         self._placement = dynamics.rules.placement
 
     def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
-        layers = self._layers(state.scene)
         edits = 0
         try:
-            for edits, goals in self._goals(state, layers, max_edits, budget):
-                for goal in goals:
-                    actions = (edit for path in _paths(layers, goal) for edit in path)
+            for edits in range(max_edits + 1):
+                by_class = edits > MAX_EXHAUSTIVE_EDITS and has_program_goal(state.task)
+                find = self._solution_by_class if by_class else self._solution_by_scene
+                actions = find(state, edits, budget)
+                if actions is not None:
                     return solved((*actions, STOP), edits, budget)
         except BudgetExhaustedError:
             return not_found(edits, budget)
         return unsolvable(f"no scene within {max_edits} edits has that value", max_edits + 1, budget)
 
-    def _goals(
-        self, state: State, layers: list[StackLayers], max_edits: int, budget: Budget
-    ) -> Iterator[tuple[int, Iterator[Scene]]]:
-        """Goals by distance: all near ones; farther away, one for each class triple if the programs are separable."""
-        is_goal = state.task.solved_by
-        for edits in range(min(max_edits, MAX_EXHAUSTIVE_EDITS) + 1):
-            yield edits, goals_at(edits, layers, is_goal, budget)
-        farther = range(MAX_EXHAUSTIVE_EDITS + 1, max_edits + 1)
-        pruned: Sequence[BoxLayers] = layers
-        if farther and has_program_goal(state.task):
-            classes = BoxClasses(programs_of(state.task))
-            pruned = [ClassLayers(layer, classes) for layer in layers] if classes.separable else layers
-        for edits in farther:
-            yield edits, goals_at(edits, pruned, is_goal, budget)
+    def _solution_by_scene(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
+        """A solution with that many edits, given that no solution has fewer."""
+        layers = self._layers(state.scene)
+        goal = next(goals_at(edits, layers, state.task.solved_by, budget), None)
+        return None if goal is None else [edit for path in _paths(layers, goal) for edit in path]
+
+    def _solution_by_class(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
+        reachability = self.reachability(programs_of(state.task), state.scene)
+        goal = next(self._class_goals(state, reachability, edits, budget), None)
+        return None if goal is None else reachability.edits_to(*goal, budget)
+
+    def _class_goals(
+        self, state: State, reachability: TowerReachability, edits: int, budget: Budget
+    ) -> Iterator[tuple[EditCounts, ClassTriple]]:
+        space = class_space(programs_of(state.task))
+        return space.goals_at(edits, reachability.reachable, target_bits(state.task), budget)
 
     def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""
@@ -166,14 +121,11 @@ class TowerSearch:
 
     def _first_actions_by_class(self, state: State, edits: int, budget: Budget) -> set[int]:
         """The first actions of solutions with that many edits, given that no solution has fewer."""
-        programs, targets = programs_of(state.task), target_bits(state.task)
-        space = class_space(programs)
-        reachability = self.reachability(programs, state.scene)
+        reachability = self.reachability(programs_of(state.task), state.scene)
         goals: list[set[tuple[int, int]]] = [set() for _ in range(BOX_COUNT)]  # by box
-        for edit_counts, triple in class_triples_at(edits, reachability.reachable, budget):
-            if space.truths(triple) == targets:
-                for box_goals, goal in zip(goals, zip(edit_counts, triple, strict=True), strict=True):
-                    box_goals.add(goal)
+        for edit_counts, triple in self._class_goals(state, reachability, edits, budget):
+            for box_goals, goal in zip(goals, zip(edit_counts, triple, strict=True), strict=True):
+                box_goals.add(goal)
         return reachability.first_actions(goals, budget)
 
     def _first_actions_by_scene(self, state: State, edits: int, budget: Budget) -> set[int]:
@@ -192,10 +144,15 @@ class TowerSearch:
             scene = self._tower.apply(scene, edit, self._placement).scene
         return scene
 
-    def _layers(self, scene: Scene) -> list[StackLayers]:
+    def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
 
 
-def _paths(layers: list[StackLayers], goal: Scene) -> list[tuple[BoxEdit, ...]]:
+def _paths(layers: list[Layers[BoxEdit]], goal: Scene) -> list[tuple[BoxEdit, ...]]:
     """The edits of each box that lead to the goal."""
-    return [layers[index].path(goal.boxes[index], index) for index in range(BOX_COUNT)]
+    return [_path(layers[index], goal.boxes[index], index) for index in range(BOX_COUNT)]
+
+
+def _path(layers: Layers[BoxEdit], after: Box, index: int) -> tuple[BoxEdit, ...]:
+    """The edits of box `index` that lead to `after`."""
+    return tuple(edit._replace(box=index) for edit in layers.path(after))

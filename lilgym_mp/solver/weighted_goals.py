@@ -11,7 +11,7 @@ from lilgym_mp.actions import STOP, Action
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import State
 from lilgym_mp.scene import Scene
-from lilgym_mp.solver.class_search import ClassTriple, EditCounts, ReachableClasses, class_space, class_triples_at
+from lilgym_mp.solver.class_search import ClassTriple, EditCounts, ReachableClasses, class_space
 from lilgym_mp.solver.goals import conjunctive_task
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.solution import Solution
@@ -232,13 +232,12 @@ class WeightedPlanner:
         max_edits = min(self._max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self._max_edits
         for edit_count in range(least_edits, max_edits + 1):
             found: list[_Candidate] = []
-            for edit_counts, triple in class_triples_at(edit_count, reachability.reachable, budget):
-                if space.truths(triple) == targets:
-                    edits = reachability.edits_to(edit_counts, triple, budget)
-                    failed = failed or edits is None
-                    found.extend([] if edits is None else [self._candidate(edits)])
-                    if len(found) + failed == MAX_TIES:
-                        break
+            for edit_counts, triple in space.goals_at(edit_count, reachability.reachable, targets, budget):
+                edits = reachability.edits_to(edit_counts, triple, budget)
+                failed = failed or edits is None
+                found.extend([] if edits is None else [self._candidate(edits)])
+                if len(found) + failed == MAX_TIES:
+                    break
             if found:
                 return max(found, key=lambda candidate: candidate.mass)
             if failed:
