@@ -12,6 +12,7 @@ import torch
 from torch import nn
 
 from lilgym_mp.arrays import Float64Array
+from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.proposer_verifier import Partner
@@ -100,7 +101,8 @@ def describe(
     statistics: Mapping[str, Any],
 ) -> ModelDescription:
     """`statistics`: further details to save, such as the training time."""
-    supervision = f"{SUPERVISION} (corpus {settings.corpus})"
+    corpora = f"corpora {settings.corpus} and {BUILTIN}" if recipe.own_tasks else f"corpus {settings.corpus}"
+    supervision = f"{SUPERVISION} ({corpora})"
     details = {"vocabulary": list(vocabulary.words), "corpus": settings.corpus, **statistics}
     return ModelDescription(KIND, VERSION, configurations, supervision, recipe.to_json(), details)
 

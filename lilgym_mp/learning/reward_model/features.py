@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
-from itertools import permutations, product
+from itertools import accumulate, permutations, product
 from typing import NamedTuple
 
 import numpy as np
@@ -29,13 +29,7 @@ SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins 
 
 ITEM_PARTS = {  # feature columns of an item, by appearance
     "tower": {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
-    "scatter": {
-        "colour": COLOURS,
-        "shape": SHAPES,
-        "size": SIZES,
-        "gaps": 4 * GAP_BINS,
-        "centre": 2 * CENTRE_BINS,
-    },
+    "scatter": {"colour": COLOURS, "shape": SHAPES, "size": SIZES, "gaps": 4 * GAP_BINS, "centre": 2 * CENTRE_BINS},
 }
 BOX_PARTS = {  # feature columns of a box
     "tower": {"height": 5, "counts": COLOURS * CAPACITY, "top": 3, "bottom": 3, "pairs": 9, "colours": 4},
@@ -61,42 +55,34 @@ class Exchange(NamedTuple):
     def columns(self, appearance: str) -> tuple[Int64Array, Int64Array]:
         """For items and for boxes: feature i of the scene is feature `columns[i]` of the exchanged one."""
         colour = np.array(self.colours)
-        colour_or_none = np.append(colour, COLOURS)
-        if appearance == "tower":
-            pairs = colour[:, None] * COLOURS + colour
-            return (
-                _columns("tower", ITEM_PARTS, {"colour": colour, "below": colour_or_none, "above": colour_or_none}),
-                _columns(
-                    "tower",
-                    BOX_PARTS,
-                    {
-                        "counts": (colour[:, None] * CAPACITY + np.arange(CAPACITY)).ravel(),
-                        "top": colour,
-                        "bottom": colour,
-                        "pairs": pairs.ravel(),
-                    },
-                ),
-            )
+        neighbour = np.append(colour, COLOURS)  # no colour without a neighbour
         gaps = np.arange(4 * GAP_BINS).reshape(2, 2, GAP_BINS)
         centre = np.arange(2 * CENTRE_BINS).reshape(2, CENTRE_BINS)
         if self.mirrored:
             gaps[0], centre[0] = gaps[0, ::-1].copy(), centre[0, ::-1].copy()
-        moved = {
-            "colour": colour,
-            "shape": np.array(self.shapes),
-            "gaps": gaps.ravel(),
-            "centre": centre.ravel(),
+        items = {
+            "tower": {"colour": colour, "below": neighbour, "above": neighbour},
+            "scatter": {
+                "colour": colour,
+                "shape": np.array(self.shapes),
+                "gaps": gaps.ravel(),
+                "centre": centre.ravel(),
+            },
         }
-        return _columns("scatter", ITEM_PARTS, moved), _columns("scatter", BOX_PARTS, {})
+        boxes = {
+            "counts": (colour[:, None] * CAPACITY + np.arange(CAPACITY)).ravel(),
+            "top": colour,
+            "bottom": colour,
+            "pairs": (colour[:, None] * COLOURS + colour).ravel(),
+        }
+        return _columns(ITEM_PARTS[appearance], items[appearance]), _columns(BOX_PARTS[appearance], boxes)
 
 
-def _columns(appearance: str, parts: Mapping[str, Mapping[str, int]], moved: Mapping[str, Int64Array]) -> Int64Array:
-    columns: list[Int64Array] = []
-    first = 0
-    for name, width in parts[appearance].items():
-        columns.append(first + moved.get(name, np.arange(width)))
-        first += width
-    return np.concatenate(columns)
+def _columns(parts: Mapping[str, int], moved: Mapping[str, Int64Array]) -> Int64Array:
+    firsts = accumulate(parts.values(), initial=0)
+    return np.concatenate(
+        [first + moved.get(name, np.arange(parts[name])) for name, first in zip(parts, firsts, strict=False)]
+    )
 
 
 @cache

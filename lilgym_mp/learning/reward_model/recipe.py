@@ -29,6 +29,7 @@ class RewardModelRecipe(Recipe):
     exploring: float = setting(0.2, "fraction of the CPU time for collecting data, once training has begun", 0, 0.95)
     reuse: int = setting(30, "times that a label is trained on before more are collected, on average")
     searching: float = setting(0.5, "fraction of that for scenes that a search finds, after a quarter of the run", 0, 1)
+    own_tasks: bool = setting(False, "play the train tasks of the builtin corpus too")
     held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
     averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
     beam: int = setting(16, "scenes kept by the search", 1)

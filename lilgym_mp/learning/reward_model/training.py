@@ -17,6 +17,9 @@ from torch import Tensor, nn
 
 from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.faults import NoTasksError
+from lilgym_mp.corpus.held_out import held_out_digests, statement_digest
+from lilgym_mp.corpus.loading import load_all_tasks
+from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
@@ -130,6 +133,8 @@ class _Run(TimedRun[tuple[float, float]]):
         self.files = begin_run(out, identity, resume=resume)
         self.files.remember(**budget._asdict())
         self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
+        if recipe.own_tasks:
+            self._entries += _own_entries(settings, [*self._entries, *self._held_out])
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable(settings.appearance)
         self._collector = Collector(settings.dynamics(), self._table, self._rng)
@@ -334,6 +339,13 @@ class _Run(TimedRun[tuple[float, float]]):
         description = describe(self._settings, self._recipe, self._configurations, vocabulary, statistics)
         self.files.save_agent(description, self._averaged.state_dict())
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
+
+
+def _own_entries(settings: Settings, known: Sequence[Entry]) -> list[Entry]:
+    """Of the builtin train statements, without those known and those of dev and test splits."""
+    excluded = held_out_digests(settings.corpus) | {statement_digest(entry.statement) for entry in known}
+    own = entries_of(list(load_all_tasks(BUILTIN, [settings.appearance], splits=["train"])))
+    return [entry for entry in own if statement_digest(entry.statement) not in excluded]
 
 
 def _split(entries: Sequence[Entry], fraction: float) -> tuple[list[Entry], list[Entry]]:

@@ -13,6 +13,7 @@ import torch
 
 from lilgym_mp.actions import Action, Stop
 from lilgym_mp.arrays import Float64Array
+from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -207,6 +208,18 @@ def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, a
     settings = Settings("TowerFlipIt", corpus=statements)
     with pytest.raises(ValueError, match=fault):
         train_reward_model(settings, small_recipe(settings), tmp_path, **arguments)  # type: ignore[arg-type]
+
+
+def test_own_tasks__are_of_new_statements_and_named_in_the_supervision(statements: str, tmp_path: Path):
+    own = load_tasks("builtin", "tower", "flipit", "train")
+    known = {own[0].statement, load_tasks("builtin", "tower", "flipit", "dev")[0].statement}
+    settings = Settings("TowerFlipIt", corpus=statements)
+    found = {entry.statement for entry in training._own_entries(settings, [Entry(own[0].statement.upper())])}
+    assert found <= {task.statement for task in own} - known
+    assert len(found) > 900
+    agent, _ = train(statements, "TowerFlipIt", tmp_path / "run", 2, own_tasks=True, first_stops=2)
+    assert agent.description.supervision.endswith("and builtin)")
+    assert "tower" in agent.vocabulary.words
 
 
 def test_agent_file__is_loaded_and_named_in_faults(statements: str, tmp_path: Path):
