@@ -20,6 +20,7 @@ from lilgym_mp.scene import BOX_COUNT, Colour, Shape, Size
 
 LEVELS = (1, 2, 3, 4, 5)
 Option = TypeVar("Option")
+EMPTY = sem.Count(NONE, sem.ANYTHING)
 WeightedSamplers = Sequence[tuple[int, Callable[[], sem.Clause]]]  # weight, sampler of one kind of clause
 
 
@@ -39,6 +40,8 @@ def random_meaning(appearance: str, level: int, rng: random.Random) -> sem.Claus
 class MeaningSampler:
     """Samples clauses and their parts; subclasses add those of one appearance."""
 
+    relations: tuple[sem.Relation, ...]
+
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
 
@@ -56,8 +59,10 @@ class MeaningSampler:
     def chance(self, probability: float) -> bool:
         return self.rng.random() < probability
 
-    def colours(self, number: int = 1) -> frozenset[Colour]:
-        return frozenset(self.rng.sample(list(Colour), number))
+    def box_index(self) -> int:
+        return self.rng.choice(range(BOX_COUNT))
+
+    # Quantities
 
     def quantity(self, max_count: int = 5, *, none: float = 0.08) -> Quantity:
         """Mostly existence, exact counts and lower bounds; zero with probability `none`."""
@@ -78,22 +83,73 @@ class MeaningSampler:
             case _:
                 return SOME
 
-    def quantity_in_box(self) -> Quantity:
-        """A quantity of items in one box."""
-        return self.pick(SOME, SOME, exactly(1), exactly(2), at_least(2), exactly(3), NONE)
-
     def box_quantity(self) -> Quantity:
         """A quantity of boxes."""
-        options = (SOME, SOME, SOME, SOME, exactly(1), exactly(2), exactly(2), at_least(2), NONE)
-        return self.pick(*options)
+        return self.pick(SOME, SOME, SOME, SOME, exactly(1), exactly(2), exactly(2), at_least(2), NONE)
 
-    def partitive(self, quantity: Quantity) -> sem.Partitive:
-        if quantity == exactly(1):
-            return sem.Partitive.ALL
-        return self.pick(sem.Partitive.ALL, sem.Partitive.NONE, sem.Partitive.SOME, sem.Partitive.ONE)
+    def small_quantity(self) -> Quantity:
+        return self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
 
-    def partitive_total(self) -> Quantity:
-        return self.pick(exactly(1), exactly(2), exactly(2), exactly(3))
+    # Attributes, items and predicates
+
+    def colours(self, number: int, *others: int) -> frozenset[Colour]:
+        """Random colours, as many as one of the numbers."""
+        return frozenset(self.rng.sample(list(Colour), self.pick(number, *others) if others else number))
+
+    def attribute(self) -> sem.Attribute:
+        raise NotImplementedError
+
+    def described_items(self) -> sem.NounPhrase:
+        raise NotImplementedError
+
+    def items_in_box(self) -> sem.NounPhrase:
+        """Items whose counts in one box are of interest."""
+        raise NotImplementedError
+
+    def simple_items(self) -> sem.NounPhrase:
+        """Items described by one attribute."""
+        raise NotImplementedError
+
+    def related(self) -> sem.RelatedTo | sem.RelatedByAttribute:
+        relation = self.pick(*self.relations)
+        if self.chance(0.2):
+            return sem.RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
+        return self.related_to(relation)
+
+    def related_to(self, relation: sem.Relation) -> sem.RelatedTo:
+        raise NotImplementedError
+
+    # Conditions of boxes
+
+    def contained(self) -> sem.Count:
+        return sem.Count(
+            self.pick(SOME, SOME, exactly(1), exactly(2), at_least(2), exactly(3), NONE), self.items_in_box()
+        )
+
+    def variety(self, *quantities: Quantity) -> sem.Variety:
+        return sem.Variety(self.attribute(), self.pick(*quantities))
+
+    def partitive_count(
+        self, predicate: Callable[[], sem.Predicate], *, predicate_last: bool = False
+    ) -> sem.PartitiveCount:
+        quantity = self.pick(exactly(1), exactly(2), exactly(2), exactly(3))
+        given = None if predicate_last else predicate()
+        noun, partitive = self.items_in_box(), sem.Partitive.ALL
+        if quantity != exactly(1):
+            partitive = self.pick(sem.Partitive.ALL, sem.Partitive.NONE, sem.Partitive.SOME, sem.Partitive.ONE)
+        return sem.PartitiveCount(quantity, noun, partitive, given or predicate())
+
+    def condition(self) -> sem.BoxCondition:
+        raise NotImplementedError
+
+    def conditions(self, number: int) -> sem.BoxConditions:
+        """Compatible conditions, negative ones last."""
+        while True:
+            found = [self.condition() for _ in range(number)]
+            if not any(_clash(one, other) for one, other in combinations(found, 2)):
+                return tuple(sorted(found, key=_list_position))
+
+    # Clauses
 
     def item_count(self) -> sem.Clause:
         return sem.Count(self.quantity(), self.described_items())
@@ -104,33 +160,31 @@ class MeaningSampler:
         quantity = self.quantity(3, none=0.3) if conjunctive else self.quantity(3, none=0)
         return sem.Compound(conjunctive, (first, sem.Count(quantity, self.described_items())))
 
-    def described_items(self) -> sem.NounPhrase:
-        raise NotImplementedError
-
     def count_comparison(self) -> sem.Clause:
         order = self.pick(sem.Order.MORE, sem.Order.MORE, sem.Order.FEWER, sem.Order.EQUAL)
         margin = self.pick(1, 2) if order is not sem.Order.EQUAL and self.chance(0.25) else None
         return sem.CountComparison(self.described_items(), order, self.described_items(), margin)
 
+    def scene_variety(self) -> sem.Clause:
+        return self.variety(exactly(1), exactly(2), exactly(3), at_least(2))
+
     def equal_counts(self) -> sem.Clause:
         return sem.EqualCounts(self.pick(sem.ANYTHING, self.described_items()), self.chance(0.5))
 
-    def two_boxes(self) -> tuple[int, int]:
-        one, other = self.rng.sample(range(BOX_COUNT), 2)
-        return one, other
+    def parity(self) -> sem.Clause:
+        return sem.Parity(self.pick(sem.ANYTHING, self.simple_items()), self.chance(0.4))
 
-    def box_count(self, number: int, *, quantity: Quantity | None = None) -> sem.Clause:
-        return sem.BoxCount(quantity or self.box_quantity(), self.conditions(number))
+    def related_existence(self) -> sem.Clause:
+        return sem.Count(self.pick(SOME, SOME, SOME, NONE), self.items_in_box().such_that(self.related()))
 
-    def conditions(self, number: int) -> sem.BoxConditions:
-        """Compatible conditions, negative ones last."""
-        while True:
-            found = [self.condition() for _ in range(number)]
-            if not any(_clash(one, other) for one, other in combinations(found, 2)):
-                return tuple(sorted(found, key=_list_position))
+    def box_count(self, number: int, *, towers: bool = False) -> sem.Clause:
+        return sem.BoxCount(self.box_quantity(), self.conditions(number), towers)
 
-    def condition(self) -> sem.BoxCondition:
-        raise NotImplementedError
+    def some_boxes(self, *, towers: bool = False) -> sem.Clause:
+        return sem.BoxCount(self.pick(exactly(2), at_least(2), exactly(1)), self.conditions(2), towers)
+
+    def named_box(self, number: int, *, towers: bool = False) -> sem.Clause:
+        return sem.NamedBox(self.box_index(), self.conditions(number), towers)
 
     def compound(self) -> sem.Clause:
         parts: list[sem.Clause] = []
@@ -225,177 +279,131 @@ def _share_attribute(one: sem.Description, other: sem.Description) -> bool:
 class TowerMeaningSampler(MeaningSampler):
     """Meanings about towers of coloured blocks."""
 
+    relations = (sem.Relation.ON, sem.Relation.ON, sem.Relation.UNDER, sem.Relation.ABOVE, sem.Relation.BELOW)
+
     def samplers_by_level(self) -> dict[int, WeightedSamplers]:
         return {
             1: [
                 (6, self.item_count),
-                (2, self.every_item_coloured),
+                (2, lambda: sem.EveryItem(sem.ANYTHING, self.coloured(1, 2, 2))),
                 (1, self.scene_variety),
-                (3, self.named_box_contents),
-                (2, self.total_count),
+                (3, lambda: sem.NamedBox(self.box_index(), (self.pick(self.contained(), EMPTY),))),
+                (2, lambda: sem.Count(self.quantity(7, none=0), sem.ANYTHING)),
             ],
             2: [
                 (4, self.items_at_position),
-                (6, lambda: self.tower_count(1)),
-                (3, self.named_tower),
+                (6, lambda: self.box_count(1, towers=True)),
+                (3, lambda: self.named_box(1, towers=True)),
                 (2, lambda: self.box_count(1)),
                 (2, self.every_box),
             ],
             3: [
-                (5, lambda: self.tower_count(2)),
-                (4, self.stacked_existence),
+                (5, lambda: self.box_count(2, towers=True)),
+                (4, self.related_existence),
                 (3, self.count_comparison),
                 (3, self.two_item_counts),
-                (2, self.every_tower),
+                (2, lambda: sem.EveryTower(self.conditions(1))),
                 (2, self.every_item),
             ],
             4: [
-                (3, self.stacked_quantity),
-                (3, self.partitive_count),
-                (2, self.largest_box),
+                (3, lambda: sem.Count(self.small_quantity(), self.described_items().such_that(self.related()))),
+                (3, lambda: self.partitive_count(self.predicate, predicate_last=True)),
+                (2, lambda: sem.LargestBox(sem.ANYTHING, self.conditions(1))),
                 (2, self.box_comparison),
                 (2, self.equal_counts),
-                (2, self.not_every_item),
+                (2, lambda: sem.NotEveryItem(self.simple_items(), self.predicate())),
                 (1, self.parity),
-                (3, lambda: self.tower_count(2, quantity=self.pick(exactly(2), at_least(2), exactly(1)))),
-                (2, self.named_box_with_two_conditions),
+                (3, lambda: self.some_boxes(towers=True)),
+                (2, lambda: self.named_box(2, towers=True)),
             ],
-            5: [(6, self.compound), (3, lambda: self.tower_count(3)), (3, self.box_with_partitive)],
+            5: [(6, self.compound), (3, lambda: self.box_count(3, towers=True)), (3, self.tower_with_partitive)],
         }
 
+    def attribute(self) -> sem.Attribute:
+        return sem.Attribute.COLOUR
+
     def described_items(self) -> sem.NounPhrase:
-        return sem.NounPhrase(sem.Description(colours=self.colours(self.pick(1, 1, 1, 1, 2))))
+        return sem.NounPhrase(sem.Description(colours=self.colours(1, 1, 1, 1, 2)))
 
-    def one_colour(self) -> sem.NounPhrase:
-        return sem.NounPhrase(sem.Description(colours=self.colours()))
+    def simple_items(self) -> sem.NounPhrase:
+        return sem.NounPhrase(sem.Description(colours=self.colours(1)))
 
-    def total_count(self) -> sem.Clause:
-        return sem.Count(self.quantity(7, none=0), sem.ANYTHING)
+    items_in_box = simple_items
 
-    def every_item_coloured(self) -> sem.Clause:
-        return sem.EveryItem(sem.ANYTHING, sem.Matches(sem.Description(colours=self.colours(self.pick(1, 2, 2)))))
-
-    def scene_variety(self) -> sem.Clause:
-        return sem.Variety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
-
-    def named_box_contents(self) -> sem.Clause:
-        return sem.NamedBox(
-            self.pick(0, 1, 2),
-            (self.pick(sem.Count(self.quantity_in_box(), self.one_colour()), sem.Count(NONE, sem.ANYTHING)),),
-        )
+    def coloured(self, number: int, *others: int) -> sem.Matches:
+        return sem.Matches(sem.Description(colours=self.colours(number, *others)))
 
     def at_position(self) -> sem.Predicate:
         return sem.AtPosition(sem.TowerPosition(self.pick("top", "top", "bottom", "bottom", "second", "third")))
 
-    def items_at_position(self) -> sem.Clause:
-        return sem.Count(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
+    def related_to(self, relation: sem.Relation) -> sem.RelatedTo:
+        return sem.RelatedTo(relation, self.simple_items())
+
+    def predicate(self) -> sem.Predicate:
+        return self.pick(self.at_position(), self.related(), sem.InBox(self.box_index()))
 
     def condition(self) -> sem.BoxCondition:
         match self.pick("contains", "contains", "height", "height", "end", "end", "only", "variety", "ends"):
             case "contains":
-                return sem.Count(self.quantity_in_box(), self.one_colour())
+                return self.contained()
             case "height":
                 number = self.pick(1, 2, 2, 3, 3, 4)
                 exact = exactly(number)
                 return sem.Count(self.pick(exact, exact, at_least(max(2, min(3, number)))), sem.ANYTHING)
             case "end":
-                return sem.EndColour(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM), self.colours())
+                return sem.EndColour(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM), self.colours(1))
             case "only":
-                return sem.ContainsOnly(sem.Description(colours=self.colours(self.pick(1, 1, 2))))
+                return sem.ContainsOnly(sem.Description(colours=self.colours(1, 1, 2)))
             case "variety":
-                return sem.Variety(sem.Attribute.COLOUR, self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return self.variety(exactly(1), exactly(2), at_least(2), exactly(3))
             case _:
                 return sem.MatchingEnds(self.chance(0.6))
 
-    def tower_count(self, number: int, *, quantity: Quantity | None = None) -> sem.Clause:
-        return sem.BoxCount(quantity or self.box_quantity(), self.conditions(number), towers=True)
-
-    def named_tower(self) -> sem.Clause:
-        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(1), towers=True)
-
-    def named_box_with_two_conditions(self) -> sem.Clause:
-        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2), towers=True)
+    def items_at_position(self) -> sem.Clause:
+        return sem.Count(self.quantity(3, none=0.1), self.described_items().such_that(self.at_position()))
 
     def every_box(self) -> sem.Clause:
-        return sem.BoxCount(exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1)), self.one_colour()),))
-
-    def every_tower(self) -> sem.Clause:
-        return sem.EveryTower(self.conditions(1))
-
-    def stacked(self) -> sem.RelatedTo | sem.RelatedByAttribute:
-        relation = self.pick(
-            sem.Relation.ON, sem.Relation.ON, sem.Relation.UNDER, sem.Relation.ABOVE, sem.Relation.BELOW
-        )
-        if self.chance(0.2):
-            return sem.RelatedByAttribute(relation, sem.Attribute.COLOUR, self.chance(0.6))
-        return sem.RelatedTo(relation, self.one_colour())
-
-    def stacked_existence(self) -> sem.Clause:
-        return sem.Count(self.pick(SOME, SOME, SOME, NONE), self.one_colour().such_that(self.stacked()))
-
-    def stacked_quantity(self) -> sem.Clause:
-        quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return sem.Count(quantity, self.described_items().such_that(self.stacked()))
-
-    def predicate(self) -> sem.Predicate:
-        return self.pick(self.at_position(), self.stacked(), sem.InBox(self.pick(0, 1, 2)))
+        return sem.BoxCount(exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1)), self.simple_items()),))
 
     def every_item(self) -> sem.Clause:
         if self.chance(0.3):
-            return sem.EveryItem(
-                sem.NounPhrase(sem.Description(), (self.at_position(),)),
-                sem.Matches(sem.Description(colours=self.colours(self.pick(1, 2)))),
-            )
-        return sem.EveryItem(self.one_colour(), self.predicate())
-
-    def not_every_item(self) -> sem.Clause:
-        return sem.NotEveryItem(self.one_colour(), self.predicate())
-
-    def partitive_count(self) -> sem.Clause:
-        quantity = self.partitive_total()
-        return sem.PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), self.predicate())
-
-    def largest_box(self) -> sem.Clause:
-        return sem.LargestBox(sem.ANYTHING, self.conditions(1))
+            return sem.EveryItem(sem.ANYTHING.such_that(self.at_position()), self.coloured(1, 2))
+        return sem.EveryItem(self.simple_items(), self.predicate())
 
     def box_comparison(self) -> sem.Clause:
-        one, other = self.two_boxes()
+        one, other = self.rng.sample(range(BOX_COUNT), 2)
         order = self.pick(*sem.Order)
         if self.chance(0.5):
             return sem.BoxComparison(sem.ANYTHING, one, order, other, towers=True)
-        return sem.BoxComparison(self.pick(sem.ANYTHING, self.one_colour()), one, order, other)
+        return sem.BoxComparison(self.pick(sem.ANYTHING, self.simple_items()), one, order, other)
 
-    def parity(self) -> sem.Clause:
-        return sem.Parity(self.pick(sem.ANYTHING, self.one_colour()), self.chance(0.4))
-
-    def box_with_partitive(self) -> sem.Clause:
-        quantity = self.partitive_total()
-        predicate = self.pick(
-            self.stacked(), sem.AtPosition(self.pick(sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM))
-        )
-        return sem.BoxCount(
-            SOME,
-            (sem.PartitiveCount(quantity, self.one_colour(), self.partitive(quantity), predicate),),
-            towers=True,
-        )
+    def tower_with_partitive(self) -> sem.Clause:
+        ends = (sem.TowerPosition.TOP, sem.TowerPosition.BOTTOM)
+        partitive = self.partitive_count(lambda: self.pick(self.related(), sem.AtPosition(self.pick(*ends))))
+        return sem.BoxCount(SOME, (partitive,), towers=True)
 
 
 class ScatterMeaningSampler(MeaningSampler):
     """Meanings about items of three shapes, colours and sizes anywhere in the boxes."""
 
+    relations = (
+        *(sem.Relation.TOUCHING, sem.Relation.TOUCHING, sem.Relation.NEAR),
+        *(sem.Relation.ABOVE, sem.Relation.BELOW),
+    )
+
     def samplers_by_level(self) -> dict[int, WeightedSamplers]:
         return {
             1: [
                 (7, self.item_count),
-                (2, self.every_item_described),
+                (2, lambda: sem.EveryItem(sem.ANYTHING, sem.Matches(self.description(rich=0.2)))),
                 (1, self.scene_variety),
                 (3, self.named_box_contents),
-                (1, self.total_count),
+                (1, lambda: sem.Count(self.quantity(6, none=0), sem.ANYTHING)),
             ],
             2: [
                 (6, self.items_with_predicate),
                 (6, lambda: self.box_count(1)),
-                (2, self.every_item),
+                (2, lambda: sem.EveryItem(self.items(rich=0.3), self.positive_predicate())),
                 (2, self.every_box),
                 (1, self.named_box_contents),
             ],
@@ -406,23 +414,26 @@ class ScatterMeaningSampler(MeaningSampler):
                 (3, self.two_item_counts),
                 (2, self.items_with_two_predicates),
                 (2, self.every_item_with_predicate),
-                (2, self.quantity_with_predicate),
+                (2, lambda: sem.Count(self.quantity(4), self.items(rich=0.3).such_that(self.predicate()))),
             ],
             4: [
-                (4, self.partitive_count),
-                (3, self.related_quantity),
+                (4, lambda: self.partitive_count(self.partitive_predicate)),
+                (3, lambda: sem.Count(self.small_quantity(), self.items(rich=0.3).such_that(self.related()))),
                 (2, self.largest_box),
                 (2, self.box_comparison),
                 (2, self.equal_counts),
-                (2, self.not_every_item),
+                (2, lambda: sem.NotEveryItem(self.items(rich=0.2), self.positive_predicate())),
                 (1, self.parity),
-                (3, lambda: self.box_count(2, quantity=self.pick(exactly(2), at_least(2), exactly(1)))),
-                (2, self.named_box_with_two_conditions),
+                (3, self.some_boxes),
+                (2, lambda: self.named_box(2)),
             ],
             5: [(6, self.compound), (3, lambda: self.box_count(3)), (4, self.box_with_partitive)],
         }
 
-    def description(self, *, rich: float = 0.5) -> sem.Description:
+    def attribute(self) -> sem.Attribute:
+        return self.pick(sem.Attribute.COLOUR, sem.Attribute.COLOUR, sem.Attribute.SHAPE, sem.Attribute.SIZE)
+
+    def description(self, *, rich: float) -> sem.Description:
         """One attribute value; with probability `rich` two or, rarely, all three."""
         attributes = self.pick("colour", "colour", "shape", "shape", "size")
         if self.chance(rich):
@@ -431,36 +442,21 @@ class ScatterMeaningSampler(MeaningSampler):
             )
         return sem.Description(
             shape=self.pick(*Shape) if "shape" in attributes else None,
-            colours=self.colours(self.pick(1, 1, 1, 1, 1, 2)) if "colour" in attributes else frozenset(),
+            colours=self.colours(1, 1, 1, 1, 1, 2) if "colour" in attributes else frozenset(),
             size=self.pick(*Size) if "size" in attributes else None,
         )
 
-    def described_items(self) -> sem.NounPhrase:
-        return sem.NounPhrase(self.description())
+    def items(self, *, rich: float = 0.5) -> sem.NounPhrase:
+        return sem.NounPhrase(self.description(rich=rich))
 
-    def total_count(self) -> sem.Clause:
-        return sem.Count(self.quantity(6, none=0), sem.ANYTHING)
+    described_items = items_in_box = items
 
-    def attribute(self) -> sem.Attribute:
-        return self.pick(sem.Attribute.COLOUR, sem.Attribute.COLOUR, sem.Attribute.SHAPE, sem.Attribute.SIZE)
+    def simple_items(self) -> sem.NounPhrase:
+        return self.items(rich=0)
 
-    def every_item_described(self) -> sem.Clause:
-        return sem.EveryItem(sem.ANYTHING, sem.Matches(self.description(rich=0.2)))
-
-    def scene_variety(self) -> sem.Clause:
-        return sem.Variety(self.attribute(), self.pick(exactly(1), exactly(2), exactly(3), at_least(2)))
-
-    def named_box_contents(self) -> sem.Clause:
-        return sem.NamedBox(
-            self.pick(0, 1, 2),
-            (
-                self.pick(
-                    sem.Count(self.quantity_in_box(), self.described_items()),
-                    sem.Count(self.quantity_in_box(), self.described_items()),
-                    sem.Count(NONE, sem.ANYTHING),
-                ),
-            ),
-        )
+    def related_to(self, relation: sem.Relation) -> sem.RelatedTo:
+        noun = self.pick(self.items(rich=0.4), self.items(rich=0.4), sem.ANYTHING)
+        return sem.RelatedTo(relation, noun, positive=relation is not sem.Relation.TOUCHING or self.chance(0.85))
 
     def predicate(self, *, positive: bool = False) -> sem.Predicate:
         positive = positive or self.chance(0.85)
@@ -474,108 +470,62 @@ class ScatterMeaningSampler(MeaningSampler):
             case "corner":
                 return sem.InCorner(positive=positive)
             case _:
-                return sem.InBox(self.pick(0, 1, 2), positive=positive)
+                return sem.InBox(self.box_index(), positive=positive)
 
-    def related_to(self) -> sem.RelatedTo | sem.RelatedByAttribute:
-        relation = self.pick(
-            sem.Relation.TOUCHING, sem.Relation.TOUCHING, sem.Relation.NEAR, sem.Relation.ABOVE, sem.Relation.BELOW
-        )
-        if self.chance(0.2):
-            return sem.RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
-        noun = self.pick(
-            sem.NounPhrase(self.description(rich=0.4)), sem.NounPhrase(self.description(rich=0.4)), sem.ANYTHING
-        )
-        return sem.RelatedTo(relation, noun, positive=relation is not sem.Relation.TOUCHING or self.chance(0.85))
+    def positive_predicate(self) -> sem.Predicate:
+        return self.pick(sem.Matches(self.description(rich=0)), self.predicate(positive=True))
 
-    def items_with_predicate(self) -> sem.Clause:
-        return sem.Count(self.pick(SOME, SOME, self.quantity(4)), self.described_items().such_that(self.predicate()))
-
-    def quantity_with_predicate(self) -> sem.Clause:
-        return sem.Count(self.quantity(4), sem.NounPhrase(self.description(rich=0.3)).such_that(self.predicate()))
-
-    def items_with_two_predicates(self) -> sem.Clause:
-        first = self.pick(sem.AtWall(self.pick(None, *sem.Wall)), sem.InCorner())
-        return sem.Count(
-            self.quantity(2), sem.NounPhrase(self.description(rich=0.3), (first, sem.InBox(self.pick(0, 1, 2))))
-        )
-
-    def every_item(self) -> sem.Clause:
-        return sem.EveryItem(
-            sem.NounPhrase(self.description(rich=0.3)),
-            self.pick(sem.Matches(self.description(rich=0)), self.predicate(positive=True)),
-        )
-
-    def every_item_with_predicate(self) -> sem.Clause:
-        if self.chance(0.6):
-            return sem.EveryItem(
-                sem.NounPhrase(sem.Description(), (self.predicate(positive=True),)),
-                sem.Matches(self.description(rich=0)),
-            )
-        return sem.EveryItem(sem.NounPhrase(self.description(rich=0.3)), self.positive_relation())
-
-    def positive_relation(self) -> sem.RelatedTo | sem.RelatedByAttribute:
-        return replace(self.related_to(), positive=True)
-
-    def every_box(self) -> sem.Clause:
-        return sem.BoxCount(
-            exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.described_items()),)
-        )
-
-    def related_existence(self) -> sem.Clause:
-        return sem.Count(self.pick(SOME, SOME, SOME, NONE), self.described_items().such_that(self.related_to()))
-
-    def related_quantity(self) -> sem.Clause:
-        quantity = self.pick(exactly(1), exactly(2), at_least(2), at_most(1))
-        return sem.Count(quantity, sem.NounPhrase(self.description(rich=0.3)).such_that(self.related_to()))
+    def partitive_predicate(self) -> sem.Predicate:
+        matches = sem.Matches(self.description(rich=0))
+        return self.pick(matches, self.predicate(positive=True), self.predicate(positive=True))
 
     def condition(self) -> sem.BoxCondition:
         match self.pick(*["contains"] * 5, "total", "total", "only", "variety", "predicate"):
             case "contains":
-                return sem.Count(self.quantity_in_box(), self.described_items())
+                return self.contained()
             case "total":
                 number = self.pick(1, 2, 3, 3, 4, 5)
                 return sem.Count(self.pick(exactly(number), at_least(max(2, number))), sem.ANYTHING)
             case "only":
                 return sem.ContainsOnly(self.description(rich=0.2))
             case "variety":
-                return sem.Variety(self.attribute(), self.pick(exactly(1), exactly(2), at_least(2), exactly(3)))
+                return self.variety(exactly(1), exactly(2), at_least(2), exactly(3))
             case _:
                 predicate = self.pick(sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner())
-                return sem.Count(self.pick(SOME, SOME, NONE), sem.NounPhrase(self.description(rich=0.3), (predicate,)))
+                return sem.Count(self.pick(SOME, SOME, NONE), self.items(rich=0.3).such_that(predicate))
 
-    def named_box_with_two_conditions(self) -> sem.Clause:
-        return sem.NamedBox(self.pick(0, 1, 2), self.conditions(2))
+    def named_box_contents(self) -> sem.Clause:
+        return sem.NamedBox(self.box_index(), (self.pick(self.contained(), self.contained(), EMPTY),))
 
-    def not_every_item(self) -> sem.Clause:
-        return sem.NotEveryItem(
-            sem.NounPhrase(self.description(rich=0.2)),
-            self.pick(sem.Matches(self.description(rich=0)), self.predicate(positive=True)),
+    def items_with_predicate(self) -> sem.Clause:
+        return sem.Count(self.pick(SOME, SOME, self.quantity(4)), self.items().such_that(self.predicate()))
+
+    def items_with_two_predicates(self) -> sem.Clause:
+        first = self.pick(sem.AtWall(self.pick(None, *sem.Wall)), sem.InCorner())
+        quantity, noun = self.quantity(2), self.items(rich=0.3).such_that(first)
+        return sem.Count(quantity, noun.such_that(sem.InBox(self.box_index())))
+
+    def every_item_with_predicate(self) -> sem.Clause:
+        if self.chance(0.6):
+            noun = sem.ANYTHING.such_that(self.predicate(positive=True))
+            return sem.EveryItem(noun, sem.Matches(self.description(rich=0)))
+        return sem.EveryItem(self.items(rich=0.3), replace(self.related(), positive=True))
+
+    def every_box(self) -> sem.Clause:
+        return sem.BoxCount(
+            exactly(3), (sem.Count(self.pick(SOME, SOME, NONE, exactly(1), at_least(2)), self.items()),)
         )
-
-    def partitive_count(self) -> sem.Clause:
-        quantity = self.partitive_total()
-        predicate = self.pick(
-            sem.Matches(self.description(rich=0)), self.predicate(positive=True), self.predicate(positive=True)
-        )
-        return sem.PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate)
 
     def largest_box(self) -> sem.Clause:
-        return sem.LargestBox(
-            self.pick(sem.ANYTHING, sem.ANYTHING, sem.NounPhrase(self.description(rich=0))), self.conditions(1)
-        )
+        return sem.LargestBox(self.pick(sem.ANYTHING, sem.ANYTHING, self.simple_items()), self.conditions(1))
 
     def box_comparison(self) -> sem.Clause:
-        one, other = self.two_boxes()
-        return sem.BoxComparison(self.pick(sem.ANYTHING, self.described_items()), one, self.pick(*sem.Order), other)
-
-    def parity(self) -> sem.Clause:
-        return sem.Parity(self.pick(sem.ANYTHING, sem.NounPhrase(self.description(rich=0))), self.chance(0.4))
+        one, other = self.rng.sample(range(BOX_COUNT), 2)
+        return sem.BoxComparison(self.pick(sem.ANYTHING, self.items()), one, self.pick(*sem.Order), other)
 
     def box_with_partitive(self) -> sem.Clause:
-        quantity = self.partitive_total()
-        predicate = self.pick(
-            sem.Matches(self.description(rich=0)), sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner()
-        )
-        return sem.BoxCount(
-            SOME, (sem.PartitiveCount(quantity, self.described_items(), self.partitive(quantity), predicate),)
-        )
+        def predicate() -> sem.Predicate:
+            matches = sem.Matches(self.description(rich=0))
+            return self.pick(matches, sem.AtWall(), sem.AtWall(self.pick(*sem.Wall)), sem.InCorner())
+
+        return sem.BoxCount(SOME, (self.partitive_count(predicate),))
