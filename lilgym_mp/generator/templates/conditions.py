@@ -12,17 +12,19 @@ from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_mo
 from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     COLOURS,
+    HOLE,
     SHAPES,
     AttributeWords,
     NounTemplate,
     PhraseTemplates,
     PredicateTemplate,
-    ProgramTest,
     TrainingPair,
+    bound,
     box_items,
     item_set,
 )
 
+ITEMS = items_in_box(HOLE)  # program text: the items of the tested box
 TRIES = 12  # attempts to find compatible conditions
 BOX_WORDS = (("left", "first", "left most"), ("middle", "second", "center"), ("right", "third", "last"))
 ORDERS = {"more": ">", "fewer": "<", "equal": "==", "at least": ">="}
@@ -33,7 +35,7 @@ TWO_COLOURS = (("yellow", "black"), ("yellow", "blue"), ("black", "blue"))
 class ConditionTemplate:
     """A condition of boxes: its words and its test. At least one of `contents` and `verb_forms` is set."""
 
-    test: ProgramTest  # test of a box expression
+    program: str  # test of a box
     contents: str | None = None  # follows "has" or "with"
     modifier: str | None = None  # follows the noun: "of three blocks"
     verb_forms: tuple[str, str] | None = None  # singular and plural
@@ -42,6 +44,10 @@ class ConditionTemplate:
     attributes: AttributeWords | None = None  # attributes of the counted items
     min_items: int = 0  # fewest items of a box that satisfies it
     max_items: int | None = None  # most items
+
+    def test(self, box: str) -> str:
+        """The program text that tests this box expression."""
+        return self.program.replace(HOLE, box)
 
 
 WeightedTemplate = tuple[float, Callable[[], TrainingPair]]  # weight, template
@@ -225,7 +231,7 @@ class BoxConditionTemplates(PhraseTemplates):
         text = self.quantified(quantity, noun).text
         kind = "predicate" if noun.predicates else "contains"
         return ConditionTemplate(
-            lambda box: quantity_test(quantity, box_items(noun, box)),
+            quantity_test(quantity, box_items(noun)),
             text,
             kind=kind,
             attributes=noun.attributes,
@@ -240,7 +246,7 @@ class BoxConditionTemplates(PhraseTemplates):
         without = f"without {self.pick('any ' + text, self.a(self.noun(noun, False)), self.noun(noun, True))}"
         verb_forms = (f"{does[0]} {anything}", f"{does[1]} {anything}")
         return ConditionTemplate(
-            lambda box: quantity_test(NONE, box_items(noun, box)),
+            quantity_test(NONE, box_items(noun)),
             f"no {text}",
             without,
             verb_forms,
@@ -280,7 +286,7 @@ class BoxConditionTemplates(PhraseTemplates):
             )  # fmt: skip
             verb_forms = self.pick(None, (f"is made of only {nouns}", f"are made of only {nouns}"))
         return ConditionTemplate(
-            lambda box: f"All({items_in_box(box)}, lambda x: {predicate.signed_test('x')})",
+            f"All({ITEMS}, lambda x: {predicate.signed_test('x')})",
             contents,
             modifier,
             verb_forms,
@@ -302,7 +308,7 @@ class BoxConditionTemplates(PhraseTemplates):
                 f"only one {attribute}", f"{nouns} of same {attribute}",
             )  # fmt: skip
         return ConditionTemplate(
-            lambda box: quantity_test(quantity, f"get_set_{attribute}s({items_in_box(box)})"), contents, kind="variety",
+            quantity_test(quantity, f"get_set_{attribute}s({ITEMS})"), contents, kind="variety",
             min_items=quantity.low,
         )  # fmt: skip
 
@@ -320,9 +326,7 @@ class BoxConditionTemplates(PhraseTemplates):
         one, other = map(NounTemplate, self.two_disjoint_attributes())
         order = self.pick("more", "more", "fewer", "equal")
         words = self.comparison(one, other, order, None)
-        return ConditionTemplate(
-            lambda box: self.comparison_test(one, other, order, None, items_in_box(box)), words, kind="comparison"
-        )
+        return ConditionTemplate(self.comparison_test(one, other, order, None, ITEMS), words, kind="comparison")
 
     def total_and_part(self) -> ConditionTemplate:
         """ "four items of which two are blue" """
@@ -339,7 +343,7 @@ class BoxConditionTemplates(PhraseTemplates):
         text = f"{named} {which} {exact}{self.number(part)} {self.be(part > 1)} {complement}"
         noun = NounTemplate(attributes)
         return ConditionTemplate(
-            lambda box: f"count({items_in_box(box)}) == {total} and count({box_items(noun, box)}) == {part}", text,
+            f"count({ITEMS}) == {total} and count({box_items(noun)}) == {part}", text,
             kind="total", attributes=attributes, min_items=total, max_items=total,
         )  # fmt: skip
 
@@ -350,7 +354,7 @@ class BoxConditionTemplates(PhraseTemplates):
         nouns = self.noun(noun, plural=True)
         contents = f"{self.pick('all', 'all the', 'all its')} {nouns} {self.signed_complement(predicate)}"
         return ConditionTemplate(
-            lambda box: f"All({box_items(noun, box)}, lambda x: {predicate.signed_test('x')})",
+            f"All({box_items(noun)}, lambda x: {predicate.signed_test('x')})",
             contents,
             kind="all",
         )
@@ -365,7 +369,7 @@ class BoxConditionTemplates(PhraseTemplates):
             f"{one}, which is {predicate.complement}", f"{one} and it's {predicate.complement}",
         )  # fmt: skip
         return ConditionTemplate(
-            lambda box: f"count({items_in_box(box)}) == 1 and exist({box_items(NounTemplate(attributes), box)})", text,
+            f"count({ITEMS}) == 1 and exist({box_items(NounTemplate(attributes))})", text,
             kind="total", min_items=1, max_items=1,
         )  # fmt: skip
 
@@ -378,7 +382,7 @@ class BoxConditionTemplates(PhraseTemplates):
         text = self.quantified(quantity, ANYTHING).text
         modifier = self.pick(None, f"of {text}", f"made of {text}", f"consisting of {text}")
         return ConditionTemplate(
-            lambda box: quantity_test(quantity, items_in_box(box)), text, modifier, kind="total",
+            quantity_test(quantity, ITEMS), text, modifier, kind="total",
             min_items=quantity.low, max_items=quantity.high,
         )  # fmt: skip
 
@@ -390,11 +394,8 @@ class BoxConditionTemplates(PhraseTemplates):
             f"{self.pick('', '', 'at least ')}{self.number(number)} {self.noun(noun, True)} "
             f"{self.pick('of the same', 'of the same', 'of same', 'with the same', 'in the same')} {attribute}"
         )
-
-        def test(box: str) -> str:
-            groups = f"combinations({box_items(noun, box)}, {number})"
-            return f"exist(filter_obj({groups}, lambda p: all_same_{attribute}(p)))"
-
+        groups = f"combinations({box_items(noun)}, {number})"
+        test = f"exist(filter_obj({groups}, lambda p: all_same_{attribute}(p)))"
         return ConditionTemplate(test, text, kind="alike", min_items=number)
 
     def either_item(self) -> ConditionTemplate:
@@ -403,7 +404,7 @@ class BoxConditionTemplates(PhraseTemplates):
         first, second = NounTemplate(one), NounTemplate(other)
         text = f"{self.pick('either ', '')}{self.indefinite(first)} or {self.indefinite(second)}"
         return ConditionTemplate(
-            lambda box: f"(exist({box_items(first, box)}) or exist({box_items(second, box)}))",
+            f"(exist({box_items(first)}) or exist({box_items(second)}))",
             text,
             kind="either",
         )
@@ -425,10 +426,7 @@ class BoxConditionTemplates(PhraseTemplates):
         )
         names = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}[attribute]
         noun_templates = [NounTemplate(_with_value(noun.attributes, attribute, name)) for name in names]
-
-        def test(box: str) -> str:
-            return " and ".join(quantity_test(quantity, box_items(noun, box)) for noun in noun_templates)
-
+        test = " and ".join(quantity_test(quantity, box_items(noun)) for noun in noun_templates)
         return ConditionTemplate(test, f"{named} of {each}", kind="variety", min_items=3 * number)
 
     def exactly_these(self) -> ConditionTemplate:
@@ -450,14 +448,8 @@ class BoxConditionTemplates(PhraseTemplates):
             f"{item}: {named[0]} and {named[1]}", f"just {named[0]} and {named[1]}",
             f"exactly {item}, {named[0]} and {named[1]}",
         )  # fmt: skip
-
-        def test(box: str) -> str:
-            counts = (
-                f"count({box_items(noun, box)}) == {number}"
-                for noun, number in zip(noun_templates, numbers, strict=True)
-            )
-            return f"count({items_in_box(box)}) == {total} and {' and '.join(counts)}"
-
+        tests = [f"count({box_items(noun)}) == {number}" for noun, number in zip(noun_templates, numbers, strict=True)]
+        test = " and ".join([f"count({ITEMS}) == {total}", *tests])
         return ConditionTemplate(test, text, kind="total", min_items=total, max_items=total)
 
     def some_and_others(self) -> ConditionTemplate:
@@ -470,7 +462,7 @@ class BoxConditionTemplates(PhraseTemplates):
             other = f"{self.number(others)} {self.pick('other', 'more', 'other')} {self.noun(ANYTHING, others > 1)}"
             total = number + others
             return ConditionTemplate(
-                lambda box: f"count({items_in_box(box)}) == {total} and count({box_items(noun, box)}) == {number}",
+                f"count({ITEMS}) == {total} and count({box_items(noun)}) == {number}",
                 f"{first} and {other}", kind="total", min_items=total, max_items=total,
             )  # fmt: skip
         rest = AttributeWords(self.colour())
@@ -483,11 +475,8 @@ class BoxConditionTemplates(PhraseTemplates):
         rest_name = self.described_noun(rest, plural=True) if self.chance(0.2) else rest.colours[0]
         text = f"{first} and {the_rest} {self.pick('are ', '', 'are ')}{rest_name}"
         either = AttributeWords((*attributes.colours, *rest.colours)).tests()[0]
-
-        def test(box: str) -> str:
-            counts = f"count({box_items(noun, box)}) == {number} and exist({box_items(NounTemplate(rest), box)})"
-            return f"{counts} and All({items_in_box(box)}, lambda x: {either('x')})"
-
+        counts = f"count({box_items(noun)}) == {number} and exist({box_items(NounTemplate(rest))})"
+        test = f"{counts} and All({ITEMS}, lambda x: {bound(either, 'x')})"
         return ConditionTemplate(test, text, kind="only", min_items=number + 1)
 
     def all_different(self) -> ConditionTemplate:
@@ -498,11 +487,7 @@ class BoxConditionTemplates(PhraseTemplates):
             f"no two {nouns} of the same {attribute}", f"no {nouns} of the same {attribute}",
             f"{nouns} all of different {attribute}s", f"all {nouns} of different {attribute}s",
         )  # fmt: skip
-
-        def test(box: str) -> str:
-            items = items_in_box(box)
-            return f"exist({items}) and count({items}) == count(get_set_{attribute}s({items}))"
-
+        test = f"exist({ITEMS}) and count({ITEMS}) == count(get_set_{attribute}s({ITEMS}))"
         return ConditionTemplate(test, text, kind="variety", min_items=2)
 
 

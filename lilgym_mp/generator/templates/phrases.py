@@ -7,7 +7,8 @@ about pictures. The words may be chosen freely because every part carries its ow
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -15,7 +16,8 @@ from lilgym_mp.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, co
 from lilgym_mp.generator.program_text import ALL_ITEMS, items_in_box
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 
-ProgramTest = Callable[[str], str]  # variable name -> program text
+HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
+VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
 Option = TypeVar("Option")
 
 COLOURS = ("yellow", "black", "blue")
@@ -25,7 +27,6 @@ SIZES = {
     "medium": ("medium", "medium", "medium sized", "medium-sized", "mid-sized"),
     "big": ("big", "big", "large", "large", "big sized"),
 }
-NEXT_VARIABLE = {"x": "y", "y": "z", "z": "u", "u": "v", "v": "w"}
 
 
 class TrainingPair(NamedTuple):
@@ -43,10 +44,10 @@ class AttributeWords:
     shape: str | None = None
     size: str | None = None
 
-    def tests(self) -> tuple[ProgramTest, ...]:
-        names = [self.size, self.shape]
-        tests = [] if not self.colours else [_colour_test(self.colours)]
-        return (*tests, *(_named_test(name) for name in names if name is not None))
+    def tests(self) -> tuple[str, ...]:
+        colours = [f"is_{colour}({HOLE})" for colour in COLOURS if colour in self.colours]
+        either = f"({' or '.join(colours)})" if len(colours) > 1 else "".join(colours)
+        return tuple(filter(None, (either, *(f"is_{name}({HOLE})" for name in (self.size, self.shape) if name))))
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +55,7 @@ class PredicateTemplate:
     """A predicate of items: its words and its test."""
 
     complement: str  # follows "is"
-    test: ProgramTest  # test of the positive predicate
+    program: str  # test of the positive predicate
     verb_forms: tuple[str, str] | None = None  # singular and plural: "touches a wall", "touch a wall"
     positive: bool = True
     negated_complement: str | None = None  # follows "not", where it differs
@@ -62,9 +63,8 @@ class PredicateTemplate:
     kind: str = "attributes"  # a noun phrase has at most one predicate of each kind
     main_complement: str | None = None  # follows "is" in a main clause, where it differs
 
-    def signed_test(self, variable: str) -> str:
-        text = self.test(variable)
-        return text if self.positive else f"NOT({text})"
+    def signed_test(self, variable: str = HOLE) -> str:
+        return bound(self.program if self.positive else f"NOT({self.program})", variable)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +74,8 @@ class NounTemplate:
     attributes: AttributeWords = AttributeWords()
     predicates: tuple[PredicateTemplate, ...] = ()
 
-    def tests(self) -> tuple[ProgramTest, ...]:
-        return (*self.attributes.tests(), *(predicate.signed_test for predicate in self.predicates))
+    def tests(self) -> tuple[str, ...]:
+        return (*self.attributes.tests(), *(predicate.signed_test() for predicate in self.predicates))
 
     def such_that(self, *predicates: PredicateTemplate) -> NounTemplate:
         return NounTemplate(self.attributes, (*self.predicates, *predicates))
@@ -84,22 +84,21 @@ class NounTemplate:
 ANYTHING = NounTemplate()
 
 
-def _named_test(name: str) -> ProgramTest:
-    return lambda variable: f"is_{name}({variable})"
+def bound(test: str, variable: str) -> str:
+    """The program text of a test of this variable."""
+
+    def name(holes: re.Match[str]) -> str:
+        depth = len(holes[0]) - 1
+        return variable + HOLE * depth if HOLE in variable else VARIABLES[VARIABLES.index(variable) + depth]
+
+    return re.sub(f"{HOLE}+", name, test)
 
 
-def _colour_test(colours: Sequence[str]) -> ProgramTest:
-    if len(colours) == 1:
-        return _named_test(colours[0])
-    ordered = [colour for colour in COLOURS if colour in colours]
-    return lambda variable: f"({' or '.join(f'is_{colour}({variable})' for colour in ordered)})"
-
-
-def filter_items(source: str, tests: Sequence[ProgramTest], variable: str = "x") -> str:
+def filter_items(source: str, tests: Sequence[str], variable: str = "x") -> str:
     """Program text: the items of `source` that pass all tests."""
     if not tests:
         return source
-    return f"filter_obj({source}, lambda {variable}: {' and '.join(test(variable) for test in tests)})"
+    return f"filter_obj({source}, lambda {variable}: {' and '.join(bound(test, variable) for test in tests)})"
 
 
 def item_set(noun: NounTemplate, source: str = ALL_ITEMS, variable: str = "x") -> str:
@@ -112,7 +111,7 @@ def item_set(noun: NounTemplate, source: str = ALL_ITEMS, variable: str = "x") -
     return filter_items(source, noun.tests(), variable)
 
 
-def box_items(noun: NounTemplate, box: str) -> str:
+def box_items(noun: NounTemplate, box: str = HOLE) -> str:
     """Program text: the items of the box that the noun phrase denotes."""
     return item_set(noun, items_in_box(box))
 
@@ -327,9 +326,8 @@ class PhraseTemplates:
             complement = " and ".join([*sizes, *colours])
             if not sizes and self.chance(0.06):
                 complement = f"{complement} {self.pick('in color', 'colored')}"
-        return PredicateTemplate(
-            complement, lambda v: _conjoined([test(v) for test in tests]), positive=positive, follows_noun=False
-        )
+        program = tests[0] if len(tests) == 1 else f"({' and '.join(tests)})"
+        return PredicateTemplate(complement, program, positive=positive, follows_noun=False)
 
     def relation_predicate(
         self, words: Sequence[str], function: str, noun: NounTemplate, *, positive: bool = True
@@ -338,17 +336,10 @@ class PhraseTemplates:
 
         `words`: alternative wordings of the relation; `function`: the program function that returns the related items.
         """
-
-        def test(variable: str) -> str:
-            return f"exist({item_set(noun, f'{function}({variable})', NEXT_VARIABLE[variable])})"
-
+        program = f"exist({item_set(noun, f'{function}({HOLE})', 2 * HOLE)})"
         relation = self.choice(words)
         other = self.noun(noun, plural=False)
         complement = f"{relation} {self.a(other)}"
         verb_forms = (f"touches {article(other)}", f"touch {article(other)}") if relation == "touching" else None
         negated = f"{relation} {self.pick(f'any {other}', article(other))}"
-        return PredicateTemplate(complement, test, verb_forms, positive, negated, kind=function)
-
-
-def _conjoined(tests: Sequence[str]) -> str:
-    return tests[0] if len(tests) == 1 else f"({' and '.join(tests)})"
+        return PredicateTemplate(complement, program, verb_forms, positive, negated, kind=function)

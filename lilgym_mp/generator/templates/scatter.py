@@ -101,9 +101,7 @@ class ScatterTemplates(StatementTemplates):
             complement = (
                 f"in the {self.pick(('left', 'middle', 'right'), ('first', 'second', 'third'))[index]} {self.style.box}"
             )
-            return PredicateTemplate(
-                complement, lambda v: f"{v}.box == all_boxes[{index}]", positive=self.chance(0.9), kind="box"
-            )
+            return PredicateTemplate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.9), kind="box")
         return self.only_in_box_predicate()
 
     def touching_words(self) -> tuple[str, tuple[str, str] | None, bool]:
@@ -127,11 +125,8 @@ class ScatterTemplates(StatementTemplates):
         name, sides = self.wall_words(positive)
         function = "is_closely_touching_wall" if close else "is_touching_wall"
         complement = f"{touching} {name}"
-
-        def test(variable: str) -> str:
-            tests = [f"{function}({variable}, Side.{side})" for side in sides] or [f"{function}({variable})"]
-            return tests[0] if len(tests) == 1 else f"({' or '.join(tests)})"
-
+        tests = [f"{function}(@, Side.{side})" for side in sides] or [f"{function}(@)"]
+        test = tests[0] if len(tests) == 1 else f"({' or '.join(tests)})"
         if verb_forms is not None:
             verb_forms = (f"{verb_forms[0]} {name}", f"{verb_forms[1]} {name}")
         negated = complement
@@ -201,9 +196,7 @@ class ScatterTemplates(StatementTemplates):
         function = "is_closely_touching_corner" if close else "is_touching_corner"
         negated = f"{touching} {self.pick('a corner', 'the corner', 'any corner')}{of_box}"
         verb_forms = (f"touches {corner}", f"touch {corner}") if touching == "touching" else None
-        return PredicateTemplate(
-            f"{touching} {corner}", lambda v: f"{function}({v})", verb_forms, positive, negated, kind="wall"
-        )
+        return PredicateTemplate(f"{touching} {corner}", f"{function}(@)", verb_forms, positive, negated, kind="wall")
 
     def specific_corner(self, of_box: str, positive: bool) -> PredicateTemplate:
         vertical, horizontal = self.pick("TOP", "BOTTOM"), self.pick("LEFT", "RIGHT")
@@ -214,7 +207,7 @@ class ScatterTemplates(StatementTemplates):
         touching = self.pick("in", "touching", "closely touching", "near", "at")
         return PredicateTemplate(
             f"{touching} {name}",
-            lambda v: f"is_closely_touching_specific_corner({v}, Side.{vertical}, Side.{horizontal})",
+            f"is_closely_touching_specific_corner(@, Side.{vertical}, Side.{horizontal})",
             positive=positive,
             kind="wall",
         )
@@ -235,7 +228,7 @@ class ScatterTemplates(StatementTemplates):
         if noun == ANYTHING and self.chance(0.6):
             other = self.pick(f"another {self.style.item}", f"any other {self.style.item}", "something")
             return PredicateTemplate(
-                f"{touching} {other}", lambda v: f"exist({function}({v}))", positive=self.chance(0.8), kind="beside"
+                f"{touching} {other}", f"exist({function}(@))", positive=self.chance(0.8), kind="beside"
             )
         return self.relation_predicate((touching,), function, noun, positive=self.chance(0.88))
 
@@ -254,7 +247,7 @@ class ScatterTemplates(StatementTemplates):
         )  # fmt: skip
         return PredicateTemplate(
             complement,
-            lambda v: f"NOT(exist(get_box_exclusive({v})))",
+            "NOT(exist(get_box_exclusive(@)))",
             follows_noun=not complement.startswith("the"),
             kind="box",
         )
@@ -281,14 +274,8 @@ class ScatterTemplates(StatementTemplates):
             f"both {one} and {other} {nouns}", f"{one} and {other} {nouns}", f"{nouns} in {one} and {other}",
         )  # fmt: skip
         first, second = NounTemplate(AttributeWords((one,), shape)), NounTemplate(AttributeWords((other,), shape))
-
-        def test(box: str) -> str:
-            return " and ".join(self.existence_test(noun, box) for noun in (first, second))
-
+        test = f"exist({box_items(first)}) and exist({box_items(second)})"
         return ConditionTemplate(test, text, kind="comparison", min_items=2)
-
-    def existence_test(self, noun: NounTemplate, box: str) -> str:
-        return f"exist({box_items(noun, box)})"
 
     # Statements
 
@@ -303,7 +290,7 @@ class ScatterTemplates(StatementTemplates):
             ("next to each other", False),
         )  # fmt: skip
         function = "get_closely_touching" if close else "get_touching"
-        predicate = PredicateTemplate(relation, lambda v: f"exist({item_set(noun, f'{function}({v})', 'y')})")
+        predicate = PredicateTemplate(relation, f"exist({item_set(noun, f'{function}(@)', '@@')})")
         there = self.pick(
             "there are two", "there are 2", "two", f"there is a {self.style.box} with two", "there are at least two"
         )
@@ -323,9 +310,7 @@ class ScatterTemplates(StatementTemplates):
         box = self.a(self.style.box)
         with_it = self.box_modifier([condition], plural=False)
         complement = f"{self.pick('in', 'in', 'in', 'inside')} {box} {with_it}"
-        noun = NounTemplate(
-            attributes, (PredicateTemplate(complement, lambda v: condition.test(f"{v}.box"), kind="box"),)
-        )
+        noun = NounTemplate(attributes, (PredicateTemplate(complement, condition.test("@.box"), kind="box"),))
         return self.with_main_predicate(self.quantity(3, none=0.06), noun)
 
     def two_walls(self) -> TrainingPair:
@@ -335,14 +320,9 @@ class ScatterTemplates(StatementTemplates):
         two = self.pick(f"two {pluralised(wall)}", f"2 {pluralised(wall)}", f"two {pluralised(wall)} of the box")
         touching = self.pick("touching", "touching", "almost touching")
         function = "is_touching_corner" if touching == "touching" else "is_closely_touching_corner"
-        predicate = PredicateTemplate(
-            f"{touching} {two}", lambda v: f"{function}({v})", positive=self.chance(0.9), kind="wall"
-        )
+        predicate = PredicateTemplate(f"{touching} {two}", f"{function}(@)", positive=self.chance(0.9), kind="wall")
         if self.chance(0.35):
             one = self.pick("only one", "exactly one", "just one")
-
-            def test(variable: str) -> str:
-                return f"(is_touching_wall({variable}) and NOT(is_touching_corner({variable})))"
-
+            test = "(is_touching_wall(@) and NOT(is_touching_corner(@)))"
             predicate = PredicateTemplate(f"touching {one} {wall}", test, kind="wall")
         return self.with_main_predicate(self.quantity(3, none=0.06), NounTemplate(attributes, (predicate,)))

@@ -10,13 +10,15 @@ from lilgym_mp.generator.lexicon import Phrase, Style, pluralised
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
 from lilgym_mp.generator.templates.boxes import StatementTemplates
-from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.conditions import ITEMS, TWO_COLOURS, ConditionTemplate, WeightedTemplate
 from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
+    HOLE,
     AttributeWords,
     NounTemplate,
     PredicateTemplate,
     TrainingPair,
+    bound,
     filter_items,
     item_set,
 )
@@ -33,6 +35,7 @@ UNDER = (
 BESIDE = ("touching", "touching", "attached to", "adjacent to", "next to", "connected to", "in contact with")
 FAR_ABOVE = ("somewhere above", "higher than", "anywhere above")
 FAR_BELOW = ("somewhere below", "lower than", "anywhere below")
+ON_SAME_COLOUR = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
 POSITION_TESTS = {"top": "is_top", "bottom": "is_bottom", "second": "is_second", "third": "is_third"}
 
 
@@ -106,9 +109,7 @@ class TowerTemplates(StatementTemplates):
             return self.beside_predicate()
         index = int(self.rng.random() * 3)
         complement = f"in the {('left', 'middle', 'right')[index]} {self.box_word()}"
-        return PredicateTemplate(
-            complement, lambda v: f"{v}.box == all_boxes[{index}]", positive=self.chance(0.85), kind="box"
-        )
+        return PredicateTemplate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.85), kind="box")
 
     def position_predicate(self) -> PredicateTemplate:
         position = self.pick("top", "top", "top", "bottom", "bottom", "bottom", "second", "third")
@@ -119,7 +120,7 @@ class TowerTemplates(StatementTemplates):
             complement = complement.removeprefix("as ")
         return PredicateTemplate(
             complement,
-            lambda v: f"{POSITION_TESTS[position]}({v})",
+            f"{POSITION_TESTS[position]}(@)",
             positive=positive,
             kind="place",
             main_complement=main_complement,
@@ -179,16 +180,10 @@ class TowerTemplates(StatementTemplates):
     def between_predicate(self) -> PredicateTemplate:
         one, other = self.coloured_block(), self.coloured_block()
 
-        def test(variable: str) -> str:
-            def side(function: str, noun: NounTemplate) -> str:
-                return f"exist({item_set(noun, f'{function}({variable})', 'y' if variable == 'x' else 'z')})"
+        def side(function: str, noun: NounTemplate) -> str:
+            return f"exist({item_set(noun, f'{function}(@)', '@@')})"
 
-            above, below = side("get_above", one), side("get_below", one)
-            if one == other:
-                return f"({above} and {below})"
-            crossed = f"{side('get_above', other)} and {side('get_below', one)}"
-            return f"({above} and {side('get_below', other)} or {crossed})"
-
+        test = f"{side('get_above', one)} and {side('get_below', other)}"
         if one == other:
             complement = self.pick(
                 f"between {self.number(2)} {self.noun(one, True)}",
@@ -196,12 +191,13 @@ class TowerTemplates(StatementTemplates):
                 f"between {self.noun(one, True)}",
             )  # fmt: skip
         else:
+            test += f" or {side('get_above', other)} and {side('get_below', one)}"
             first, second = self.indefinite(one), self.indefinite(other)
             complement = self.pick(
                 f"between {first} and {second}", f"in between {first} and {second}",
                 f"in the middle of {first} and {second}",
             )  # fmt: skip
-        return PredicateTemplate(complement, test, kind="between")
+        return PredicateTemplate(complement, f"({test})", kind="between")
 
     def height_predicate(self) -> PredicateTemplate:
         """ "in a tower of three blocks" """
@@ -209,7 +205,7 @@ class TowerTemplates(StatementTemplates):
         tower = self.a(self.style.tower)
         how = condition.modifier if condition.modifier else f"with {condition.contents}"
         inside = self.pick("in", "in", "inside", "part of")
-        return PredicateTemplate(f"{inside} {tower} {how}", lambda v: condition.test(f"{v}.box"), kind="box")
+        return PredicateTemplate(f"{inside} {tower} {how}", condition.test("@.box"), kind="box")
 
     def floor_predicate(self) -> PredicateTemplate:
         floor = self.pick(
@@ -220,7 +216,7 @@ class TowerTemplates(StatementTemplates):
         bottom = ("wall" not in floor and "edge" not in floor) or "bottom" in floor
         side = ", Side.BOTTOM" if bottom else ""
         return PredicateTemplate(
-            f"touching {floor}", lambda v: f"is_touching_wall({v}{side})", (f"touches {floor}", f"touch {floor}"),
+            f"touching {floor}", f"is_touching_wall(@{side})", (f"touches {floor}", f"touch {floor}"),
             self.chance(0.85), kind="place",
         )  # fmt: skip
 
@@ -263,12 +259,13 @@ class TowerTemplates(StatementTemplates):
                 (f"consists of {nouns}", f"consist of {nouns}"),
             )  # fmt: skip
         return ConditionTemplate(
-            lambda box: quantity_test(quantity, items_in_box(box)), text, modifier, verb_forms, kind="total",
+            quantity_test(quantity, ITEMS), text, modifier, verb_forms, kind="total",
             min_items=quantity.low, max_items=quantity.high,
         )  # fmt: skip
 
-    def items_at_position(self, box: str, position: str, attributes: AttributeWords) -> str:
-        return filter_items(items_in_box(box), (*attributes.tests(), lambda v: f"{POSITION_TESTS[position]}({v})"))
+    def existence_at_position(self, position: str, attributes: AttributeWords, box: str = HOLE) -> str:
+        tests = (*attributes.tests(), f"{POSITION_TESTS[position]}({HOLE})")
+        return quantity_test(SOME, filter_items(items_in_box(box), tests))
 
     def position_colour(self) -> ConditionTemplate:
         """ "a black base", "a blue block on top", "a yellow block in the middle" """
@@ -304,7 +301,7 @@ class TowerTemplates(StatementTemplates):
             else:
                 verb_forms = self.pick(None, None, None, (f"starts with {block}", f"start with {block}"), None)
         return ConditionTemplate(
-            lambda box: quantity_test(SOME, self.items_at_position(box, position, attributes)), contents,
+            self.existence_at_position(position, attributes), contents,
             verb_forms=verb_forms, kind=position, attributes=attributes,
             min_items={"second": 2, "third": 3}.get(position, 1),
         )  # fmt: skip
@@ -324,10 +321,7 @@ class TowerTemplates(StatementTemplates):
             f"{block} in the middle", f"{block} as the middle {item}", f"{colour} in the middle",
             f"{self.a(colour)} {item} as a middle {item}", f"{self.a(colour)} middle {item}", f"{block} in between",
         )  # fmt: skip
-
-        def test(box: str) -> str:
-            return f"count({items_in_box(box)}) == 3 and exist({self.items_at_position(box, 'second', attributes)})"
-
+        test = f"count({ITEMS}) == 3 and {self.existence_at_position('second', attributes)}"
         return ConditionTemplate(test, contents, kind="middle", min_items=3, max_items=3)
 
     def two_ends(self) -> ConditionTemplate:
@@ -347,11 +341,7 @@ class TowerTemplates(StatementTemplates):
                 f"{self.indefinite(lower)} at the base and {self.indefinite(upper)} at the top",
                 f"{self.indefinite(upper)} on top and {self.indefinite(lower)} at the bottom",
             )
-
-        def test(box: str) -> str:
-            above = quantity_test(SOME, self.items_at_position(box, "top", top))
-            return f"{above} and {quantity_test(SOME, self.items_at_position(box, 'bottom', base))}"
-
+        test = f"{self.existence_at_position('top', top)} and {self.existence_at_position('bottom', base)}"
         return ConditionTemplate(test, contents, kind="ends")
 
     def same_ends(self) -> ConditionTemplate:
@@ -365,11 +355,8 @@ class TowerTemplates(StatementTemplates):
         colours = "the same color" if same else "different colors"
         at_ends = f"{colours} at the top and the base"
         verb_forms = (f"has {at_ends}", f"have {at_ends}") if self.chance(0.3) else None
-
-        def test(box: str) -> str:
-            both = f"filter_obj({items_in_box(box)}, lambda x: is_top(x) or is_bottom(x))"
-            return f"ge(count({items_in_box(box)}), 2) and {'' if same else 'not '}all_same_color({both})"
-
+        both = f"filter_obj({ITEMS}, lambda x: is_top(x) or is_bottom(x))"
+        test = f"ge(count({ITEMS}), 2) and {'' if same else 'not '}all_same_color({both})"
         return ConditionTemplate(test, f"{ends} {what}", verb_forms=verb_forms, kind="same ends", min_items=2)
 
     def stacked_condition(self) -> ConditionTemplate:
@@ -384,11 +371,7 @@ class TowerTemplates(StatementTemplates):
             "alternating colors", f"{item} of alternating colors", f"{item} in alternating colors",
             f"no two adjacent {item} of the same color", f"no two {item} of the same color touching",
         )  # fmt: skip
-
-        def test(box: str) -> str:
-            items, on_same_colour = items_in_box(box), "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
-            return f"ge(count({items}), 2) and NOT(exist(filter_obj({items}, lambda x: {on_same_colour})))"
-
+        test = f"ge(count({ITEMS}), 2) and NOT(exist(filter_obj({ITEMS}, lambda x: {ON_SAME_COLOUR})))"
         return ConditionTemplate(test, contents, kind="alternating", min_items=2)
 
     def item_with_others_on_it(self) -> ConditionTemplate:
@@ -412,11 +395,7 @@ class TowerTemplates(StatementTemplates):
         direct = words.startswith("directly")
         related = ("get_above" if direct else "get_box_all_above") if above else "get_box_all_below"
         more = quantity_test(quantity, item_set(other, f"{related}(x)", "y"))
-
-        def test(box: str) -> str:
-            own = " and ".join(item_test("x") for item_test in first.tests())
-            return f"exist(filter_obj({items_in_box(box)}, lambda x: {own} and {more}))"
-
+        test = f"exist({filter_items(ITEMS, (*first.tests(), more))})"
         return ConditionTemplate(test, text, kind="stack", min_items=2)
 
     def between_alike(self) -> ConditionTemplate:
@@ -435,10 +414,7 @@ class TowerTemplates(StatementTemplates):
                 f" and no {self.style.item} on top of that", f" and no {self.style.item} above that",
                 f" and no {self.style.item} on top of them",
             )  # fmt: skip
-
-        def test(box: str) -> str:
-            return f"exist(filter_obj({items_in_box(box)}, lambda x: {noun.tests()[0]('x')} and {neighbours}{more})))"
-
+        test = f"exist({filter_items(ITEMS, (*noun.tests(), f'{neighbours}{more})'))})"
         return ConditionTemplate(test, text, kind="stack", min_items=3)
 
     # Statements
@@ -458,11 +434,8 @@ class TowerTemplates(StatementTemplates):
                  "any": ("in", "in", "inside")}[position]  # fmt: skip
         complement = f"{self.choice(place)} {tower} {described}"
         main_complement = complement.removeprefix("as ") if complement.startswith("as ") else None
-
-        def test(variable: str) -> str:
-            own = [] if position == "any" else [f"{POSITION_TESTS[position]}({variable})"]
-            return " and ".join([*own, f"{variable}.box.is_tower()", condition.test(f"{variable}.box")])
-
+        own = [] if position == "any" else [f"{POSITION_TESTS[position]}(@)"]
+        test = " and ".join([*own, "@.box.is_tower()", condition.test("@.box")])
         noun = NounTemplate(attributes, (PredicateTemplate(complement, test, main_complement=main_complement),))
         quantity = self.quantity(3, none=0.05)
         return self.with_main_predicate(quantity if quantity != at_least(3) else SOME, noun)
@@ -490,7 +463,7 @@ class TowerTemplates(StatementTemplates):
         )
         name = self.choice(names)
         every = self.chance(0.25)
-        attribute_test = quantity_test(SOME, self.items_at_position(BOX, position, attributes))
+        attribute_test = self.existence_at_position(position, attributes, BOX)
         if every:
             plural = {"block on top": "blocks on top"}.get(name, pluralised(name))
             text = self.pick(
@@ -546,7 +519,7 @@ class TowerTemplates(StatementTemplates):
         positions = (*("bottom", "second", "third")[: len(colours) - 1], "top")
         tests = [f"count({items_in_box(BOX)}) == {len(colours)}"]
         for position, colour in zip(positions, reversed(colours), strict=True):
-            tests.append(quantity_test(SOME, self.items_at_position(BOX, position, AttributeWords((colour,)))))
+            tests.append(self.existence_at_position(position, AttributeWords((colour,)), BOX))
         quantity = exactly(1) if "there is one " in text else SOME
         boxes = boxes_where(" and ".join([f"{BOX}.is_tower()", *tests]))
         return TrainingPair(text, quantity_test(quantity, boxes))
@@ -618,16 +591,15 @@ class TowerTemplates(StatementTemplates):
         draw = self.rng.random()
         if draw > 0.75:
             text = self.existential_words(f"two {pluralised(self.style.item)} of the same color {relation}")
-            same = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
-            return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {same}))")
+            return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {ON_SAME_COLOUR}))")
         below = f"exist({item_set(NounTemplate(attributes), 'get_below(x)', 'y')})"
         number = self.pick("two", "2")
         if draw > 0.5:
             number = self.pick("three", "3")
             lower = f"exist({item_set(NounTemplate(attributes), 'get_below(y)', 'z')})"
-            below = f"exist(filter_obj(get_below(x), lambda y: {attribute_test('y')} and {lower}))"
+            below = f"exist(filter_obj(get_below(x), lambda y: {bound(attribute_test, 'y')} and {lower}))"
         text = self.existential_words(f"{number} {nouns} {relation}")
-        return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {attribute_test('x')} and {below}))")
+        return TrainingPair(text, f"exist(filter_obj(all_items, lambda x: {bound(attribute_test, 'x')} and {below}))")
 
     def existential_words(self, text: str) -> str:
         return self.pick(
@@ -698,7 +670,7 @@ class TowerTemplates(StatementTemplates):
             attributes = AttributeWords(self.colour())
             modifier = from_base if position in ("second", "third") else ""
             clauses.append(f"the {self.choice(names)} {item}{modifier} is {attributes.colours[0]}")
-            tests.append(quantity_test(SOME, self.items_at_position(BOX, position, attributes)))
+            tests.append(self.existence_at_position(position, attributes, BOX))
         somewhere = self.pick(f"in a {tower}", f"in one of the {pluralised(tower)}", f"in one {tower}")
         text = f"{somewhere} {' and '.join(clauses)}"
         if number == 1 and self.chance(0.6):
