@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
@@ -62,7 +64,7 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         faults = FaultLog(stop_at_first=False)
         present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
         try:
-            counts = _released_counts(path, faults) if path.is_dir() else _file_counts(path, faults)
+            counts = list(_counts(path, faults))
             for fault in installation_faults(path):
                 faults.add(*fault)
         except CorpusError as fault:
@@ -79,32 +81,22 @@ def _count(tasks: TaskSet) -> TaskCount:
     return TaskCount(origin.appearance, origin.start, origin.split, len(tasks), contexts(tasks))
 
 
-def _file_counts(path: Path, faults: FaultLog) -> list[TaskCount]:
-    source = CorpusFile(path, faults)
-    counts: list[TaskCount] = []
+def _counts(path: Path, faults: FaultLog) -> Iterator[TaskCount]:
+    """The counts of every configuration and split of a corpus file, or of those that a directory has."""
+    file = None if path.is_dir() else CorpusFile(path, faults)
     for appearance in APPEARANCES:
         reader = TaskReader(appearance, faults)
-        for start in STARTS:
-            for split in SPLITS:
-                tasks = list(reader.tasks(source.records(appearance, start, split)))
-                counts.append(TaskCount(appearance, start, split, len(tasks), contexts(tasks)))
-    return counts
-
-
-def _released_counts(directory: Path, faults: FaultLog) -> list[TaskCount]:
-    counts: list[TaskCount] = []
-    for appearance in APPEARANCES:
-        reader = TaskReader(appearance, faults)
-        for start in STARTS:
-            for split in SPLITS:
-                path = directory / file_name(appearance, start, split)
-                if not path.exists():
+        for start, split in product(STARTS, SPLITS):
+            released = path / file_name(appearance, start, split)
+            try:
+                if file is not None:
+                    records = file.records(appearance, start, split)
+                elif released.exists():
+                    records = ReleasedFile(released, start).records(faults)
+                else:
                     continue
-                try:
-                    records = list(ReleasedFile(path, start).records(faults))
-                except CorpusError as fault:
-                    faults.add(str(path), str(fault).removeprefix(f"{path}: "))
-                    continue
-                tasks = list(reader.tasks(records))
-                counts.append(TaskCount(appearance, start, split, len(tasks), contexts(tasks)))
-    return counts
+            except CorpusError as fault:
+                faults.add(str(released), str(fault).removeprefix(f"{released}: "))
+                continue
+            tasks = list(reader.tasks(records))
+            yield TaskCount(appearance, start, split, len(tasks), contexts(tasks))

@@ -11,7 +11,6 @@ from lilgym_mp.appearances.placement import fits_box, is_free
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 
-MAX_PLACEMENT_ATTEMPTS = 20  # attempts per item
 # Values to draw uniformly from; repeated ones are more likely
 ATTRIBUTE_VALUE_COUNTS = (1, 2, 3, 3)  # distinct colours, shapes or sizes in a scene
 TOWER_HEIGHTS = (0, 1, 1, 2, 2, 3, 3, 4)
@@ -28,6 +27,18 @@ class ItemTypes(NamedTuple):
 
 
 ALL_ITEM_TYPES = ItemTypes()
+
+
+class ItemPlacing(NamedTuple):
+    """How a random place for an item is found."""
+
+    attempts: int = 20
+    margin: int = 0  # fewest pixels to the walls, unless the item is put at one
+    gap: Callable[[random.Random], int] = lambda rng: 0  # draws the pixels to the wall or item that it is put at
+    accepts: Callable[[Box], bool] = lambda box: True  # whether the box is as required with the new item
+
+
+ANYWHERE = ItemPlacing()
 
 
 class Sampler(NamedTuple):
@@ -67,7 +78,7 @@ def _random_scatter(rng: random.Random) -> Scene:
     while not any(scene.items()):
         for box in range(BOX_COUNT):
             for _ in range(rng.randint(0, limit)):
-                scene = _with_item(rng, scene, box, item_types)
+                scene = with_item(rng, scene, box, item_types)
     return scene
 
 
@@ -78,38 +89,43 @@ def _changed_scatter(rng: random.Random, scene: Scene) -> Scene:
         if box.items and rng.random() < 0.5:
             changed = scene.with_box(index, box.without(rng.randrange(len(box.items))))
         else:
-            changed = _with_item(rng, scene, index, ALL_ITEM_TYPES)
+            changed = with_item(rng, scene, index, ALL_ITEM_TYPES)
         if changed is not scene and any(changed.items()):
             return changed
 
 
-def _with_item(rng: random.Random, scene: Scene, index: int, item_types: ItemTypes) -> Scene:
+def with_item(
+    rng: random.Random, scene: Scene, index: int, item_types: ItemTypes, placing: ItemPlacing = ANYWHERE
+) -> Scene:
     """The scene with one item added to a box, or the same scene object when no free position was found."""
     shape, colour, size = rng.choice(item_types.shapes), rng.choice(item_types.colours), rng.choice(item_types.sizes)
-    items = scene.boxes[index].items
-    for _ in range(MAX_PLACEMENT_ATTEMPTS):
-        x, y = _random_position(rng, size.pixels, items)
+    box = scene.boxes[index]
+    for _ in range(placing.attempts):
+        x, y = _random_position(rng, size.pixels, box.items, placing)
         item = Item(x, y, shape, colour, size)
-        if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, items):
-            return scene.with_box(index, Box((*items, item)))
+        if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, box.items):
+            changed = box.with_item(item)
+            if placing.accepts(changed):
+                return scene.with_box(index, changed)
     return scene
 
 
-def _random_position(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
+def _random_position(rng: random.Random, side: int, others: tuple[Item, ...], placing: ItemPlacing) -> tuple[int, int]:
     """A random position in a box: anywhere, at a wall, in a corner, or beside another item."""
     last = BOX_SIDE - side
-    x, y = rng.randint(0, last), rng.randint(0, last)
+    x, y = (rng.randint(placing.margin, last - placing.margin) for _ in "xy")
+    gap = placing.gap(rng)
     match rng.choice(("free", "free", "wall", "corner", "beside")):
         case "wall":
-            return rng.choice(((0, y), (last, y), (x, 0), (x, last)))
+            return rng.choice(((gap, y), (last - gap, y), (x, gap), (x, last - gap)))
         case "corner":
-            return rng.choice((0, last)), rng.choice((0, last))
+            return rng.choice((gap, last - gap)), rng.choice((gap, last - gap))
         case "beside" if others:
             other = rng.choice(others)
             slide = rng.randint(-side // 2, other.side // 2)
-            left, right = (other.x - side, other.y + slide), (other.x + other.side, other.y + slide)
-            above, below = (other.x + slide, other.y - side), (other.x + slide, other.y + other.side)
-            return rng.choice((left, right, above, below))
+            before, after = -side - gap, other.side + gap
+            dx, dy = rng.choice(((before, slide), (after, slide), (slide, before), (slide, after)))
+            return other.x + dx, other.y + dy
         case _:
             return x, y
 

@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID
-from lilgym_mp.appearances.placement import fits_box, is_free
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, with_item
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 
@@ -26,8 +25,6 @@ TOUCHING_GAP = 1  # most pixels between two touching items
 NEAR_GAPS = (2, 3, 4)  # pixels: almost touching in the program language
 CLEAR_GAP = 9  # pixels: visibly apart
 TRIES = 30
-
-Palette = tuple[list[Shape], list[Colour], list[Size]]  # attribute values that a sampled scene draws from
 
 
 class Expansion(NamedTuple):
@@ -87,7 +84,7 @@ def _random_walk(appearance: str, scene: Scene, rng: random.Random, edits: int |
     return tuple(expansions)
 
 
-def _successor(appearance: str, scene: Scene, rng: random.Random, palette: Palette, boxes: list[int]) -> Scene | None:
+def _successor(appearance: str, scene: Scene, rng: random.Random, palette: ItemTypes, boxes: list[int]) -> Scene | None:
     """The scene after a random ADD that a REMOVE undoes; None if none was found."""
     geometry = APPEARANCES[appearance]
     for _ in range(TRIES):
@@ -101,7 +98,7 @@ def _successor(appearance: str, scene: Scene, rng: random.Random, palette: Palet
     return None
 
 
-def _random_add(appearance: str, rng: random.Random, palette: Palette, box_index: int) -> Action:
+def _random_add(appearance: str, rng: random.Random, palette: ItemTypes, box_index: int) -> Action:
     shapes, colours, sizes = palette
     if appearance == "tower":
         return AddBlock(box_index, rng.choice(colours))
@@ -122,13 +119,13 @@ def _inverse(successor: Scene, box_index: int, action: Action) -> Action:
     return RemoveItem(box_index * pitch + (item.x + middle) // cell, (item.y + middle) // cell)
 
 
-def _random_palette(rng: random.Random) -> Palette:
+def _random_palette(rng: random.Random) -> ItemTypes:
     """Random attribute values; few of them make items alike, so that counts and comparisons vary."""
     counts = (1, 2, 2, 3, 3)
-    return (
-        rng.sample(list(Shape), rng.choice(counts)),
-        rng.sample(list(Colour), rng.choice((1, 2, 3, 3, 3))),
-        rng.sample(list(Size), rng.choice(counts)),
+    return ItemTypes(
+        tuple(rng.sample(list(Shape), rng.choice(counts))),
+        tuple(rng.sample(list(Colour), rng.choice((1, 2, 3, 3, 3)))),
+        tuple(rng.sample(list(Size), rng.choice(counts))),
     )
 
 
@@ -138,40 +135,12 @@ def _random_scatter_scene(rng: random.Random) -> Scene:
     scene = Scene.empty()
     for box_index in range(BOX_COUNT):
         for _ in range(rng.randint(0, max_items)):
-            scene = _with_random_item(scene, box_index, rng, palette)
+            scene = with_item(rng, scene, box_index, palette, LEGIBLY)
     return scene
 
 
-def _with_random_item(scene: Scene, box_index: int, rng: random.Random, palette: Palette) -> Scene:
-    """The scene with one more legible item if a free place was found, otherwise unchanged."""
-    shapes, colours, sizes = palette
-    shape, colour, size = rng.choice(shapes), rng.choice(colours), rng.choice(sizes)
-    box = scene.boxes[box_index]
-    for _ in range(TRIES):
-        x, y = _random_place(rng, size.pixels, box.items)
-        item = Item(x, y, shape, colour, size)
-        if fits_box(item.footprint, x, y) and is_free(item.footprint, x, y, box.items):
-            successor = Box((*box.items, item))
-            if is_legible(successor):
-                return scene.with_box(box_index, successor)
-    return scene
+def _random_gap(rng: random.Random) -> int:
+    return rng.choice((0, 0, 0, rng.choice(NEAR_GAPS)))
 
 
-def _random_place(rng: random.Random, side: int, others: tuple[Item, ...]) -> tuple[int, int]:
-    """Random x and y in a box, often at or near a wall or another item."""
-    last = BOX_SIDE - side
-    x, y = rng.randint(CLEAR_GAP, last - CLEAR_GAP), rng.randint(CLEAR_GAP, last - CLEAR_GAP)
-    gap = rng.choice((0, 0, 0, rng.choice(NEAR_GAPS)))
-    match rng.choice(("free", "free", "wall", "corner", "beside")):
-        case "wall":
-            return rng.choice(((gap, y), (last - gap, y), (x, gap), (x, last - gap)))
-        case "corner":
-            return rng.choice((gap, last - gap)), rng.choice((gap, last - gap))
-        case "beside" if others:
-            other = rng.choice(others)
-            offset = rng.randint(-side // 2, other.side // 2)
-            before, after = -side - gap, other.side + gap
-            dx, dy = rng.choice(((before, offset), (after, offset), (offset, before), (offset, after)))
-            return other.x + dx, other.y + dy
-        case _:
-            return x, y
+LEGIBLY = ItemPlacing(TRIES, CLEAR_GAP, _random_gap, is_legible)
