@@ -6,7 +6,7 @@ learner visited (DAgger, Ross et al. 2011). docs/solver.md lists the arrays in t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
 from functools import cache, partial
 from pathlib import Path
@@ -21,7 +21,7 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Item
 from lilgym_mp.solver.demonstrations import write_npz
-from lilgym_mp.solver.reports import map_chunks
+from lilgym_mp.solver.reports import Input, Output, map_chunks
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import Solver
 from lilgym_mp.task import Task
@@ -72,12 +72,9 @@ def explore(
         raise ValueError(f"repeats must be at least 1, not {repeats}")
     if seed < 0:
         raise ValueError(f"seed must be at least 0, not {seed}")
-    order = sorted(range(len(tasks)), key=lambda index: tasks[index].program)  # tasks of one program share caches
-    indexed = [(index, tasks[index]) for index in order]
     explore_chunk = partial(_explore_chunk, dynamics, budget, exploration, repeats, seed)
-    by_task: list[list[LabelledState]] = [[] for _ in tasks]
-    for index, states in zip(order, map_chunks(explore_chunk, indexed, jobs, CHUNK_SIZE), strict=True):
-        by_task[index] = states
+    programs = [task.program for task in tasks]
+    by_task = _by_program(explore_chunk, list(enumerate(tasks)), programs, jobs)
     return [state for states in by_task for state in states]
 
 
@@ -88,14 +85,20 @@ def label(
 
     Raises ValueError if a state has no action left, or for fewer than one job.
     """
-    order = sorted(range(len(states)), key=lambda index: states[index].task.program)
-    found: list[ActionSet | None] = [None] * len(states)
-    label_chunk = partial(_optimal_sets, dynamics, budget)
-    answers = map_chunks(label_chunk, [states[index] for index in order], jobs, CHUNK_SIZE)
-    for index, actions in zip(order, answers, strict=True):
-        found[index] = actions
-    pairs = zip(states, found, strict=True)
-    return [LabelledState(state, actions, Origin.GIVEN) for state, actions in pairs if actions is not None]
+    found = _by_program(
+        partial(_optimal_sets, dynamics, budget), states, [state.task.program for state in states], jobs
+    )
+    return [LabelledState(state, actions, Origin.GIVEN) for state, actions in zip(states, found, strict=True)]
+
+
+def _by_program(
+    function: Callable[[Sequence[Input]], Sequence[Output]], inputs: Sequence[Input], programs: Sequence[str], jobs: int
+) -> list[Output]:
+    """`reports.map_chunks`, program by program, as tasks of one program share caches; the outputs are in order."""
+    order = sorted(range(len(inputs)), key=programs.__getitem__)
+    outputs = map_chunks(function, [inputs[index] for index in order], jobs, CHUNK_SIZE)
+    found = dict(zip(order, outputs, strict=True))
+    return [found[index] for index in range(len(inputs))]
 
 
 def _optimal_sets(dynamics: Dynamics, budget: int | None, states: Sequence[State]) -> list[ActionSet]:

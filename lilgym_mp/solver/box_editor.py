@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from lilgym_mp.actions import AddItem, RemoveItem
@@ -28,14 +30,18 @@ class EditedBox(NamedTuple):
     box: Box
 
 
+@dataclass(frozen=True)
 class BoxEditor:
     """Applies single edits to box `index` of a scene."""
 
-    def __init__(self, scatter: Scatter, rules: PlacementRules, index: int) -> None:
-        self._scatter = scatter
-        self._rules = rules
-        self._index = index
-        self.is_exhaustive = max(BOX_SIDE // side for side in scatter.cell) <= MAX_EXHAUSTIVE_CELLS  # tries every cell
+    scatter: Scatter
+    rules: PlacementRules
+    index: int
+
+    @cached_property
+    def is_exhaustive(self) -> bool:
+        """Whether every cell is tried."""
+        return max(BOX_SIDE // side for side in self.scatter.cell) <= MAX_EXHAUSTIVE_CELLS
 
     def added(self, box: Box, item_type: ItemType, x: int, y: int) -> EditedBox | None:
         """The addition of an item of that type to the cell at pixel (x, y); None if it is invalid."""
@@ -66,27 +72,27 @@ class BoxEditor:
     def corners(self, box: Box) -> Sequence[tuple[int, int]]:
         """The top-left pixels of the cells to try: on coarse grids all cells, on fine grids those next to walls and
         items and a sample of the others."""
-        width, height = self._scatter.cell
+        width, height = self.scatter.cell
         xs = _cell_starts(width, [(item.x, item.side) for item in box.items])
         ys = _cell_starts(height, [(item.y, item.side) for item in box.items])
         return [(x, y) for x in xs for y in ys]
 
     def _edited(self, box: Box, edit: BoxEdit) -> EditedBox | None:
         boxes = [EMPTY_BOX] * BOX_COUNT
-        boxes[self._index] = box
+        boxes[self.index] = box
         left, middle, right = boxes
-        after, invalid = self._scatter.apply(Scene((left, middle, right)), edit, self._rules)
-        return None if invalid else EditedBox(edit, after.boxes[self._index])
+        after, invalid = self.scatter.apply(Scene((left, middle, right)), edit, self.rules)
+        return None if invalid else EditedBox(edit, after.boxes[self.index])
 
     def _cell(self, x: int, y: int) -> tuple[int, int]:
-        width, height = self._scatter.cell
-        return (self._index * BOX_PITCH + x) // width, y // height
+        width, height = self.scatter.cell
+        return (self.index * BOX_PITCH + x) // width, y // height
 
     def _cells_of(self, item: Item) -> Iterable[tuple[int, int]]:
         """The cells that the item covers, the one at its centre first; on fine grids, a sample of them."""
         half = item.side // 2
         centre = [(item.x + half, item.y + half)]
-        step_x, step_y = self._scatter.cell if self.is_exhaustive else (REMOVAL_STEP, REMOVAL_STEP)
+        step_x, step_y = self.scatter.cell if self.is_exhaustive else (REMOVAL_STEP, REMOVAL_STEP)
         xs, ys = _points(item.x, item.side, step_x), _points(item.y, item.side, step_y)
         points = itertools.chain(centre, itertools.product(xs, ys))
         return dict.fromkeys(self._cell(x, y) for x, y in points if 0 <= x < BOX_SIDE and 0 <= y < BOX_SIDE)

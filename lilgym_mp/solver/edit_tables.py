@@ -9,6 +9,7 @@ from functools import cache, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.legality import box_legality
@@ -64,14 +65,15 @@ def addable_item_types(scatter: Scatter, rules: PlacementRules, items: tuple[Ite
     return legality.addable(items)[..., _ADD_FOOTPRINTS].reshape(-1, len(ITEM_TYPES))
 
 
-def addition_actions(scatter: Scatter, index: int, additions: Int64Array) -> Int64Array:
+def addition_actions(scatter: Scatter, index: int, additions: ArrayLike) -> list[int]:
     """The action indices of additions to box `index`, from their indices in its `AdditionTable`."""
-    return additions + add_index(scatter.box_cells[index].start, 0)
+    return (np.asarray(additions) + add_index(scatter.box_cells[index].start, 0)).tolist()
 
 
-def removal_actions(scatter: Scatter, index: int, cells: Int64Array) -> Int64Array:
-    """The action indices of removals from cells of box `index`, from the cells' indices in the box."""
-    return cells + remove_index(scatter.box_cells[index].start, scatter.cell_count)
+def removal_actions(scatter: Scatter, index: int, items: tuple[Item, ...], position: int) -> list[int]:
+    """The action indices that remove the item at that position from box `index` with these items."""
+    cells = (removal_table(scatter.cell, items) == position).nonzero()[0]
+    return (cells + remove_index(scatter.box_cells[index].start, scatter.cell_count)).tolist()
 
 
 def frame_x_of(rules: PlacementRules, index: int) -> int:

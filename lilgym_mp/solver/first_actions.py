@@ -17,7 +17,6 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.actions import AddItem
-from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.placement import LARGEST_MOVE, SNAP_REACH
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import (
@@ -38,7 +37,7 @@ from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, ReachableClasses
 from lilgym_mp.solver.layered_search import Budget
-from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
 
 MAX_GOALS = 40  # abstract boxes of one class, at one distance, that are refined
 MAX_REMAINDERS = 8  # remainders of paths after a first edit that are refined
@@ -53,26 +52,26 @@ class FirstActions(NamedTuple):
     """First actions on shortest paths to a goal."""
 
     actions: frozenset[int]
-    complete: bool  # whether all of them are included
+    complete: bool = True  # whether all of them are included
+
+    @classmethod
+    def union(cls, parts: Iterable[FirstActions], *, complete: bool = True) -> FirstActions:
+        actions: set[int] = set()
+        for part in parts:
+            actions |= part.actions
+            complete = complete and part.complete
+        return cls(frozenset(actions), complete)
 
 
-NO_ACTIONS = FirstActions(frozenset(), complete=True)
+NO_ACTIONS = FirstActions(frozenset())
 
 
 class ScatterReachability:
     """The box classes that can be reached from a scene, whether they are feasible, and how."""
 
-    def __init__(
-        self,
-        scatter: Scatter,
-        rules: PlacementRules,
-        editors: Sequence[BoxEditor],
-        scene: Scene,
-        abstraction: Abstraction,
-        space: ClassSpace,
-    ) -> None:
-        self._new_box = partial(_BoxReachability, scatter, rules, editors, abstraction, space)
-        self._boxes = [self._new_box(index, scene.boxes[index]) for index in range(BOX_COUNT)]
+    def __init__(self, editors: Sequence[BoxEditor], scene: Scene, abstraction: Abstraction, space: ClassSpace) -> None:
+        self._new_box = partial(_BoxReachability, abstraction, space)
+        self._boxes = list(map(self._new_box, editors, scene.boxes))
 
     @property
     def reachable(self) -> list[ReachableClasses]:
@@ -82,18 +81,12 @@ class ScatterReachability:
         """The reachability from the scene with box `index` replaced."""
         other = copy(self)
         other._boxes = [*self._boxes]
-        other._boxes[index] = self._new_box(index, box)
+        other._boxes[index] = self._new_box(self._boxes[index].editor, box)
         return other
 
     def failure(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> NoRefinement | None:
         """None if some goal is feasible, INFEASIBLE if none is, else UNDECIDED. Raises BudgetExhaustedError."""
-        result = NoRefinement.INFEASIBLE
-        for edit_counts, triple in goals:
-            failure = self._goal_failure(edit_counts, triple, budget)
-            if failure is None:
-                return None
-            result = result if failure is NoRefinement.INFEASIBLE else failure
-        return result
+        return first_found(self._goal_failure(*goal, budget) for goal in goals)
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit] | None:
         """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.
@@ -110,24 +103,23 @@ class ScatterReachability:
 
     def first_actions(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> FirstActions:
         """The first actions on shortest paths to the feasible goals. Raises BudgetExhaustedError."""
-        actions: set[int] = set()
-        complete = True
+        return FirstActions.union(self._first_actions(goals, budget))
+
+    def _first_actions(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> Iterator[FirstActions]:
         seen: set[tuple[int, int, int]] = set()
         for edit_counts, triple in goals:
             failure = self._goal_failure(edit_counts, triple, budget)
-            complete = complete and failure is not NoRefinement.UNDECIDED
-            for index, box in enumerate(self._boxes if failure is None else ()):
-                key = (index, edit_counts[index], triple[index])
+            yield FirstActions(frozenset(), complete=failure is not NoRefinement.UNDECIDED)
+            for key in zip(range(BOX_COUNT), edit_counts, triple, strict=True) if failure is None else ():
                 if key not in seen:
                     seen.add(key)
-                    found = box.first_actions(edit_counts[index], triple[index], budget)
-                    actions |= found.actions
-                    complete = complete and found.complete
-        return FirstActions(frozenset(actions), complete)
+                    index, edits, box_class = key
+                    yield self._boxes[index].first_actions(edits, box_class, budget)
 
     def _goal_failure(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> NoRefinement | None:
         """None if the goal is feasible in each box; INFEASIBLE if it is not in some box, else UNDECIDED."""
-        failures = [box.failure(edit_counts[index], triple[index], budget) for index, box in enumerate(self._boxes)]
+        goals = zip(self._boxes, edit_counts, triple, strict=True)
+        failures = [box.failure(edits, box_class, budget) for box, edits, box_class in goals]
         infeasible = NoRefinement.INFEASIBLE in failures
         return NoRefinement.INFEASIBLE if infeasible else next(filter(None, failures), None)
 
@@ -135,20 +127,8 @@ class ScatterReachability:
 class _BoxReachability:
     """Reachable classes of one box."""
 
-    def __init__(
-        self,
-        scatter: Scatter,
-        rules: PlacementRules,
-        editors: Sequence[BoxEditor],
-        abstraction: Abstraction,
-        space: ClassSpace,
-        index: int,
-        box: Box,
-    ) -> None:
-        self._scatter = scatter
-        self._rules = rules
-        self._editor = editors[index]
-        self._index = index
+    def __init__(self, abstraction: Abstraction, space: ClassSpace, editor: BoxEditor, box: Box) -> None:
+        self.editor = editor
         self._box = box
         self._abstraction = abstraction
         self._item_classes = [abstraction.classes.of(item) for item in box.items]
@@ -166,8 +146,8 @@ class _BoxReachability:
             return ()
         found = self._refinements.get((edits, box_class))
         if found is None:
-            found = self._refine_any_goal(self._goals(edits, box_class, budget), budget)
-            self._refinements[edits, box_class] = found
+            paths = list(map(self._layers.path, self._goals(edits, box_class, budget)))
+            found = self._refinements[edits, box_class] = self._refine_any(paths, MAX_GOALS, self._box, budget)
         return found
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
@@ -180,30 +160,15 @@ class _BoxReachability:
     def _goals(self, edits: int, box_class: int, budget: Budget) -> Sequence[Box]:
         return self.reachable.layer(edits, budget)[box_class]
 
-    def _refine_any_goal(self, goals: Sequence[Box], budget: Budget) -> Refinement | NoRefinement:
-        paths = [self._layers.path(goal) for goal in goals[:MAX_GOALS]]
-        return self._refine_any(paths, self._box, budget, all_paths=len(goals) <= MAX_GOALS)
-
-    def _refine_any_remainder(
-        self, remainders: Sequence[Remainder], box: Box, budget: Budget
-    ) -> Refinement | NoRefinement:
-        all_paths = len(remainders) <= MAX_REMAINDERS
-        return self._refine_any(remainders[:MAX_REMAINDERS], box, budget, all_paths=all_paths)
-
     def _refine_any(
-        self, paths: Sequence[Remainder], box: Box, budget: Budget, *, all_paths: bool
+        self, paths: Sequence[Remainder], limit: int, box: Box, budget: Budget
     ) -> Refinement | NoRefinement:
-        """The first refinement found of one of the paths. `all_paths`: whether failure of all of them is a proof."""
-        failure = NoRefinement.INFEASIBLE if all_paths else NoRefinement.UNDECIDED
-        for path in paths:
-            found = self._refine(path, box, budget)
-            if not isinstance(found, NoRefinement):
-                return found
-            failure = failure if found is NoRefinement.INFEASIBLE else found
-        return failure
+        """The first refinement found of one of the paths, of which at most `limit` are tried."""
+        results = (self._refine(path, box, budget) for path in paths[:limit])
+        return first_found(results, complete=len(paths) <= limit)
 
     def _refine(self, path: Remainder, box: Box, budget: Budget, *, reverse: bool = False) -> Refinement | NoRefinement:
-        return refine(path, box, self._editor, self._abstraction, budget, reverse=reverse)
+        return refine(path, box, self.editor, self._abstraction, budget, reverse=reverse)
 
     # First actions
 
@@ -220,7 +185,7 @@ class _BoxReachability:
 
     def _single_edits(self, goals: Sequence[Box]) -> FirstActions:
         abstract_goals = {self._abstraction.abstract(goal) for goal in goals}
-        return FirstActions(frozenset(self._actions_to(abstract_goals)), complete=True)
+        return FirstActions(frozenset(self._actions_to(abstract_goals)))
 
     def _actions_to(self, goals: set[AbstractBox]) -> Iterator[int]:
         """The actions that lead to one of these abstract boxes."""
@@ -233,27 +198,23 @@ class _BoxReachability:
                 yield from self._removal_actions(position)
 
     def _addition_table(self) -> edit_tables.AdditionTable:
-        frame_x = edit_tables.frame_x_of(self._rules, self._index)
-        return edit_tables.addition_table(self._scatter, self._rules, frame_x, self._box.items)
+        frame_x = edit_tables.frame_x_of(self.editor.rules, self.editor.index)
+        return edit_tables.addition_table(self.editor.scatter, self.editor.rules, frame_x, self._box.items)
 
     def _additions(self, item_class: int) -> Int64Array:
         """The additions of items of the class, as indices in the addition table."""
         classes = self._abstraction.classes
         if classes.by_item_type is not None:
-            item_types = edit_tables.addable_item_types(self._scatter, self._rules, self._box.items)
+            item_types = edit_tables.addable_item_types(self.editor.scatter, self.editor.rules, self._box.items)
             return (item_types & (classes.by_item_type == item_class)).ravel().nonzero()[0]
         canonical = self._addition_table().canonical
         return ((classes.by_canonical_item[canonical] == item_class) & (canonical >= 0)).nonzero()[0]
 
     def _addition_actions(self, additions: Int64Array) -> list[int]:
-        found: list[int] = edit_tables.addition_actions(self._scatter, self._index, additions).tolist()
-        return found
+        return edit_tables.addition_actions(self.editor.scatter, self.editor.index, additions)
 
     def _removal_actions(self, position: int) -> list[int]:
-        """The actions that remove the item at that position."""
-        cells = (edit_tables.removal_table(self._scatter.cell, self._box.items) == position).nonzero()[0]
-        found: list[int] = edit_tables.removal_actions(self._scatter, self._index, cells).tolist()
-        return found
+        return edit_tables.removal_actions(self.editor.scatter, self.editor.index, self._box.items, position)
 
     def _first_of_many(self, goals: Sequence[Box], budget: Budget) -> FirstActions:
         if self._abstraction.order_matters:
@@ -265,26 +226,22 @@ class _BoxReachability:
                 remainder = Counter(path)
                 remainder[edit] -= 1
                 remainders.setdefault(edit, []).append(tuple(remainder.elements()))
-        actions: set[int] = set()
-        complete = len(goals) <= MAX_GOALS
-        for edit, after in remainders.items():
-            find = self._first_additions if edit.adds else self._first_removals
-            found = find(edit.item_class, after, budget)
-            actions |= found.actions
-            complete = complete and found.complete
-        return FirstActions(frozenset(actions), complete)
+        found = (
+            (self._first_additions if edit.adds else self._first_removals)(edit.item_class, after, budget)
+            for edit, after in remainders.items()
+        )
+        return FirstActions.union(found, complete=len(goals) <= MAX_GOALS)
 
     def _first_removals(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
         """The removals of an item of the class after which one of `remainders` is feasible."""
-        actions: set[int] = set()
-        complete = True
-        for position, other in enumerate(self._item_classes):
-            if other == item_class:
-                found = self._refine_any_remainder(remainders, self._box.without(position), budget)
-                complete = complete and found is not NoRefinement.UNDECIDED
-                if not isinstance(found, NoRefinement):
-                    actions.update(self._removal_actions(position))
-        return FirstActions(frozenset(actions), complete)
+        positions = [position for position, other in enumerate(self._item_classes) if other == item_class]
+        return FirstActions.union(self._first_removal(position, remainders, budget) for position in positions)
+
+    def _first_removal(self, position: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
+        found = self._refine_any(remainders, MAX_REMAINDERS, self._box.without(position), budget)
+        if isinstance(found, NoRefinement):
+            return FirstActions(frozenset(), complete=found is NoRefinement.INFEASIBLE)
+        return FirstActions(frozenset(self._removal_actions(position)))
 
     def _first_additions(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
         """The additions of an item of the class after which one of `remainders` is feasible.
@@ -320,7 +277,7 @@ class _BoxReachability:
             if checked == MAX_CHECKED:
                 return feasible, False
             if not feasible[index]:
-                found = self._refine_any_remainder(remainders, self._box.with_item(added.item(index)), budget)
+                found = self._refine_any(remainders, MAX_REMAINDERS, self._box.with_item(added.item(index)), budget)
                 if isinstance(found, NoRefinement):
                     complete = complete and found is NoRefinement.INFEASIBLE
                     continue
@@ -339,8 +296,8 @@ class _BoxReachability:
 
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
         """The region (left, top, right, bottom); items outside it do not affect the edit."""
-        width, height = self._scatter.cell
-        x, y = edit.column * width - self._index * BOX_PITCH, edit.row * height
+        width, height = self.editor.scatter.cell
+        x, y = edit.column * width - self.editor.index * BOX_PITCH, edit.row * height
         if isinstance(edit, AddItem):
             side = SIZE_PIXELS[edit.size]
             return x - CLEARANCE, y - CLEARANCE, x + width + side + CLEARANCE, y + height + side + CLEARANCE

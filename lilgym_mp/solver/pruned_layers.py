@@ -1,4 +1,4 @@
-"""Breadth-first layers of Scatter boxes with heuristic duplicate detection.
+"""Edits of Scatter boxes, and heuristic signatures for breadth-first layers of them.
 
 For relational programs, and for goals whose abstraction has no refinement. Boxes with equal heuristic signatures, i.e.
 with items alike in class and in the classes of related items, are treated as duplicates, and only the first is kept.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 from lilgym_mp.scene import Box, Item
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
@@ -13,6 +15,7 @@ from lilgym_mp.solver.layered_search import Budget
 MAX_TRIES = 2_000  # edits tried per refinement
 
 Refinement = tuple[BoxEdit, ...]
+Found = TypeVar("Found")
 
 
 class NoRefinement(Enum):
@@ -40,7 +43,7 @@ def refine(
     `reverse`: whether to try cells in reverse order.
     """
     try:
-        found = next(iter(_Refiner(path, box, editor, abstraction, budget, reverse=reverse)), None)
+        found = next(_Refiner(path, box, editor, abstraction, budget, -1 if reverse else 1).refinements(), None)
     except _TriesExhaustedError:
         return NoRefinement.UNDECIDED
     if found is not None:
@@ -48,40 +51,41 @@ def refine(
     return NoRefinement.INFEASIBLE if len(path) == 1 and editor.is_exhaustive else NoRefinement.UNDECIDED
 
 
+def first_found(results: Iterable[Found | NoRefinement], *, complete: bool = True) -> Found | NoRefinement:
+    """The first result that is not a failure; else INFEASIBLE if `complete` and all are infeasible, or UNDECIDED."""
+    failure = NoRefinement.INFEASIBLE if complete else NoRefinement.UNDECIDED
+    for result in results:
+        if not isinstance(result, NoRefinement):
+            return result
+        failure = failure if result is NoRefinement.INFEASIBLE else result
+    return failure
+
+
+@dataclass
 class _Refiner:
     """Depth-first search for refinements."""
 
-    def __init__(
-        self,
-        path: tuple[AbstractEdit, ...],
-        box: Box,
-        editor: BoxEditor,
-        abstraction: Abstraction,
-        budget: Budget,
-        *,
-        reverse: bool,
-    ) -> None:
-        self._path = path
-        self._box = box
-        self._editor = editor
-        self._abstraction = abstraction
-        self._budget = budget
-        self._step = -1 if reverse else 1
-        self._tries_left = MAX_TRIES
+    path: tuple[AbstractEdit, ...]
+    box: Box
+    editor: BoxEditor
+    abstraction: Abstraction
+    budget: Budget
+    step: int  # through the cells
+    tries_left: int = MAX_TRIES
 
-    def __iter__(self) -> Iterator[Refinement]:
+    def refinements(self) -> Iterator[Refinement]:
         for path in self._orders():
-            yield from self._refinements(self._box, path)
+            yield from self._refinements(self.box, path)
 
     def _orders(self) -> Iterator[tuple[AbstractEdit, ...]]:
         """Orders of the edits to try. If any order will do: removals first, to make space, then additions by rising
         or falling number of canonical items in their class, as a proxy for how many placements they have."""
-        if self._abstraction.order_matters or len(self._path) < 2:
-            yield self._path
+        if self.abstraction.order_matters or len(self.path) < 2:
+            yield self.path
             return
-        counts = self._abstraction.classes.canonical_counts
-        removals = tuple(edit for edit in self._path if not edit.adds)
-        additions = sorted((edit for edit in self._path if edit.adds), key=lambda edit: counts[edit.item_class])
+        counts = self.abstraction.classes.canonical_counts
+        removals = tuple(edit for edit in self.path if not edit.adds)
+        additions = sorted((edit for edit in self.path if edit.adds), key=lambda edit: counts[edit.item_class])
         yield (*removals, *additions)
         if len({edit.item_class for edit in additions}) > 1:
             yield (*removals, *reversed(additions))
@@ -98,15 +102,15 @@ class _Refiner:
     def _removals(self, box: Box, edit: AbstractEdit) -> Iterator[EditedBox]:
         for position in self._removable(box, edit):
             self._spend()
-            edited = self._editor.removed(box, position)
+            edited = self.editor.removed(box, position)
             if edited is not None:
                 yield edited
 
     def _removable(self, box: Box, edit: AbstractEdit) -> list[int]:
         """The positions of items whose removal leads to the same abstract box as the edit."""
-        item_classes = [self._abstraction.classes.of(item) for item in box.items]
+        item_classes = [self.abstraction.classes.of(item) for item in box.items]
         candidates = [position for position, item_class in enumerate(item_classes) if item_class == edit.item_class]
-        if not self._abstraction.order_matters:
+        if not self.abstraction.order_matters:
             return candidates
         assert edit.position is not None
         after = _without(item_classes, edit.position)
@@ -114,9 +118,9 @@ class _Refiner:
 
     def _additions(self, box: Box, item_class: int) -> Iterator[EditedBox]:
         """Additions of an item of that class, first those that would have it at their cell's corner."""
-        classes = self._abstraction.classes
+        classes = self.abstraction.classes
         later: list[tuple[ItemType, int, int]] = []
-        corners = self._editor.corners(box)[:: self._step]
+        corners = self.editor.corners(box)[:: self.step]
         for item_type in classes.item_types[item_class]:
             for x, y in corners:
                 if classes.by_item_type is not None or classes.of(Item(x, y, *item_type)) == item_class:
@@ -128,15 +132,15 @@ class _Refiner:
 
     def _addition(self, box: Box, item_type: ItemType, x: int, y: int, item_class: int) -> Iterator[EditedBox]:
         self._spend()
-        edited = self._editor.added(box, item_type, x, y)
-        if edited is not None and self._abstraction.classes.of(edited.box.items[-1]) == item_class:
+        edited = self.editor.added(box, item_type, x, y)
+        if edited is not None and self.abstraction.classes.of(edited.box.items[-1]) == item_class:
             yield edited
 
     def _spend(self) -> None:
-        if self._tries_left <= 0:
+        if self.tries_left <= 0:
             raise _TriesExhaustedError
-        self._tries_left -= 1
-        self._budget.spend()
+        self.tries_left -= 1
+        self.budget.spend()
 
 
 def _without(item_classes: list[int], position: int) -> list[int]:

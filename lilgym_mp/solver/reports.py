@@ -46,25 +46,22 @@ def solve_tasks(
     """
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, not {jobs}")
-    solver = Solver(dynamics, budget)
+    solve = partial(_solutions, dynamics, Solver(dynamics, budget).budget)
     reports: list[TaskReport] = []
-    for report in _solve_here(tasks, solver) if jobs == 1 else _solve_in_processes(tasks, solver, jobs):
-        reports.append(report)
-        on_report(report)
+    for task, found in zip(tasks, map_chunks(solve, tasks, jobs, 1 if jobs == 1 else CHUNK_SIZE), strict=True):
+        reports.append(TaskReport(task, *found))
+        on_report(reports[-1])
     return reports
 
 
-def _solve_here(tasks: Sequence[Task], solver: Solver) -> Iterator[TaskReport]:
+def _solutions(dynamics: Dynamics, budget: int, tasks: Sequence[Task]) -> list[tuple[Solution, float]]:
+    """Solutions and seconds; without the tasks, which the parent process has."""
+    solver = Solver(dynamics, budget)
+    found: list[tuple[Solution, float]] = []
     for task in tasks:
         begin = perf_counter()
-        solution = solver.solve(task)
-        yield TaskReport(task, solution, perf_counter() - begin)
-
-
-def _solve_in_processes(tasks: Sequence[Task], solver: Solver, jobs: int) -> Iterator[TaskReport]:
-    solve = partial(_solutions, solver.dynamics, solver.budget)
-    for task, (solution, seconds) in zip(tasks, map_chunks(solve, tasks, jobs, CHUNK_SIZE), strict=True):
-        yield TaskReport(task, solution, seconds)
+        found.append((solver.solve(task), perf_counter() - begin))
+    return found
 
 
 def map_chunks(
@@ -91,11 +88,6 @@ def map_chunks(
 def _ignore_interrupts() -> None:
     """Leaves Ctrl-C to the parent process."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _solutions(dynamics: Dynamics, budget: int, tasks: Sequence[Task]) -> list[tuple[Solution, float]]:
-    """Solutions and seconds; without the tasks, which the parent process has."""
-    return [(report.solution, report.seconds) for report in _solve_here(tasks, Solver(dynamics, budget))]
 
 
 class Summary(NamedTuple):
@@ -140,36 +132,24 @@ def summarise(reports: Sequence[TaskReport]) -> Summary:
     )
 
 
-COLUMNS = (
-    "tasks",
-    "solved",
-    "proven shortest",
-    "unsolvable",
-    "not found",
-    "mean steps",
-    "most",
-    "median ms",
-    "mean ms",
-)
-
-
 def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
     """A header, and a row for each named summary."""
-    rows: list[tuple[str, ...]] = [("", *COLUMNS)]
-    for name, summary in summaries.items():
-        cells = (
-            f"{summary.tasks:,}",
-            f"{summary.solved:,} ({100 * summary.solved_share:.2f} %)",
-            f"{summary.proven_optimal:,}",
-            f"{summary.unsolvable:,}",
-            f"{summary.not_found:,}",
-            f"{summary.mean_steps:.2f}",
-            str(summary.most_steps),
-            f"{1000 * summary.median_seconds:.2f}",
-            f"{1000 * summary.mean_seconds:.2f}",
-        )
-        rows.append((name, *cells))
-    return rows
+    tables = [
+        {
+            "": name,
+            "tasks": f"{summary.tasks:,}",
+            "solved": f"{summary.solved:,} ({100 * summary.solved_share:.2f} %)",
+            "proven shortest": f"{summary.proven_optimal:,}",
+            "unsolvable": f"{summary.unsolvable:,}",
+            "not found": f"{summary.not_found:,}",
+            "mean steps": f"{summary.mean_steps:.2f}",
+            "most": str(summary.most_steps),
+            "median ms": f"{1000 * summary.median_seconds:.2f}",
+            "mean ms": f"{1000 * summary.mean_seconds:.2f}",
+        }
+        for name, summary in summaries.items()
+    ]
+    return [tuple(tables[0]), *(tuple(cells.values()) for cells in tables)]
 
 
 def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Hashable, Iterator, Sequence
 from functools import lru_cache
-from typing import NamedTuple
-
-import numpy as np
 
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.appearances import Scatter
@@ -17,13 +14,13 @@ from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, ItemClasses
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.edit_tables import addition_actions, addition_table, frame_x_of, removal_actions, removal_table
+from lilgym_mp.solver.edit_tables import addition_actions, addition_table, frame_x_of, removal_actions
 from lilgym_mp.solver.first_actions import ScatterReachability
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
-from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
+from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
 from lilgym_mp.solver.program_features import merged_features, program_features
 from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
-from lilgym_mp.solver.refinement import NoRefinement, Refinement, refine
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
 ABSTRACTION_CACHE_SIZE = 256  # tuples of programs
@@ -79,7 +76,7 @@ class ScatterSearch:
         space = class_space(programs)
         # The cached reachable classes refer to the layers of one abstraction, which must outlive its own cache.
         abstraction: Abstraction = space.retained.setdefault("abstraction", abstraction_of(programs))
-        return ScatterReachability(self._scatter, self._placement, self._editors, scene, abstraction, space)
+        return ScatterReachability(self._editors, scene, abstraction, space)
 
     def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
         for edit in edits:
@@ -147,12 +144,9 @@ class ScatterSearch:
             item = table.item(addition)
             groups.setdefault((item.x, item.y, item.footprint, classes.of(item)), []).append(addition)
         for additions in groups.values():
-            add_actions: list[int] = addition_actions(self._scatter, index, np.array(additions)).tolist()
-            yield add_actions, box.with_item(table.item(additions[0]))
-        removed = removal_table(self._scatter.cell, box.items)
+            yield addition_actions(self._scatter, index, additions), box.with_item(table.item(additions[0]))
         for position in range(len(box.items)):
-            cells = (removed == position).nonzero()[0]
-            remove_actions: list[int] = removal_actions(self._scatter, index, cells).tolist()
+            remove_actions = removal_actions(self._scatter, index, box.items, position)
             if remove_actions:
                 yield remove_actions, box.without(position)
 
@@ -202,14 +196,6 @@ class _FirstEditCheck:
         return False if search.least_edits > self._remaining else None
 
 
-class _LayerResult(NamedTuple):
-    """The result of refining the abstract goals at one distance."""
-
-    edits: list[BoxEdit] | None  # edits that reach a goal; None if none were found
-    goals: int  # number of goals examined
-    failure: NoRefinement  # if `edits` is None
-
-
 class _TaskSearch:
     """The search from one state. `least_edits` is the lower bound proven so far."""
 
@@ -242,29 +228,18 @@ class _TaskSearch:
         layers = [self._abstraction.layers(box) for box in self._boxes]
         nearest = None  # distance of the nearest abstract goal
         for edits in range(1, self._max_edits + 1):
-            result = self._refine_layer(edits, layers)
-            if result.edits is not None:
-                return result.edits
-            if result.failure is NoRefinement.INFEASIBLE and self.least_edits == edits:
+            goals = LazyList(itertools.islice(goals_at(edits, layers, self._is_goal, self._budget), MAX_GOALS))
+            found = first_found(self._refine_goal(goal, layers) for goal in goals)
+            if not isinstance(found, NoRefinement):
+                return found
+            count = len(list(goals))
+            if found is NoRefinement.INFEASIBLE and count < MAX_GOALS and self.least_edits == edits:
                 self.least_edits = edits + 1
-            if result.goals and nearest is None:
+            if count and nearest is None:
                 nearest = edits
             if nearest is not None and edits - nearest == MAX_EXTRA_EDITS:
                 break
         return None
-
-    def _refine_layer(self, edits: int, layers: Sequence[Layers[AbstractEdit]]) -> _LayerResult:
-        """Refines the abstract goals at that distance until one succeeds."""
-        count = 0
-        failure = NoRefinement.INFEASIBLE
-        goals = goals_at(edits, layers, self._is_goal, self._budget)
-        for count, goal in enumerate(itertools.islice(goals, MAX_GOALS), start=1):
-            found = self._refine_goal(goal, layers)
-            if not isinstance(found, NoRefinement):
-                return _LayerResult(found, count, NoRefinement.UNDECIDED)
-            if found is NoRefinement.UNDECIDED or count == MAX_GOALS:
-                failure = NoRefinement.UNDECIDED
-        return _LayerResult(None, count, failure)
 
     def _refine_goal(self, goal: Scene, layers: Sequence[Layers[AbstractEdit]]) -> list[BoxEdit] | NoRefinement:
         edits: list[BoxEdit] = []

@@ -89,10 +89,9 @@ class Solver:
         Faster than single calls: states are processed program by program, so that what is cached for a program is
         not evicted in between. Raises ValueError if a state has no action left.
         """
-        found: list[ActionSet | None] = [None] * len(states)
-        for index in sorted(range(len(states)), key=lambda index: states[index].task.program):
-            found[index] = self.optimal_actions(states[index])
-        return [actions for actions in found if actions is not None]
+        order = sorted(range(len(states)), key=lambda index: states[index].task.program)
+        found = {index: self.optimal_actions(states[index]) for index in order}
+        return [found[index] for index in range(len(states))]
 
     def plan_for(
         self,
