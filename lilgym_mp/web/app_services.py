@@ -7,7 +7,6 @@ from typing import Annotated
 from fastapi import Depends, Request
 
 from lilgym_mp.web.catalogue import Catalogue
-from lilgym_mp.web.corpus_statements import RecordedOutcomes
 from lilgym_mp.web.live_games import LiveGames
 from lilgym_mp.web.program_evaluator import ProgramEvaluator
 from lilgym_mp.web.run_directory import RunDirectory
@@ -25,7 +24,6 @@ class AppServices:
         self.database = database
         self.catalogue = Catalogue(options.corpus)
         self.run_directory = RunDirectory(options.runs)
-        self.recorded_outcomes = RecordedOutcomes(self.run_directory)
         self.evaluator = ProgramEvaluator(options.program_processes, options.program_seconds)
         self.trained_partners = TrainedPartners(self.run_directory)
         self.games = LiveGames()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Literal
 
-from pydantic import AfterValidator, StringConstraints
+from fastapi import Query
+from pydantic import AfterValidator, BaseModel, StringConstraints
 
+from lilgym_mp.actions import Action, AddItem
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
@@ -40,3 +42,20 @@ else:
     ShapeName = Literal[*Shape.__members__]
     SizeName = Literal[*Size.__members__]
     SplitName = Literal[*SPLITS]
+
+
+class ItemType(BaseModel):
+    """Attributes of the items whose ADDs are wanted; None: any."""
+
+    shape: ShapeName | None = None
+    colour: ColourName | None = None
+    size: SizeName | None = None
+
+    def matches(self, action: Action) -> bool:
+        """Whether the action adds an item of that type, or is no ADD of an item."""
+        return not isinstance(action, AddItem) or all(
+            wanted in (None, getattr(action, name).name) for name, wanted in self
+        )
+
+
+ItemTypeQuery = Annotated[ItemType, Query()]

@@ -18,7 +18,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.corpus import CorpusError
@@ -38,9 +37,9 @@ from lilgym_mp.envs.proposer_verifier.partners import partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.web.bodies import Body, Reward, SceneBody, scene_body
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.played_episodes import ItemTypeFilter, matches_item_type
-from lilgym_mp.web.scene_body import SceneBody, scene_body
+from lilgym_mp.web.field_types import ItemType
 
 PERSON = "person"
 PROPOSERS = ("helpful", "sneaky", "by_intent", "random")  # scripted partners for the proposer's seat
@@ -59,7 +58,7 @@ IDLE_SECONDS = 2 * 3600.0  # until an unused game is evicted
 MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
 
 
-class PastTurnBody(BaseModel):
+class PastTurnBody(Body):
     """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
 
     proposal: str | None
@@ -68,7 +67,7 @@ class PastTurnBody(BaseModel):
     verifier_message: int
 
 
-class EndBody(BaseModel):
+class EndBody(Body):
     """How a game ended, revealed to both seats: whether the statement got the target value, and what each seat knew."""
 
     reached: bool
@@ -79,7 +78,7 @@ class EndBody(BaseModel):
     views: dict[str, str]  # by role
 
 
-class SeatBody(BaseModel):
+class SeatBody(Body):
     """What the agent in this seat observes. Parts excluded from its view are null."""
 
     role: str
@@ -94,7 +93,7 @@ class SeatBody(BaseModel):
     your_turn: bool
     waiting_for_other: bool  # simultaneous moves: this seat has chosen, the other has not
     own_actions: list[str]
-    reward: float | None  # this seat's return; null until the game is over
+    reward: Reward | None  # this seat's return; null until the game is over
     grid: tuple[int, int] | None  # columns, rows; null in Tower
     scene: SceneBody | None
     statement: str | None
@@ -107,13 +106,7 @@ class SeatBody(BaseModel):
     may_stop: bool  # whether the proposer may propose STOP now
 
 
-class LegalBody(BaseModel):
-    """Names of legal actions."""
-
-    actions: list[str]
-
-
-class NewGameBody(BaseModel):
+class NewGameBody(Body):
     """Keys of the seats taken by people; null for a partner's seat. Whoever holds a key controls that seat."""
 
     proposer: str | None
@@ -308,7 +301,7 @@ def seat_body(live: LiveGame, role: Role) -> SeatBody:
         your_turn=bool(legal),
         waiting_for_other=has_chosen,
         own_actions=live.own_actions[role],
-        reward=round(live.rewards[role], 6) if live.over else None,
+        reward=live.rewards[role] if live.over else None,
         grid=appearance.grid,
         scene=scene_body(live.engine.state.mdp.scene) if "image" in observation else None,
         statement=read_text(observation["statement"]) if "statement" in observation else None,
@@ -325,11 +318,10 @@ def seat_body(live: LiveGame, role: Role) -> SeatBody:
 def _end_body(live: LiveGame) -> EndBody:
     state = live.engine.state
     task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
-    return EndBody(
+    return EndBody.of(
+        task,
         reached=value is task.target,
-        statement=task.statement,
         value=value,
-        target=task.target,
         intent=state.intent.name.lower(),
         views={role.name.lower(): live.views[role] for role in Role},
     )
@@ -354,7 +346,7 @@ def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
     )
 
 
-def legal_names(live: LiveGame, role: Role, item_type: ItemTypeFilter) -> list[str]:
+def legal_names(live: LiveGame, role: Role, item_type: ItemType) -> list[str]:
     """Names of the seat's legal actions by its action mask; of Scatter's ADDs only those of matching items."""
     if live.over or live.chosen[role] is not None:
         return []
@@ -364,7 +356,7 @@ def legal_names(live: LiveGame, role: Role, item_type: ItemTypeFilter) -> list[s
     appearance = game.config.dynamics.appearance
     messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
     actions = dict.fromkeys(appearance.decode(index // messages) for index in live.legal(role))
-    return [describe(action) for action in actions if matches_item_type(action, item_type)]
+    return [describe(action) for action in actions if item_type.matches(action)]
 
 
 def act(live: LiveGame, role: Role, name: str, own_actions: int) -> None:

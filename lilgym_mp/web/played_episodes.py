@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel
-from sqlalchemy import func, select
+from pydantic import AfterValidator
+from sqlalchemy import Select, func, select
 from sqlalchemy.orm import Session
 
-from lilgym_mp.actions import Action, ActionError, AddItem, describe, named
+from lilgym_mp.actions import Action, ActionError, describe, named
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.tracing import trace
@@ -19,12 +19,11 @@ from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.authentication import get_or_create_visitor
+from lilgym_mp.web.bodies import Body, ProgramPart, Reward, SceneBody, scene_body
 from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.scene_body import SceneBody, scene_body
+from lilgym_mp.web.field_types import ItemType
 from lilgym_mp.web.store.models import PlayedEpisode, Visitor
-
-ItemTypeFilter = tuple[str | None, str | None, str | None]  # names of shape, colour, size; None: any
 
 LEADERBOARD_SIZE = 20  # rows
 RECENT_EPISODES = 10
@@ -37,7 +36,7 @@ OUTCOME_EXPLANATIONS = {
 }
 
 
-class EpisodeBody(BaseModel):
+class EpisodeBody(Body):
     """An episode as its player sees it. The program stays hidden until the end."""
 
     id: str
@@ -50,7 +49,7 @@ class EpisodeBody(BaseModel):
     target: bool
     steps: int
     actions_left: int
-    reward: float
+    reward: Reward
     actions: list[str]
     over: bool
     outcome: str | None
@@ -59,16 +58,7 @@ class EpisodeBody(BaseModel):
     scene: SceneBody
 
 
-class ProgramPart(BaseModel):
-    """A subexpression of the program, its value, and the items (box, index) in that value."""
-
-    depth: int
-    source: str
-    value: str
-    items: list[tuple[int, int]]
-
-
-class ExplanationBody(BaseModel):
+class ExplanationBody(Body):
     """Why an episode ended, and the program traced on the last scene."""
 
     rule: str
@@ -79,14 +69,14 @@ class ExplanationBody(BaseModel):
     parts: list[ProgramPart]
 
 
-class SolutionStep(BaseModel):
+class SolutionStep(Body):
     """An action of the expert and the resulting scene."""
 
     action: str
     scene: SceneBody
 
 
-class SolutionBody(BaseModel):
+class SolutionBody(Body):
     """The expert's solution from the start scene."""
 
     found: bool
@@ -208,41 +198,25 @@ def act(loaded: LoadedEpisode, name: str, steps: int) -> LoadedEpisode:
 
 def episode_body(loaded: LoadedEpisode) -> EpisodeBody:
     row, appearance = loaded.row, loaded.dynamics.appearance
-    return EpisodeBody(
-        id=row.id,
-        configuration=row.configuration,
-        split=row.split,
-        rules=row.rules,
-        strict=row.strict,
-        task_id=row.task_id,
+    return EpisodeBody.of(
+        row,
         statement=loaded.task.statement,
         target=loaded.task.target,
         steps=loaded.state.steps,
         actions_left=loaded.dynamics.horizon - loaded.state.steps,
-        reward=round(row.reward, 6),
         actions=[describe(appearance.decode(index)) for index in row.actions],
         over=loaded.over,
-        outcome=row.outcome,
-        shown_solution=row.shown_solution,
         grid=appearance.grid,
         scene=scene_body(loaded.state.scene),
     )
 
 
-def legal_actions(loaded: LoadedEpisode, item_type: ItemTypeFilter) -> list[str]:
+def legal_actions(loaded: LoadedEpisode, item_type: ItemType) -> list[str]:
     """Names of the legal actions; of Scatter's ADDs only those of matching items."""
     appearance = loaded.dynamics.appearance
     mask = loaded.dynamics.legal_mask(loaded.state)
     actions = map(appearance.decode, np.flatnonzero(mask).tolist())
-    return [describe(action) for action in actions if matches_item_type(action, item_type)]
-
-
-def matches_item_type(action: Action, item_type: ItemTypeFilter) -> bool:
-    """Whether the action adds an item of that type, or is no ADD of an item."""
-    if not isinstance(action, AddItem):
-        return True
-    names = (action.shape.name, action.colour.name, action.size.name)
-    return all(wanted is None or wanted == name for wanted, name in zip(item_type, names, strict=True))
+    return [describe(action) for action in actions if item_type.matches(action)]
 
 
 def explanation(loaded: LoadedEpisode) -> ExplanationBody:
@@ -250,13 +224,12 @@ def explanation(loaded: LoadedEpisode) -> ExplanationBody:
     if loaded.row.outcome is None or loaded.last is None:
         raise http_error(409, "the episode is not over yet")
     task, scene = loaded.task, loaded.state.scene
-    return ExplanationBody(
+    return ExplanationBody.of(
+        task,
         rule=OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
         invalid_reason=None if loaded.last.invalid is None else str(loaded.last.invalid).replace("_", " "),
-        program=task.program,
         truth=task.truth(scene),
-        target=task.target,
-        parts=[ProgramPart(**part._asdict()) for part in trace(task.program, scene)],
+        parts=trace(task.program, scene),
     )
 
 
@@ -279,14 +252,16 @@ def solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
     )
 
 
-class ConfigurationProgress(BaseModel):
+class Results(Body):
+    """A player's results in one configuration."""
+
     configuration: str
     episodes: int
     successes: int
-    mean_reward: float
+    mean_reward: Annotated[float, AfterValidator(lambda mean: round(mean, 3))]
 
 
-class EpisodeSummary(BaseModel):
+class EpisodeSummary(Body):
     """An entry of the list of recent episodes."""
 
     id: str
@@ -294,41 +269,43 @@ class EpisodeSummary(BaseModel):
     split: str
     task_id: str
     outcome: str | None
-    reward: float
+    reward: Reward
     steps: int
 
 
-class ProgressBody(BaseModel):
+class ProgressBody(Body):
     """This visitor's results. Episodes whose solution was shown before the end are not counted."""
 
     nickname: str | None
-    configurations: list[ConfigurationProgress]
+    configurations: list[Results]
     recent: list[EpisodeSummary]
 
 
-class LeaderboardRow(BaseModel):
-    """A player's results in one configuration."""
-
+class LeaderboardRow(Results):
     player: str
-    configuration: str
-    episodes: int
-    successes: int
-    mean_reward: float
     you: bool
 
 
 _IS_COUNTED = (PlayedEpisode.outcome.is_not(None), PlayedEpisode.shown_solution.is_(False))
-_SUCCESS_COUNT = func.count().filter(PlayedEpisode.outcome == str(Outcome.SUCCESS))
-_SOLVED_TASK_COUNT = func.count(func.distinct(PlayedEpisode.task_id)).filter(
-    PlayedEpisode.outcome == str(Outcome.SUCCESS)
-)
+_IS_SUCCESS = PlayedEpisode.outcome == str(Outcome.SUCCESS)
+_SOLVED_TASK_COUNT = func.count(func.distinct(PlayedEpisode.task_id)).filter(_IS_SUCCESS)
+
+
+def _results(successes: Any) -> Select[str, int, Any, Any]:
+    """Episodes that count, as the columns of `Results`."""
+    return select(
+        PlayedEpisode.configuration,
+        func.count().label("episodes"),
+        successes.label("successes"),
+        func.avg(PlayedEpisode.reward).label("mean_reward"),
+    ).where(*_IS_COUNTED)
 
 
 def progress(session: Session, visitor_id: str) -> ProgressBody:
     """A visitor's results by configuration, and the most recent episodes."""
-    counts = session.execute(
-        select(PlayedEpisode.configuration, func.count(), _SUCCESS_COUNT, func.avg(PlayedEpisode.reward))
-        .where(PlayedEpisode.visitor_id == visitor_id, *_IS_COUNTED)
+    results = session.execute(
+        _results(func.count().filter(_IS_SUCCESS))
+        .where(PlayedEpisode.visitor_id == visitor_id)
         .group_by(PlayedEpisode.configuration)
         .order_by(PlayedEpisode.configuration)
     )
@@ -341,47 +318,20 @@ def progress(session: Session, visitor_id: str) -> ProgressBody:
     visitor = session.get(Visitor, visitor_id)
     return ProgressBody(
         nickname=visitor.nickname if visitor else None,
-        configurations=[
-            ConfigurationProgress(
-                configuration=name, episodes=episodes, successes=successes, mean_reward=round(float(mean), 3)
-            )
-            for name, episodes, successes, mean in counts
-        ],
-        recent=[
-            EpisodeSummary(
-                id=episode.id,
-                configuration=episode.configuration,
-                split=episode.split,
-                task_id=episode.task_id,
-                outcome=episode.outcome,
-                reward=round(episode.reward, 6),
-                steps=len(episode.actions),
-            )
-            for episode in recent
-        ],
+        configurations=[Results.of(row) for row in results],
+        recent=[EpisodeSummary.of(episode, steps=len(episode.actions)) for episode in recent],
     )
 
 
 def leaderboard(session: Session, visitor_id: str) -> list[LeaderboardRow]:
     """Players and configurations by number of distinct tasks solved, then by mean reward; marks the visitor's rows."""
-    mean = func.avg(PlayedEpisode.reward)
     rows = session.execute(
-        select(Visitor.id, Visitor.nickname, PlayedEpisode.configuration, func.count(), _SOLVED_TASK_COUNT, mean)
+        _results(_SOLVED_TASK_COUNT)
+        .add_columns(Visitor.id, Visitor.nickname)
         .join(Visitor, Visitor.id == PlayedEpisode.visitor_id)
-        .where(*_IS_COUNTED)
         .group_by(Visitor.id, Visitor.nickname, PlayedEpisode.configuration)
         .having(_SOLVED_TASK_COUNT > 0)
-        .order_by(_SOLVED_TASK_COUNT.desc(), mean.desc())
+        .order_by(_SOLVED_TASK_COUNT.desc(), func.avg(PlayedEpisode.reward).desc())
         .limit(LEADERBOARD_SIZE)
     )
-    return [
-        LeaderboardRow(
-            player=nickname or "anonymous",
-            configuration=configuration,
-            episodes=episodes,
-            successes=successes,
-            mean_reward=round(float(reward), 3),
-            you=player_id == visitor_id,
-        )
-        for player_id, nickname, configuration, episodes, successes, reward in rows
-    ]
+    return [LeaderboardRow.of(row, player=row.nickname or "anonymous", you=row.id == visitor_id) for row in rows]

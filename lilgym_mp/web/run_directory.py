@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -26,27 +25,21 @@ class UnreadableRecording(ValueError):
     """A recording that is damaged or too large; the message contains its listed name, not its path."""
 
 
+class FoundFile(NamedTuple):
+    """A recording, or the agent of a run."""
+
+    id: str  # hash of its path relative to the directory
+    name: str  # of a recording, that path without the suffix; of an agent, the path of its run
+    path: Path
+    stamp: tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
+
+
 class RecordingFile(NamedTuple):
     """A file of recorded episodes; `fault` says why its header cannot be read."""
 
-    id: str
-    name: str  # path relative to the directory, without the suffix
+    file: FoundFile
     header: Header | None
     fault: str | None
-
-
-class AgentRun(NamedTuple):
-    """A training run with a saved agent."""
-
-    id: str
-    name: str
-
-
-@dataclass(frozen=True)
-class _FoundFile:
-    path: Path
-    name: str
-    stamp: tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
 
 
 class RunDirectory:
@@ -57,34 +50,29 @@ class RunDirectory:
 
     def recordings(self) -> list[RecordingFile]:
         """Every recording, sorted by name; damaged ones are included with their fault."""
-        return [_described(key, file) for key, file in self._find(SUFFIX).items()]
+        return [_described(file) for file in self._find(SUFFIX).values()]
 
-    def agent_directories(self) -> dict[str, Path]:
-        """The directory of each run with an agent, by id."""
-        return {key: file.path.parent for key, file in self._find(AGENT_FILE).items()}
-
-    def agent_runs(self) -> list[AgentRun]:
-        return [AgentRun(key, file.name) for key, file in self._find(AGENT_FILE).items()]
+    def agents(self) -> dict[str, FoundFile]:
+        """The agent of each run that has one, by id."""
+        return self._find(AGENT_FILE)
 
     def read(self, recording_id: str) -> Recording | None:
         """The recording with that id, or None. Raises UnreadableRecording."""
         file = self._find(SUFFIX).get(recording_id)
-        return None if file is None else _read(file)
+        return None if file is None else read_recording(file)
 
-    def _find(self, suffix: str) -> dict[str, _FoundFile]:
-        """Files by id, a hash of the relative path."""
-        if self.directory is None:
-            return {}
-        found: dict[str, _FoundFile] = {}
-        for path in _files(self.directory, suffix):
+    def _find(self, suffix: str) -> dict[str, FoundFile]:
+        """Files by id."""
+        found: dict[str, FoundFile] = {}
+        for path in _files(self.directory, suffix) if self.directory is not None else ():
             try:
                 status = path.stat()
             except OSError:
                 continue  # removed since it was listed
-            relative = path.relative_to(self.directory)
+            relative = path.relative_to(str(self.directory))
             name = str(relative.parent) if suffix == AGENT_FILE else str(relative).removesuffix(suffix)
             key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
-            found[key] = _FoundFile(path, name, (status.st_mtime_ns, status.st_size))
+            found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))
         return found
 
 
@@ -104,17 +92,17 @@ def _files(directory: Path, suffix: str) -> Iterator[Path]:
 
 
 @lru_cache(maxsize=MAX_FILES)
-def _described(key: str, file: _FoundFile) -> RecordingFile:
+def _described(file: FoundFile) -> RecordingFile:
     try:
         header = read_header(file.path)
     except EpisodesError as error:
-        return RecordingFile(key, file.name, None, _without_path(error, file))
-    fault = None if header else "its first line is not the header of a recording"
-    return RecordingFile(key, file.name, header, fault)
+        return RecordingFile(file, None, _without_path(error, file))
+    return RecordingFile(file, header, None if header else "its first line is not the header of a recording")
 
 
 @lru_cache(maxsize=RECORDING_CACHE_SIZE)
-def _read(file: _FoundFile) -> Recording:
+def read_recording(file: FoundFile) -> Recording:
+    """Raises UnreadableRecording."""
     if file.stamp[1] > MAX_BYTES:
         raise UnreadableRecording(f"{file.name} is larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file")
     try:
@@ -123,5 +111,5 @@ def _read(file: _FoundFile) -> Recording:
         raise UnreadableRecording(_without_path(fault, file)) from None
 
 
-def _without_path(fault: EpisodesError, file: _FoundFile) -> str:
+def _without_path(fault: EpisodesError, file: FoundFile) -> str:
     return str(fault).replace(str(file.path), file.name)

@@ -10,6 +10,7 @@ from fastapi.responses import HTMLResponse
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
 from lilgym_mp import __version__
+from lilgym_mp.scene import Colour, Shape, Size
 
 
 class NavigationEntry(NamedTuple):
@@ -31,28 +32,23 @@ NAVIGATION = [
 
 @cache
 def _environment() -> Environment:
-    return Environment(
-        loader=PackageLoader("lilgym_mp.web", "pages"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+    loader = PackageLoader("lilgym_mp.web", "pages")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
+    members = {"shapes": Shape, "colours": Colour, "item_sizes": Size}
+    environment.globals |= {name: list(enum.__members__) for name, enum in members.items()}
+    environment.globals |= {"navigation": NAVIGATION, "version": __version__}
+    return environment
 
 
 def render_page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
     """Renders a template with the values and the common context: path, navigation, CSRF token, person, version."""
     caller = request.scope.get("caller")
-    text = (
-        _environment()
-        .get_template(template)
-        .render(
-            navigation=NAVIGATION,
-            path=request.url.path,
-            csrf_token=caller.csrf_token if caller else "",
-            person=caller.person if caller else None,
-            version=__version__,
-            **values,
-        )
-    )
+    common = {
+        "path": request.url.path,
+        "csrf_token": caller.csrf_token if caller else "",
+        "person": caller.person if caller else None,
+    }
+    text = _environment().get_template(template).render(**common, **values)
     return HTMLResponse(text, status_code, headers={"Cache-Control": "no-store"})

@@ -31,7 +31,7 @@ class TrainedPartners:
         if find_spec("torch") is None:
             return {}
         shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
-        return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._run_directory.agent_runs()}
+        return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._run_directory.agents().values()}
 
     def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
         """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
@@ -57,4 +57,4 @@ class TrainedPartners:
 
         if name.startswith(SHIPPED_PREFIX):
             return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
-        return open_agent(self._run_directory.agent_directories()[name.removeprefix(RUN_PREFIX)], "cpu")
+        return open_agent(self._run_directory.agents()[name.removeprefix(RUN_PREFIX)].path.parent, "cpu")

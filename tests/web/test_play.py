@@ -12,7 +12,7 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.solver import Solver
-from lilgym_mp.web.scene_images import png
+from lilgym_mp.web.bodies import png
 from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"

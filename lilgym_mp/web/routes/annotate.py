@@ -1,57 +1,70 @@
-"""/annotate: write programs for statements; the organisers' page manages the annotation."""
+"""/annotate: write programs for statements, run them on the shown scene, submit them to be checked; the tutorial."""
 
 from __future__ import annotations
 
-from functools import partial
-from typing import Annotated, Literal, get_args
+from collections.abc import Sequence
+from datetime import datetime
+from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import AfterValidator, BaseModel, Field, StringConstraints
-from sqlalchemy import select
+from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from lilgym_mp.corpus import CorpusError
 from lilgym_mp.programs.syntax import MAX_LENGTH
 from lilgym_mp.scene import Scene
-from lilgym_mp.web import annotation, annotation_admin, language, statement_import, tutorial
-from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.authentication import (
-    ANNOTATOR,
-    CurrentCaller,
-    CurrentOrganiser,
-    CurrentPerson,
-    add_person,
-    find_other_person,
-    issue_token,
-)
+from lilgym_mp.web import language
+from lilgym_mp.web.app_services import AppServices, Services
+from lilgym_mp.web.authentication import CurrentCaller, CurrentPerson
+from lilgym_mp.web.bodies import Body, ProgramPart, SceneBody, scene_body
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import RandomId, ShortText, SplitName, storable
-from lilgym_mp.web.scene_body import SceneBody, scene_body
-from lilgym_mp.web.store.models import Submission, TutorialAnswer
+from lilgym_mp.web.field_types import RandomId, ShortText, storable
+from lilgym_mp.web.program_evaluator import (
+    MAX_REQUESTS,
+    EvaluatorBusy,
+    ProgramEvaluation,
+    ProgramEvaluationError,
+    QuotaExceeded,
+)
+from lilgym_mp.web.store.models import (
+    Assignment,
+    Batch,
+    Person,
+    Review,
+    Statement,
+    StatementScene,
+    Submission,
+    TutorialAnswer,
+    now,
+)
 from lilgym_mp.web.templating import render_page
+from lilgym_mp.web.tutorial import TASKS, TASKS_BY_NAME, TutorialTask
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
+STATE_OPEN, STATE_DONE, STATE_SKIPPED = "open", "done", "skipped"
+ACCEPTED, FAILED, SKIPPED = "accepted", "failed", "skipped"
+VERDICT_MESSAGES = {
+    ACCEPTED: "Accepted: your program agrees with every scene of the statement.",
+    FAILED: "Your program agrees with the shown scene but not with a hidden one. It was saved; reread the statement.",
+    SKIPPED: "Skipped. The statement may be assigned to somebody else.",
+}
 MAX_ROW_ID = 2**31 - 1
-IMPORT_BATCH = 200  # statements stored at once; other writes take their turn in between
 RowId = Annotated[int, Path(ge=1, le=MAX_ROW_ID)]
 ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
-DisplayName = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80, pattern=r"^[\w .,()-]+$")
-]
 SkipReason = Literal["ambiguous", "cannot be expressed", "wrong label", "not English", "too hard", "other"]
+LabelledScenes = Sequence[tuple[Scene, bool]]
 
 
 class ProgramBody(BaseModel):
     program: ProgramText
 
 
-class DraftBody(BaseModel):
+class DraftBody(ProgramBody):
     """The editor's text, and the draft version it is based on."""
 
-    program: ProgramText
     version: int = Field(ge=0, le=MAX_ROW_ID)
 
 
@@ -59,74 +72,83 @@ class SavedDraft(BaseModel):
     version: int
 
 
-class NewSubmission(BaseModel):
+class _NewSubmission(BaseModel):
+    key: RandomId
+    comment: ShortText = ""
+    question: ShortText = ""
+
+
+class NewSubmission(_NewSubmission, ProgramBody):
     """A program; `key` is an idempotency key chosen by the client, so that a retry is stored once."""
 
-    key: RandomId
-    program: ProgramText
     confidence: int | None = Field(None, ge=1, le=5)
-    comment: ShortText = ""
-    question: ShortText = ""
 
 
-class NewSkip(BaseModel):
-    key: RandomId
+class NewSkip(_NewSubmission):
     reason: SkipReason
-    comment: ShortText = ""
-    question: ShortText = ""
 
 
-RoleName = Literal["annotator", "organiser"]
+class AssignmentSummary(Body):
+    """An entry of the annotator's assignment list."""
 
-
-class NewPerson(BaseModel):
-    name: DisplayName
-    role: RoleName = ANNOTATOR
-
-
-class RoleBody(BaseModel):
-    role: RoleName
-
-
-class TokenBody(BaseModel):
-    """A person's login path, returned only once."""
-
-    name: str
-    path: str
-
-
-class NewBatch(BaseModel):
-    name: DisplayName
-    people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
-    statements: int = Field(20, ge=1, le=100_000)
-    annotators_each: int = Field(1, ge=1, le=100)
-
-
-class NewRedistribution(BaseModel):
-    name: DisplayName
-    people: list[Annotated[int, Field(ge=1, le=MAX_ROW_ID)]] = Field(max_length=1_000)
-
-
-class CreatedBatch(BaseModel):
     id: int
-    assignments: int
+    batch: str
+    statement: str
+    state: str
 
 
-class NewReview(BaseModel):
-    verdict: Literal["kept", "disputed", "rejected"]
-    note: ShortText = ""
+class ReviewedSubmission(Body):
+    """A submission with its latest review."""
+
+    id: int
+    verdict: str
+    program: str
+    confidence: int | None
+    reason: str
+    comment: str
+    question: str
+    created: datetime
+    review: str | None
+    note: str
 
 
-class ImportBody(BaseModel):
-    """Result of an import: number of valid statements, of new ones, and of errors, with the first errors."""
+class SubmissionBody(ReviewedSubmission):
+    """A submission as its author sees it."""
 
-    read: int
-    added: int
-    faults: int
-    first_faults: list[str]
+    assignment: int
+    statement: str
 
 
-class TutorialTaskBody(BaseModel):
+class AssignmentBody(AssignmentSummary):
+    """An assignment as the annotator sees it: of the hidden scenes, only their number."""
+
+    label: bool
+    scene: SceneBody
+    hidden_scenes: int
+    draft: str
+    draft_version: int
+    submissions: list[SubmissionBody]
+
+
+class RunBody(Body):
+    """A program's truth value on the shown scene; null if evaluation failed, with the error in `fault`."""
+
+    truth: bool | None
+    label: bool
+    agrees: bool
+    fault: str | None
+    parts: list[ProgramPart]
+
+
+class VerdictBody(Body):
+    """The verdict on a submission: accepted, failed on some hidden scene, or skipped."""
+
+    id: int
+    verdict: str
+    message: str
+
+
+class TutorialTaskBody(Body):
     name: str
     title: str
     statement: str
@@ -155,15 +177,10 @@ def tutorial_page(request: Request, person: CurrentPerson) -> Response:
     return render_page(request, "annotate_tutorial.html")
 
 
-@router.get("/annotate/organise", include_in_schema=False)
-def organise_page(request: Request, person: CurrentOrganiser) -> Response:
-    return render_page(request, "organise.html")
-
-
 @router.get("/annotate/{assignment_id}", include_in_schema=False)
 def work_page(request: Request, person: CurrentPerson, services: Services, assignment_id: RowId) -> Response:
     with services.database.read_session() as session:
-        annotation.find_assignment(session, person, assignment_id)
+        find_assignment(session, person, assignment_id)
     reasons = get_args(SkipReason)
     return render_page(request, "annotate_work.html", assignment_id=assignment_id, reasons=reasons)
 
@@ -187,88 +204,104 @@ def check(text: ProgramBody) -> language.CheckBody:
 
 
 @api.get("/assignments")
-def assignments(services: Services, person: CurrentPerson) -> list[annotation.AssignmentSummary]:
+def assignments(services: Services, person: CurrentPerson) -> list[AssignmentSummary]:
+    columns = Assignment.id, Batch.name.label("batch"), Statement.text.label("statement"), Assignment.state
+    query = (
+        select(*columns)
+        .join(Batch, Batch.id == Assignment.batch_id)
+        .join(Statement, Statement.id == Assignment.statement_id)
+        .where(Assignment.person_id == person.id)
+        .order_by(Assignment.id)
+    )
     with services.database.read_session() as session:
-        return annotation.list_assignments(session, person)
+        return [AssignmentSummary.of(row) for row in session.execute(query)]
 
 
 @api.get("/assignments/{assignment_id}")
-async def assignment(services: Services, person: CurrentPerson, assignment_id: RowId) -> annotation.AssignmentBody:
+async def assignment(services: Services, person: CurrentPerson, assignment_id: RowId) -> AssignmentBody:
     """The statement, its shown scene and label, and the draft program."""
 
-    def read() -> tuple[annotation.AssignmentBody, bool]:
+    def read() -> tuple[AssignmentBody, bool]:
         with services.database.read_session() as session:
-            found = annotation.find_assignment(session, person, assignment_id)
-            return annotation.assignment_body(session, person, found), found.assignment.opened is None
+            found = find_assignment(session, person, assignment_id)
+            submissions = submission_history(session, person, assignment_id)
+        scene, label = found.shown
+        body = AssignmentBody.of(
+            found.assignment,
+            batch=found.batch,
+            statement=found.statement,
+            label=label,
+            scene=scene_body(scene),
+            hidden_scenes=len(found.scenes) - 1,
+            submissions=submissions,
+        )
+        return body, found.assignment.opened is None
 
     body, is_new = await run_sync(read)
     if is_new:
-        await services.database.write(lambda session: annotation.record_first_opening(session, assignment_id))
+        never_opened = Assignment.id == assignment_id, Assignment.opened.is_(None)
+        await services.database.write(
+            lambda session: session.execute(update(Assignment).where(*never_opened).values(opened=now()))
+        )
     return body
 
 
 @api.put("/assignments/{assignment_id}/draft")
 async def draft(services: Services, person: CurrentPerson, assignment_id: RowId, written: DraftBody) -> SavedDraft:
     """Saves the editor's text."""
-    version = await services.database.write(
-        lambda session: annotation.save_draft(session, person, assignment_id, written.program, written.version),
-    )
-    return SavedDraft(version=version)
+
+    def save(session: Session) -> int:
+        assignment = lock_assignment(session, person, assignment_id)
+        if assignment.draft != written.program:
+            if assignment.draft_version != written.version:
+                raise http_error(
+                    409, "the program was changed in another tab or window; reload to see it, your text stays here"
+                )
+            assignment.draft = written.program
+            assignment.draft_version += 1
+        return assignment.draft_version
+
+    return SavedDraft(version=await services.database.write(save))
 
 
 @api.post("/assignments/{assignment_id}/run")
-async def run(
-    services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody
-) -> annotation.RunBody:
+async def run(services: Services, person: CurrentPerson, assignment_id: RowId, written: ProgramBody) -> RunBody:
     """Runs a program on the shown scene."""
 
     def read() -> tuple[Scene, bool]:
         with services.database.read_session() as session:
-            shown = annotation.find_assignment(session, person, assignment_id).shown
-        return Scene.from_json(shown.scene), shown.label
+            return find_assignment(session, person, assignment_id).shown
 
-    scene, label = await run_sync(read)
-    return await annotation.run_program(services.evaluator, person, written.program, scene, label=label)
+    return await run_program(services, person, written.program, *await run_sync(read))
 
 
 @api.post("/assignments/{assignment_id}/submissions", status_code=201)
-async def submit(
-    services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSubmission
-) -> annotation.VerdictBody:
+async def submit(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSubmission) -> VerdictBody:
     """Submits a program that agrees with the shown scene; it is then checked on the hidden scenes."""
 
-    def read() -> tuple[Submission | None, list[tuple[Scene, bool]], int]:
+    def read() -> tuple[Submission | None, AssignmentDetails]:
         with services.database.read_session() as session:
-            found = annotation.find_assignment(session, person, assignment_id)
-            stored = annotation.find_submission(session, assignment_id, new.key)
-        labelled = [(Scene.from_json(row.scene), row.label) for row in found.scenes]
-        return stored, labelled, found.assignment.shown
+            found = find_assignment(session, person, assignment_id)
+            return find_submission(session, assignment_id, new.key), found
 
-    submission, scenes, shown = await run_sync(read)
-    if submission is None:
-        verdict = await annotation.check_program(services.evaluator, person, new.program, scenes, shown)
-        columns = new.model_dump(exclude={"key"})
-        submission = await services.database.write(
-            lambda session: annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
-        )
-    return annotation.verdict_body(submission)
+    submission, found = await run_sync(read)
+    if submission is not None:
+        return verdict_body(submission.verdict, submission.id)
+    verdict = await check_program(services, person, new.program, found.scenes, found.assignment.shown)
+    return await store_submission(services, person, assignment_id, new, verdict)
 
 
 @api.post("/assignments/{assignment_id}/skip", status_code=201)
-async def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> annotation.VerdictBody:
+async def skip(services: Services, person: CurrentPerson, assignment_id: RowId, new: NewSkip) -> VerdictBody:
     """Skips the statement, with a reason."""
-    verdict, columns = annotation.SKIPPED, new.model_dump(exclude={"key"})
-    submission = await services.database.write(
-        lambda session: annotation.store_submission(session, person, assignment_id, new.key, verdict, **columns)
-    )
-    return annotation.verdict_body(submission)
+    return await store_submission(services, person, assignment_id, new, SKIPPED)
 
 
 @api.get("/history")
-def history(services: Services, person: CurrentPerson) -> list[annotation.SubmissionBody]:
+def history(services: Services, person: CurrentPerson) -> list[SubmissionBody]:
     """Your submissions, with their reviews."""
     with services.database.read_session() as session:
-        return annotation.submission_history(session, person)
+        return submission_history(session, person)
 
 
 # The tutorial
@@ -279,176 +312,195 @@ def tutorial_tasks(services: Services, person: CurrentPerson) -> list[TutorialTa
     with services.database.read_session() as session:
         solved = set(session.scalars(select(TutorialAnswer.task).where(TutorialAnswer.person_id == person.id)))
     return [
-        TutorialTaskBody(
-            name=task.name,
-            title=task.title,
-            statement=task.statement,
-            advice=task.advice,
+        TutorialTaskBody.of(
+            task,
             label=task.scenes[0][1],
             scene=scene_body(task.scenes[0][0]),
             hidden_scenes=len(task.scenes) - 1,
             solved=task.name in solved,
         )
-        for task in tutorial.TASKS
+        for task in TASKS
     ]
 
 
-def _tutorial_task(name: str) -> tutorial.TutorialTask:
-    if name not in tutorial.TASKS_BY_NAME:
-        raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(tutorial.TASKS_BY_NAME)}")
-    return tutorial.TASKS_BY_NAME[name]
-
-
 @api.post("/tutorial/{name}/run")
-async def run_tutorial(
-    services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
-) -> annotation.RunBody:
-    scene, label = _tutorial_task(name).scenes[0]
-    return await annotation.run_program(services.evaluator, person, written.program, scene, label=label)
+async def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> RunBody:
+    return await run_program(services, person, written.program, *_tutorial_task(name).scenes[0])
 
 
 @api.post("/tutorial/{name}/submissions", status_code=201)
 async def submit_tutorial(
     services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
-) -> annotation.VerdictBody:
-    task = _tutorial_task(name)
-    verdict = await annotation.check_program(services.evaluator, person, written.program, task.scenes, 0)
-    if verdict == annotation.ACCEPTED:
+) -> VerdictBody:
+    verdict = await check_program(services, person, written.program, _tutorial_task(name).scenes, 0)
+    if verdict == ACCEPTED:
         answer = TutorialAnswer(person_id=person.id, task=name, program=written.program)
         await services.database.write(lambda session: session.merge(answer))
-    return annotation.VerdictBody(id=0, verdict=verdict, message=annotation.VERDICT_MESSAGES[verdict])
+    return verdict_body(verdict)
 
 
-# Administration by organisers
+def _tutorial_task(name: str) -> TutorialTask:
+    if name not in TASKS_BY_NAME:
+        raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(TASKS_BY_NAME)}")
+    return TASKS_BY_NAME[name]
 
 
-@api.post("/imports", openapi_extra={"requestBody": {"content": {"application/octet-stream": {}}, "required": True}})
-async def import_file(
-    request: Request, services: Services, person: CurrentOrganiser, split: SplitName = "train"
-) -> ImportBody:
-    """Imports the file in the request's body: a corpus file, or NLVR's JSON lines, which are added to `split`."""
-    data = await request.body()
-
-    try:
-        result = await run_sync(statement_import.read_statements, data, split)
-    except CorpusError as fault:
-        raise http_error(422, str(fault)) from None
-    added = 0
-    for first in range(0, len(result.statements), IMPORT_BATCH):
-        batch = result.statements[first : first + IMPORT_BATCH]
-        added += await services.database.write(partial(statement_import.store_statements, statements=batch))
-    first_faults = result.faults[: statement_import.MAX_REPORTED_FAULTS]
-    return ImportBody(read=len(result.statements), added=added, faults=len(result.faults), first_faults=first_faults)
+# What several routes share
 
 
-@api.get("/people")
-def people(services: Services, person: CurrentOrganiser) -> list[annotation_admin.PersonSummary]:
-    with services.database.read_session() as session:
-        return annotation_admin.list_people(session, person)
+class AssignmentDetails(NamedTuple):
+    """An assignment with its statement's text, its batch's name and its labelled scenes."""
+
+    assignment: Assignment
+    statement: str
+    batch: str
+    scenes: LabelledScenes
+
+    @property
+    def shown(self) -> tuple[Scene, bool]:
+        return self.scenes[self.assignment.shown]
 
 
-@api.post("/people", status_code=201)
-async def new_person(services: Services, person: CurrentOrganiser, new: NewPerson) -> TokenBody:
-    """Adds a person with a login link."""
-    token = await services.database.write(lambda session: issue_token(add_person(session, new.name, new.role)))
-    return TokenBody(name=new.name, path=f"/login?token={token}")
+def find_assignment(session: Session, person: Person, assignment_id: int) -> AssignmentDetails:
+    """An assignment of this person. Responds with 404 if it does not exist or belongs to somebody else."""
+    row = session.execute(
+        select(Assignment, Statement.text, Batch.name)
+        .join(Statement, Statement.id == Assignment.statement_id)
+        .join(Batch, Batch.id == Assignment.batch_id)
+        .where(Assignment.id == assignment_id, Assignment.person_id == person.id)
+    ).one_or_none()
+    if row is None:
+        raise http_error(404, "you have no such assignment")
+    found, statement, batch = row
+    scenes = session.scalars(
+        select(StatementScene)
+        .where(StatementScene.statement_id == found.statement_id)
+        .order_by(StatementScene.position)
+    )
+    return AssignmentDetails(found, statement, batch, [(Scene.from_json(one.scene), one.label) for one in scenes])
 
 
-@api.post("/people/{person_id}/token", status_code=201)
-async def new_token(services: Services, person: CurrentOrganiser, person_id: RowId) -> TokenBody:
-    """Issues a new login link for a person, which ends the older link and all of the person's logins."""
-
-    def replace_token(session: Session) -> tuple[str, str]:
-        found = find_other_person(session, person, person_id)
-        return found.name, issue_token(found)
-
-    name, token = await services.database.write(replace_token)
-    return TokenBody(name=name, path=f"/login?token={token}")
+def lock_assignment(session: Session, person: Person, assignment_id: int) -> Assignment:
+    """An assignment of this person, selected for update. Responds with 404 as `find_assignment` does."""
+    query = select(Assignment).where(Assignment.id == assignment_id, Assignment.person_id == person.id)
+    found = session.scalar(query.with_for_update())
+    if found is None:
+        raise http_error(404, "you have no such assignment")
+    return found
 
 
-@api.put("/people/{person_id}/role", status_code=204)
-async def change_role(services: Services, person: CurrentOrganiser, person_id: RowId, new: RoleBody) -> None:
-    """Makes a person an annotator or an organiser."""
-
-    def set_role(session: Session) -> None:
-        find_other_person(session, person, person_id).role = new.role
-
-    await services.database.write(set_role)
-
-
-@api.delete("/people/{person_id}/token", status_code=204)
-async def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
-    """Revokes a person's token, which ends all of their logins."""
-
-    def remove_token(session: Session) -> None:
-        find_other_person(session, person, person_id).token_hash = None
-
-    await services.database.write(remove_token)
-
-
-@api.get("/batches")
-def batches(services: Services, person: CurrentOrganiser) -> list[annotation_admin.BatchSummary]:
-    with services.database.read_session() as session:
-        return annotation_admin.list_batches(session)
-
-
-@api.post("/batches", status_code=201)
-async def create_batch(services: Services, person: CurrentOrganiser, new: NewBatch) -> CreatedBatch:
-    """Assigns unassigned statements to people in turn."""
-    batch, count = await services.database.write(
-        lambda session: annotation_admin.create_batch(
-            session, new.name, new.people, new.statements, new.annotators_each
+def submission_history(session: Session, person: Person, assignment_id: int | None = None) -> list[SubmissionBody]:
+    """The person's submissions, newest first, each with its latest review."""
+    query = (
+        select(Submission, Statement.text)
+        .join(Assignment, Assignment.id == Submission.assignment_id)
+        .join(Statement, Statement.id == Assignment.statement_id)
+        .where(Assignment.person_id == person.id)
+        .order_by(Submission.id.desc())
+    )
+    if assignment_id is not None:
+        query = query.where(Assignment.id == assignment_id)
+    rows = session.execute(query).all()
+    reviews = latest_reviews(session, [submission.id for submission, _ in rows])
+    return [
+        SubmissionBody.of(
+            submission,
+            assignment=submission.assignment_id,
+            statement=text,
+            **review_fields(reviews.get(submission.id)),
         )
-    )
-    return CreatedBatch(id=batch.id, assignments=count)
+        for submission, text in rows
+    ]
 
 
-@api.post("/redistributions", status_code=201)
-async def redistribute(services: Services, person: CurrentOrganiser, new: NewRedistribution) -> CreatedBatch:
-    """Assigns skipped and disputed statements to people who have not had them."""
-    batch, count = await services.database.write(
-        lambda session: annotation_admin.redistribute(session, new.name, new.people)
-    )
-    return CreatedBatch(id=batch.id, assignments=count)
+def latest_reviews(session: Session, submission_ids: Sequence[int]) -> dict[int, Review]:
+    """The latest review of each submission that has one."""
+    if not submission_ids:
+        return {}
+    found = session.scalars(select(Review).where(Review.submission_id.in_(submission_ids)).order_by(Review.id))
+    return {review.submission_id: review for review in found}
 
 
-@api.get("/reviews")
-async def reviews(
-    services: Services,
-    person: CurrentOrganiser,
-    first: Annotated[int, Query(ge=0, le=MAX_ROW_ID)] = 0,
-    most: Annotated[int, Query(ge=1, le=100)] = 20,
-) -> list[annotation_admin.StatementReview]:
-    """Statements with their submissions, from id `first` on."""
-
-    def read() -> list[annotation_admin.ComparedPrograms]:
-        with services.database.read_session() as session:
-            return annotation_admin.review_page(session, first, most)
-
-    return await annotation_admin.with_agreement(services.evaluator, person, await run_sync(read))
+def review_fields(review: Review | None) -> dict[str, Any]:
+    """The fields of a `ReviewedSubmission` that come from its review."""
+    return {"review": review and review.verdict, "note": review.note if review else ""}
 
 
-@api.post("/submissions/{submission_id}/reviews", status_code=204)
-async def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
-    """Reviews a submission; its author sees the verdict and the note."""
-    await services.database.write(
-        lambda session: annotation_admin.add_review(session, person, submission_id, new.verdict, new.note)
-    )
+def find_submission(session: Session, assignment_id: int, key: str) -> Submission | None:
+    """The submission already stored under this idempotency key."""
+    return session.scalar(select(Submission).where(Submission.assignment_id == assignment_id, Submission.key == key))
 
 
-@api.get("/statistics")
-def statistics(services: Services, person: CurrentOrganiser) -> annotation_admin.StatisticsBody:
-    with services.database.read_session() as session:
-        return annotation_admin.statistics(session)
+async def store_submission(
+    services: AppServices, person: Person, assignment_id: int, new: NewSubmission | NewSkip, verdict: str
+) -> VerdictBody:
+    """Inserts a submission, unless one is already stored under its key; responds with the verdict on that one."""
+
+    def insert(session: Session) -> Submission:
+        assignment = lock_assignment(session, person, assignment_id)
+        stored = find_submission(session, assignment_id, new.key)
+        if stored is not None:
+            return stored
+        created = now()
+        seconds = max(0.0, (created - assignment.opened).total_seconds()) if assignment.opened else 0.0
+        submission = Submission(
+            assignment_id=assignment_id, verdict=verdict, seconds=seconds, created=created, **new.model_dump()
+        )
+        session.add(submission)
+        if verdict == ACCEPTED:
+            assignment.state = STATE_DONE
+        elif verdict == SKIPPED and assignment.state == STATE_OPEN:
+            assignment.state = STATE_SKIPPED
+        session.flush()
+        return submission
+
+    submission = await services.database.write(insert)
+    return verdict_body(submission.verdict, submission.id)
 
 
-@api.get("/export", response_class=Response)
-def export(services: Services, person: CurrentOrganiser) -> Response:
-    """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
-    with services.database.read_session() as session:
-        data = annotation_admin.export_corpus(session)
-    headers = {"Content-Disposition": 'attachment; filename="annotated.jsonl"'}
-    return Response(data, media_type="application/jsonl", headers=headers)
+def verdict_body(verdict: str, submission_id: int = 0) -> VerdictBody:
+    return VerdictBody(id=submission_id, verdict=verdict, message=VERDICT_MESSAGES[verdict])
+
+
+async def evaluate_program(
+    services: AppServices, person: Person, program: str, scenes: Sequence[Scene], *, traced: bool = False
+) -> ProgramEvaluation:
+    """Responds with 422 for an invalid program or one that exceeds a limit, 429 if the person has too many running, 503
+    if all workers stay busy."""
+    try:
+        return await services.evaluator.evaluate(person.id, program, scenes, traced=traced)
+    except ProgramEvaluationError as fault:
+        raise http_error(422, str(fault)) from None
+    except QuotaExceeded:
+        raise http_error(429, f"{MAX_REQUESTS} of your programs are running or waiting; wait for one to end") from None
+    except EvaluatorBusy:
+        raise http_error(503, "too many programs are running; your text is safe: try again in a moment") from None
+
+
+async def run_program(services: AppServices, person: Person, program: str, scene: Scene, label: bool) -> RunBody:
+    """Evaluates the program on the shown scene, with the value of each part."""
+    evaluation = await evaluate_program(services, person, program, [scene], traced=True)
+    (truth,) = evaluation.truths
+    return RunBody.of(evaluation, truth=truth, label=label, agrees=truth is label)
+
+
+async def check_program(services: AppServices, person: Person, program: str, scenes: LabelledScenes, shown: int) -> str:
+    """ACCEPTED or FAILED; `shown` is the index of the shown scene.
+
+    Responds with 409 if the program disagrees with the label of the shown scene, or cannot be evaluated on the empty
+    scene, as every program of a corpus must be.
+    """
+    evaluation = await evaluate_program(services, person, program, [Scene.empty(), *(scene for scene, _ in scenes)])
+    empty_truth, *scene_truths = evaluation.truths
+    if scene_truths[shown] is not scenes[shown][1]:
+        raise http_error(409, "the program does not agree with the shown scene; run it, and submit it once it does")
+    if empty_truth is None:
+        raise http_error(
+            409,
+            f"the program fails on a scene without items ({evaluation.fault}); it must have a value in every scene",
+        )
+    agrees = all(truth is label for truth, (_, label) in zip(scene_truths, scenes, strict=True))
+    return ACCEPTED if agrees else FAILED
 
 
 router.include_router(api)

@@ -9,10 +9,10 @@ from pydantic import BaseModel, Field
 
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, Partner, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.web import field_types, live_games
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller
+from lilgym_mp.web.bodies import LegalBody
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.templating import render_page
 from lilgym_mp.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
@@ -62,9 +62,6 @@ def game_page(request: Request, services: Services) -> Response:
         proposers=live_games.PROPOSERS,
         verifiers=live_games.VERIFIERS,
         trained=services.trained_partners.names(),
-        shapes=[shape.name for shape in Shape],
-        colours=[colour.name for colour in Colour],
-        item_sizes=[size.name for size in Size],
     )
 
 
@@ -112,17 +109,11 @@ def seat(key: field_types.RandomId, services: Services) -> live_games.SeatBody:
 
 
 @api.get("/seats/{key}/legal")
-def legal(
-    key: field_types.RandomId,
-    services: Services,
-    shape: field_types.ShapeName | None = None,
-    colour: field_types.ColourName | None = None,
-    size: field_types.SizeName | None = None,
-) -> live_games.LegalBody:
+def legal(key: field_types.RandomId, services: Services, item_type: field_types.ItemTypeQuery) -> LegalBody:
     """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
     game, role = services.games.find(key)
     with game.lock:
-        return live_games.LegalBody(actions=live_games.legal_names(game, role, (shape, colour, size)))
+        return LegalBody(actions=live_games.legal_names(game, role, item_type))
 
 
 @api.post("/seats/{key}/actions")

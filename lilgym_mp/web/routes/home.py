@@ -13,8 +13,8 @@ from sqlalchemy.orm import Session
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.web.app_services import Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor, hash_token, new_visitor_id
+from lilgym_mp.web.bodies import data_url
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.scene_images import data_url
 from lilgym_mp.web.store.models import Person, Visitor
 from lilgym_mp.web.templating import render_page
 

@@ -10,10 +10,10 @@ from pydantic import BaseModel, Field, StringConstraints
 from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.web import field_types, played_episodes
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
+from lilgym_mp.web.bodies import Body, LegalBody
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.templating import render_page
 
@@ -42,23 +42,17 @@ class ActionTaken(BaseModel):
     steps: int = Field(ge=0, le=1_000)
 
 
-class TaskSummary(BaseModel):
+class TaskSummary(Body):
     id: str
     statement: str
     target: bool
 
 
-class TasksBody(BaseModel):
+class TasksBody(Body):
     """The first tasks whose statement or id contains the text, and how many there are."""
 
     total: int
     tasks: list[TaskSummary]
-
-
-class LegalBody(BaseModel):
-    """Names of legal actions."""
-
-    actions: list[str]
 
 
 class NicknameBody(BaseModel):
@@ -69,14 +63,7 @@ class NicknameBody(BaseModel):
 
 @router.get("/play", include_in_schema=False)
 def play_page(request: Request, services: Services) -> Response:
-    return render_page(
-        request,
-        "play.html",
-        sizes=services.catalogue.sizes(),
-        shapes=[shape.name for shape in Shape],
-        colours=[colour.name for colour in Colour],
-        item_sizes=[size.name for size in Size],
-    )
+    return render_page(request, "play.html", sizes=services.catalogue.sizes())
 
 
 @api.get("/tasks")
@@ -93,8 +80,7 @@ def tasks(
         raise http_error(404, str(fault)) from None
     needle = text.lower()
     matching = [task for task in found if needle in task.statement.lower() or needle in task.id.lower()]
-    lines = [TaskSummary(id=task.id, statement=task.statement, target=task.target) for task in matching[:MAX_TASKS]]
-    return TasksBody(total=len(matching), tasks=lines)
+    return TasksBody(total=len(matching), tasks=[TaskSummary.of(task) for task in matching[:MAX_TASKS]])
 
 
 @api.post("/episodes", status_code=201)
@@ -135,16 +121,11 @@ async def act(
 
 @api.get("/episodes/{episode_id}/legal")
 def legal(
-    episode_id: field_types.RandomId,
-    services: Services,
-    caller: CurrentCaller,
-    shape: field_types.ShapeName | None = None,
-    colour: field_types.ColourName | None = None,
-    size: field_types.SizeName | None = None,
+    episode_id: field_types.RandomId, services: Services, caller: CurrentCaller, item_type: field_types.ItemTypeQuery
 ) -> LegalBody:
     """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
     loaded = _load(services, caller.id, episode_id)
-    return LegalBody(actions=[] if loaded.over else played_episodes.legal_actions(loaded, (shape, colour, size)))
+    return LegalBody(actions=[] if loaded.over else played_episodes.legal_actions(loaded, item_type))
 
 
 @api.get("/episodes/{episode_id}/explanation")
