@@ -9,10 +9,11 @@ from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, Value, mean_where
+from lilgym_mp.report.aggregation import MeanStd, Value
 from lilgym_mp.report.charts import BarPanel, bar_chart, heat_maps
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import AgentResults, ReportData
+from lilgym_mp.report.results import means_by_agent
 
 ADDS, REMOVES = (AddBlock, AddItem), (RemoveBlock, RemoveItem)
 EDIT_TYPES: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}
@@ -46,20 +47,16 @@ def behaviour_items(data: ReportData) -> Iterator[Item]:
 def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     """Rollout statistics of all agents."""
     title = f"Rollout statistics on {data.main_split}"
-    rows: list[list[Cell]] = []
-    series: list[dict[str, list[MeanStd | float | None]]]
-    series = [{agent: [] for agent in data.agents} for _ in ROLLOUT_STATISTICS]
-    for agent in data.agents:
-        for configuration in data.configurations:
-            entry = data.find(agent, configuration)
-            means = [entry and mean_where(entry.runs, value) for value in ROLLOUT_STATISTICS.values()]
-            for values, mean in zip(series, means, strict=True):
-                values[agent].append(mean)
-            if entry is not None:
-                rows.append([agent, configuration, *means])
+    means = {name: means_by_agent(data, value) for name, value in ROLLOUT_STATISTICS.items()}
+    rows = [
+        [agent, configuration, *(values[agent][index] for values in means.values())]
+        for agent in data.agents
+        for index, configuration in enumerate(data.configurations)
+        if data.find(agent, configuration) is not None
+    ]
     panels = [
         BarPanel(name.removesuffix(" (%)"), data.configurations, values, "episodes, %" if "%" in name else "actions")
-        for name, values in zip(ROLLOUT_STATISTICS, series, strict=True)
+        for name, values in means.items()
     ]
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
@@ -104,14 +101,8 @@ def error_kind(episode: RecordedEpisode) -> str | None:
     return "horizon"
 
 
-ERROR_KINDS = (
-    *INVALID_REASON_GROUPS,
-    f"{DIRECT} stop",
-    f"{EARLY} stop",
-    f"{ERRONEOUS} stop",
-    f"{LATER} stop",
-    "horizon",
-)
+STOP_KINDS = tuple(f"{kind} stop" for kind in (DIRECT, EARLY, ERRONEOUS, LATER))
+ERROR_KINDS = (*INVALID_REASON_GROUPS, *STOP_KINDS, "horizon")
 
 
 def errors(data: ReportData) -> Iterator[Item]:
@@ -151,12 +142,7 @@ def figure_10(data: ReportData) -> Item:
     """Where actions go, by cell and type."""
     title = f"Where actions go on {data.main_split}, in per cent of the agent's edits"
     grid = data.header.settings.grid
-    entries = [
-        entry
-        for configuration in data.configurations
-        for entry in data.of(configuration)
-        if entry.header.settings.dynamics().appearance.grid is not None
-    ]
+    entries = [entry for entry in data.main_results if entry.header.settings.dynamics().appearance.grid is not None]
     if not entries or isinstance(grid, str):
         why = "the grid is native" if entries else "no configuration whose actions name cells was evaluated"
         return MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
@@ -180,10 +166,9 @@ def action_map(entry: AgentResults, grid: tuple[int, int], types: tuple[type, ..
     """(rows, columns) counts of actions of the given types by grid cell."""
     columns, rows = grid
     counts = [[0] * columns for _ in range(rows)]
-    for run in entry.runs:
-        for episode in run.episodes:
-            for action in episode.actions:
-                if isinstance(action, types):
-                    edit: Any = action
-                    counts[edit.row][edit.column] += 1
+    edits: list[Any] = [
+        action for run in entry.runs for e in run.episodes for action in e.actions if isinstance(action, types)
+    ]
+    for edit in edits:
+        counts[edit.row][edit.column] += 1
     return counts

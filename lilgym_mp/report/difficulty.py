@@ -3,25 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from itertools import combinations
+from itertools import combinations, product
 
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.programs import compile_program
-from lilgym_mp.report.aggregation import (
-    INTERVAL_NOTE,
-    Difference,
-    accuracy_where,
-    every,
-    holm,
-    mean_where,
-    paired_difference,
-)
+from lilgym_mp.report.aggregation import INTERVAL_NOTE, every, holm, mean_where, paired_difference
 from lilgym_mp.report.behaviour import ends_with_stop
 from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import AgentResults, ReportData
+from lilgym_mp.report.results import accuracy_panels
 
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
 BINS = 10  # bins of the probability of STOP
@@ -45,52 +38,39 @@ def edits_category(episode: RecordedEpisode) -> str | None:
 def accuracy_by_edits(data: ReportData) -> Item:
     """Accuracy by the number of edits in the expert's solution."""
     title = f"Accuracy by number of edits needed on {data.main_split}"
-    names = [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"]
-    panels = _panels(data, names, edits_category, only=lambda entry: entry.header.expert)
+    panels = _used_panels(data, [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"], edits_category)
     if not panels:
         return MissingItem("Edits needed", title, NEEDS_EXPERT)
-    return Chart(
-        "Edits needed",
-        title,
-        bar_chart(panels, "accuracy, %", top=109),
-        "Edits in the expert's shortest solution.",
-    )
+    chart = bar_chart(panels, "accuracy, %", top=109)
+    return Chart("Edits needed", title, chart, "Edits in the expert's shortest solution.")
 
 
 def stop_accuracy_by_actions_left(data: ReportData) -> Item:
     """How often STOP is right, by the number of actions left until the horizon."""
     title = f"Accuracy of STOP by actions left on {data.main_split}"
     horizon = data.header.settings.dynamics().horizon
-    names = list(map(str, range(horizon)))
 
     def left(episode: RecordedEpisode) -> str | None:
         return str(horizon - len(episode.actions)) if ends_with_stop(episode) else None
 
     note = f"Episodes that end with STOP, by the number of actions left of the horizon of {horizon}."
-    panels = _panels(data, names, left)
+    panels = _used_panels(data, [*map(str, range(horizon))], left)
     if not panels:
         return MissingItem("Horizon left at STOP", title, "no recorded episode ends with STOP")
     return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", top=109), note)
 
 
-def _panels(
-    data: ReportData,
-    names: Sequence[str],
-    key: Callable[[RecordedEpisode], str | None],
-    only: Callable[[AgentResults], bool] = lambda entry: True,
+def _used_panels(
+    data: ReportData, names: Sequence[str], category: Callable[[RecordedEpisode], str | None]
 ) -> list[BarPanel]:
-    """Accuracy of each agent by category `key`, one panel per configuration; empty categories are left out."""
+    """Accuracy by category, without the categories of no episode and the agents without any of them."""
     panels: list[BarPanel] = []
-    for configuration in data.configurations:
-        entries = [entry for entry in data.of(configuration) if only(entry)]
-        values = {
-            entry.agent: [accuracy_where(entry.runs, lambda episode, name=name: key(episode) == name) for name in names]
-            for entry in entries
-        }
-        used = [index for index in range(len(names)) if any(row[index] is not None for row in values.values())]
+    for title, _, values, _ in accuracy_panels(data, names, category):
+        kept = {agent: row for agent, row in values.items() if any(value is not None for value in row)}
+        used = [index for index in range(len(names)) if any(row[index] is not None for row in kept.values())]
         if used:
-            kept = {agent: [row[index] for index in used] for agent, row in values.items()}
-            panels.append(BarPanel(configuration, [names[index] for index in used], kept))
+            rows = {agent: [row[index] for index in used] for agent, row in kept.items()}
+            panels.append(BarPanel(title, [names[index] for index in used], rows))
     return panels
 
 
@@ -132,11 +112,7 @@ def stop_would_succeed(settings: Settings, episode: RecordedEpisode) -> list[boo
 def regret(data: ReportData) -> Item:
     """Extra actions of successes compared with the expert, and the share of optimal episodes."""
     title = f"Extra actions compared with the expert on {data.main_split}"
-    rows: list[list[Cell]] = []
-    for configuration in data.configurations:
-        for entry in data.of(configuration):
-            if entry.header.expert:
-                rows.append([entry.agent, configuration, *_regret(entry)])
+    rows = [[entry.agent, entry.configuration, *_regret(entry)] for entry in data.main_results if entry.header.expert]
     if not rows:
         return MissingItem("Regret", title, NEEDS_EXPERT)
     note = "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones."
@@ -163,27 +139,19 @@ def extra_actions(episode: RecordedEpisode) -> int:
 
 def comparison_items(data: ReportData) -> Iterator[Item]:
     """Paired tests between agents."""
-    pairs: list[tuple[AgentResults, AgentResults, Difference]] = []
-    for configuration in data.configurations:
-        for split in data.splits:
-            entries = [e for agent in data.agents if (e := data.find(agent, configuration, split)) is not None]
-            for entry, other in combinations(entries, 2):
-                if (difference := paired_difference(entry.runs, other.runs)) is not None:
-                    pairs.append((entry, other, difference))
+    pairs = [
+        (entry, other, difference)
+        for configuration, split in product(data.configurations, data.splits)
+        for entry, other in combinations(data.results([configuration], [split]), 2)
+        if (difference := paired_difference(entry.runs, other.runs)) is not None
+    ]
     if not pairs:
         return
     corrected = holm([difference.p_value for *_, difference in pairs])
-    rows = [
-        [
-            entry.agent,
-            other.agent,
-            entry.configuration,
-            entry.split,
-            *difference[:3],
-            f"{p_value:.4f}" if p_value >= 1e-4 else "< 0.0001",
-        ]
-        for (entry, other, difference), p_value in zip(pairs, corrected, strict=True)
-    ]
+    rows: list[list[Cell]] = []
+    for (entry, other, difference), p_value in zip(pairs, corrected, strict=True):
+        p_text = f"{p_value:.4f}" if p_value >= 1e-4 else "< 0.0001"
+        rows.append([entry.agent, other.agent, entry.configuration, entry.split, *difference[:3], p_text])
     columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
     note = (
         f"{INTERVAL_NOTE} Both agents have the same resampled statements. p is two-sided, from the standard deviation"

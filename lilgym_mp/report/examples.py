@@ -13,7 +13,7 @@ from lilgym_mp.render import draw
 from lilgym_mp.report.behaviour import ERROR_KINDS, error_kind
 from lilgym_mp.report.charts import FilmStrip, film_strips
 from lilgym_mp.report.items import Chart, Item, MissingItem
-from lilgym_mp.report.report_data import EXPERT, AgentResults, ReportData
+from lilgym_mp.report.report_data import EXPERT, ReportData
 
 MAX_FRAMES = 10  # frames of a film strip
 EXAMPLE_LENGTH = 4  # preferred number of actions of an example
@@ -21,11 +21,9 @@ EXAMPLE_LENGTH = 4  # preferred number of actions of an example
 
 def example_items(data: ReportData) -> Iterator[Item]:
     """Figures 1, 2 and 7."""
-    chosen = [
-        (entry.runs[0], episode)
-        for entry in _example_results(data)
-        if (episode := example_episode(entry.runs[0])) is not None
-    ]
+    entries = [data.find(EXPERT, name) or data.of(name)[0] for name in data.configurations if data.of(name)]
+    runs = [entry.runs[0] for entry in entries]
+    chosen = [(run, episode) for run in runs if (episode := example_episode(run)) is not None]
     if not chosen:
         for item, title in (("Figure 1", "A task"), ("Figure 2", "Trajectories"), ("Figure 7", "Programs")):
             yield MissingItem(item, title, "no recorded episode succeeds")
@@ -34,9 +32,8 @@ def example_items(data: ReportData) -> Iterator[Item]:
     strip = film_strip(run, episode)
     yield Chart("Figure 1", "A task and a way to complete it", film_strips([strip]), _played_by(run), raster=True)
     films = [film_strip(run, episode) for run, episode in chosen]
-    yield Chart(
-        "Figure 2", "Trajectories, one per configuration", film_strips(films), _played_by(chosen[0][0]), raster=True
-    )
+    note = _played_by(chosen[0][0])
+    yield Chart("Figure 2", "Trajectories, one per configuration", film_strips(films), note, raster=True)
     programs = [_program(run, episode) for run, episode in chosen[:2]]
     note = "Before the first and after the last edit: the program is false in one scene and true in the other."
     yield Chart("Figure 7", "Programs with true and false scenes", film_strips(programs), note, raster=True)
@@ -44,12 +41,6 @@ def example_items(data: ReportData) -> Iterator[Item]:
 
 def _played_by(run: Recording) -> str:
     return f"Played by {run.header.agent}, corpus {run.header.corpus}."
-
-
-def _example_results(data: ReportData) -> list[AgentResults]:
-    """The expert's results in each configuration, or else the first agent's."""
-    entries = [data.find(EXPERT, name) or next(iter(data.of(name)), None) for name in data.configurations]
-    return [entry for entry in entries if entry is not None]
 
 
 def example_episode(run: Recording) -> RecordedEpisode | None:
@@ -100,15 +91,13 @@ def failure_items(data: ReportData) -> Iterator[Item]:
     """For each agent, the first recorded example of each kind of error."""
     for agent in data.agents:
         examples: dict[str, FilmStrip] = {}
-        for configuration in data.configurations:
-            entry = data.find(agent, configuration)
-            for run in entry.runs if entry is not None else ():
-                for episode in run.episodes:
-                    kind = error_kind(episode)
-                    if kind is not None and kind not in examples:
-                        examples[kind] = film_strip(
-                            run, episode, f"Kind of error: {kind}. Open the task with: {_play_command(run, episode)}"
-                        )
+        entries = [entry for entry in data.main_results if entry.agent == agent]
+        played = [(run, episode) for entry in entries for run in entry.runs for episode in run.episodes]
+        for run, episode in played:
+            kind = error_kind(episode)
+            if kind is not None and kind not in examples:
+                hint = f"Kind of error: {kind}. Open the task with: {_play_command(run, episode)}"
+                examples[kind] = film_strip(run, episode, hint)
         shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
         if shown:
             yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)

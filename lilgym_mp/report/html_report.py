@@ -16,7 +16,7 @@ from lilgym_mp.plotting import save
 from lilgym_mp.report.behaviour import behaviour_items
 from lilgym_mp.report.difficulty import comparison_items, difficulty_items
 from lilgym_mp.report.examples import example_items, failure_items
-from lilgym_mp.report.items import Chart, Item, MissingItem, Table
+from lilgym_mp.report.items import Chart, Item, MissingItem
 from lilgym_mp.report.language import Tags, language_items, read_tags
 from lilgym_mp.report.learning_curves import learning_items
 from lilgym_mp.report.markdown_report import check_document, write_document
@@ -127,18 +127,14 @@ def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
     common = {"name": item.name, "item": item.item, "title": item.title, "note": item.note}
     if isinstance(item, MissingItem):
         return {**common, "kind": "missing", "files": ()}
-    if isinstance(item, Table):
-        return {**common, **_write_table(directory, item)}
-    return {**common, **_write_chart(directory, item)}
-
-
-def _write_table(directory: Path, item: Table) -> Mapping[str, Any]:
+    if isinstance(item, Chart):
+        return {**common, **_write_chart(directory, item)}
     paths = {"CSV": f"{TABLES}/{item.name}.csv", "Markdown": f"{TABLES}/{item.name}.md"}
-    (directory / paths["CSV"]).write_text(item.csv(), encoding="utf-8")
-    (directory / paths["Markdown"]).write_text(item.markdown(), encoding="utf-8")
-    is_text = [any(isinstance(row[index], str) for row in item.rows) for index in range(len(item.columns))]
-    files_ = tuple(paths.items())
-    return {"kind": "table", "columns": item.columns, "text": is_text, "rows": item.texts(), "files": files_}
+    for path, text in zip(paths.values(), (item.csv(), item.markdown()), strict=True):
+        (directory / path).write_text(text, encoding="utf-8")
+    is_text = [any(isinstance(cell, str) for cell in column) for column in zip(*item.rows, strict=True)]
+    shown = {"columns": item.columns, "text": is_text or [False] * len(item.columns), "rows": item.texts()}
+    return {**common, "kind": "table", "files": tuple(paths.items()), **shown}
 
 
 def _write_chart(directory: Path, item: Chart) -> Mapping[str, Any]:

@@ -22,20 +22,27 @@ PARTS = ("mean", "sd", "runs", "low", "high")  # columns of a MeanStd in CSV fil
 FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
-@dataclass(frozen=True)
-class Table:
-    """Rows of cells; None is a missing value."""
+class Named:
+    """An item of the paper, or our own."""
 
-    item: str  # name in the paper, such as "Table 2", or our own
+    item: str  # its name in the paper, such as "Table 2", or our own
     title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
-    note: str = ""
 
     @property
     def name(self) -> str:
         """File name without suffix."""
-        return slug(f"{self.item} {self.title}")
+        return re.sub(r"[^a-z0-9]+", "-", f"{self.item} {self.title}".lower()).strip("-")
+
+
+@dataclass(frozen=True)
+class Table(Named):
+    """Rows of cells; None is a missing value."""
+
+    item: str
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
 
     def texts(self) -> list[list[str]]:
         """The cells as shown: percentages with one decimal, other fractions with two."""
@@ -66,7 +73,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Chart:
+class Chart(Named):
     """A matplotlib figure."""
 
     item: str
@@ -75,23 +82,14 @@ class Chart:
     note: str = ""
     raster: bool = False  # contains scene images, so the page embeds the PNG instead of the SVG
 
-    @property
-    def name(self) -> str:
-        """File name without suffix."""
-        return slug(f"{self.item} {self.title}")
-
 
 @dataclass(frozen=True)
-class MissingItem:
+class MissingItem(Named):
     """An item that cannot be made from these recordings."""
 
     item: str
     title: str
     note: str  # the reason, and what is needed
-
-    @property
-    def name(self) -> str:
-        return slug(f"{self.item} {self.title}")
 
 
 Item = Table | Chart | MissingItem
@@ -102,9 +100,8 @@ def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence
     rows = [tuple(row) for row in rows]
     own = [row for row in rows if not str(row[0]).endswith(PUBLISHED)]
     kept = [index for index in range(len(columns)) if not own or any(row[index] is not None for row in own)]
-    return Table(
-        item, title, tuple(columns[index] for index in kept), tuple(tuple(row[i] for i in kept) for row in rows), note
-    )
+    kept_rows = tuple(tuple(row[index] for index in kept) for row in rows)
+    return Table(item, title, tuple(columns[index] for index in kept), kept_rows, note)
 
 
 def format_cell(cell: Cell, places: int = 2) -> str:
@@ -123,7 +120,3 @@ def _split_cell(cell: Cell) -> Sequence[Any]:
     if isinstance(cell, MeanStd):
         return ["" if part is None else part for part in cell[: len(PARTS)]]
     return ["" if cell is None else cell, *[""] * (len(PARTS) - 1)]
-
-
-def slug(text: str) -> str:
-    return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")

@@ -9,10 +9,11 @@ from pathlib import Path
 from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import MeanStd, accuracy_where
-from lilgym_mp.report.charts import BarPanel, bar_chart
-from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.report.aggregation import accuracy_where
+from lilgym_mp.report.charts import bar_chart
+from lilgym_mp.report.items import Cell, Chart, Item, table
 from lilgym_mp.report.report_data import ReportData, ReportError
+from lilgym_mp.report.results import accuracy_panels
 
 Tags = Mapping[str, Sequence[str]]  # hand-made tags: phenomena by statement
 PHENOMENON_NAMES = tuple(phenomenon.value for phenomenon in PHENOMENA)
@@ -41,10 +42,8 @@ def read_tags(path: Path) -> Tags:
             raise ReportError(f"{path}: key {statement!r} must have a list of phenomena, not {names!r}")
         for name in names:
             if name not in PHENOMENON_NAMES:
-                choices = ", ".join(PHENOMENON_NAMES)
-                raise ReportError(
-                    f"{path}: key {statement!r} has the unknown phenomenon {name!r}; choose from {choices}"
-                )
+                unknown = f"key {statement!r} has the unknown phenomenon {name!r}"
+                raise ReportError(f"{path}: {unknown}; choose from {', '.join(PHENOMENON_NAMES)}")
     return data
 
 
@@ -64,7 +63,6 @@ def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item
     )
     for configuration in data.configurations:
         entries = data.of(configuration)
-        first = entries[0].runs[0].episodes
         rows: list[list[Cell]] = []
         for name in PHENOMENON_NAMES:
             counts: dict[str, int] = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True))
@@ -73,16 +71,9 @@ def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item
             def has_phenomenon(episode: RecordedEpisode, name: str = name) -> bool:
                 return name in (episode_phenomena(episode, tags) or ())
 
-            chosen = list(filter(has_phenomenon, first))
-            rows.append(
-                [
-                    name,
-                    len({episode.statement for episode in chosen}),
-                    len(chosen) // entries[0].header.passes,
-                    published,
-                    *(accuracy_where(entry.runs, has_phenomenon) for entry in entries),
-                ]
-            )
+            statements = {episode.statement for episode in entries[0].runs[0].episodes if has_phenomenon(episode)}
+            scenes = len(statements), entries[0].start_scenes(has_phenomenon), published
+            rows.append([name, *scenes, *(accuracy_where(entry.runs, has_phenomenon) for entry in entries)])
         columns = ("phenomenon", "statements", "start scenes", "start scenes †", *(entry.agent for entry in entries))
         yield table(ITEM, f"Accuracy (%) by phenomenon, {configuration} {data.main_split}, {made}", columns, rows, note)
 
@@ -95,29 +86,17 @@ def novelty(episode: RecordedEpisode) -> str:
 def accuracy_by_novelty(data: ReportData) -> Iterator[Item]:
     """Accuracy on statements seen in training, on unseen ones of a seen form, and on those of a new form."""
     title = f"Accuracy by novelty of the statement on {data.main_split}"
+    panels = accuracy_panels(data, NOVELTY, novelty)
     rows: list[list[Cell]] = []
-    panels: list[BarPanel] = []
-    for configuration in data.configurations:
-        values: dict[str, list[MeanStd | float | None]] = {}
-        for entry in data.of(configuration):
-            first = entry.runs[0].episodes
-            values[entry.agent] = [
-                accuracy_where(entry.runs, lambda episode, name=name: novelty(episode) == name) for name in NOVELTY
-            ]
-            starts = [sum(novelty(e) == name for e in first) // entry.header.passes for name in NOVELTY]
-            pairs = zip(starts, values[entry.agent], strict=True)
-            rows.append([entry.agent, configuration, *(cell for pair in pairs for cell in pair)])
-        panels.append(BarPanel(configuration, NOVELTY, values))
-    if not panels:
-        yield MissingItem("Seen and new", title, "no configuration was evaluated")
-        return
+    for panel in panels:
+        for entry in data.of(panel.title):
+            starts = [entry.start_scenes(lambda episode, name=name: novelty(episode) == name) for name in NOVELTY]
+            pairs = zip(starts, panel.values[entry.agent], strict=True)
+            rows.append([entry.agent, panel.title, *(cell for pair in pairs for cell in pair)])
     note = (
         "Statement seen: occurs verbatim in training. Form seen: occurs with other colours, shapes, sizes or numbers."
     )
     yield Chart("Seen and new", title, bar_chart(panels, "accuracy, %", top=109), note)
-    columns = (
-        "agent",
-        "configuration",
-        *(f"{head}{name}" for name in NOVELTY for head in ("start scenes, ", "accuracy (%), ")),
-    )
+    pairs = [f"{head}{name}" for name in NOVELTY for head in ("start scenes, ", "accuracy (%), ")]
+    columns = ("agent", "configuration", *pairs)
     yield table("Seen and new", f"{title}, numbers", columns, rows, note)

@@ -35,9 +35,8 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
     evaluated = [curve for curve in curves if curve.evaluations]
     for configuration in dict.fromkeys(curve.configuration for curve in evaluated):
         drawn: list[Line] = []
-        for name, runs in _group_by_recipe(
-            [curve for curve in evaluated if curve.configuration == configuration]
-        ).items():
+        shown = [curve for curve in evaluated if curve.configuration == configuration]
+        for name, runs in _group_by_recipe(shown).items():
             for suffix, key in _metrics(runs):
                 line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key)
                 drawn.append(line)

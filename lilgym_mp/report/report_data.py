@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import groupby
+from itertools import groupby, product
 from pathlib import Path
 from typing import Any, cast
 
 from lilgym_mp.corpus.records import shown
-from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, Recording, read_episodes
+from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEpisode, Recording, read_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.learners import find_learner
@@ -42,6 +42,10 @@ class AgentResults:
     @property
     def header(self) -> Header:
         return self.runs[0].header
+
+    def start_scenes(self, predicate: Callable[[RecordedEpisode], bool]) -> int:
+        """The number of start scenes whose episodes satisfy the predicate."""
+        return sum(map(predicate, self.runs[0].episodes)) // self.header.passes
 
 
 @dataclass(frozen=True)
@@ -103,7 +107,18 @@ class ReportData:
 
     def of(self, configuration: str) -> list[AgentResults]:
         """All agents' results in a configuration on the main split, in the order of `agents`."""
-        return [entry for agent in self.agents if (entry := self.find(agent, configuration)) is not None]
+        return self.results([configuration], [self.main_split])
+
+    def results(self, configurations: Iterable[str], splits: Sequence[str]) -> list[AgentResults]:
+        """The agents' results by configuration, split and agent, each in the order above."""
+        places = product(configurations, splits, self.agents)
+        found = (self.find(agent, configuration, split) for configuration, split, agent in places)
+        return [entry for entry in found if entry is not None]
+
+    @property
+    def main_results(self) -> list[AgentResults]:
+        """All results on the main split."""
+        return self.results(self.configurations, [self.main_split])
 
 
 def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from lilgym_mp.analysis.statistics import corpus_statistics
 from lilgym_mp.corpus import CorpusError
+from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
-from lilgym_mp.report.aggregation import INTERVAL_NOTE, MeanStd, accuracy_where, mean_where
+from lilgym_mp.report.aggregation import INTERVAL_NOTE, MeanStd, Value, accuracy_where, mean_where
 from lilgym_mp.report.charts import BarPanel, bar_chart
 from lilgym_mp.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
@@ -33,13 +34,6 @@ def results_items(data: ReportData) -> Iterator[Item]:
 
 def basis(data: ReportData) -> Item:
     """Runs, seeds, episodes and training of every row of the report."""
-    rows: list[list[Cell]] = []
-    for configuration in data.configurations:
-        for split in data.splits:
-            for agent in data.agents:
-                entry = data.find(agent, configuration, split)
-                if entry is not None:
-                    rows.append(_basis_row(entry))
     note = (
         "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
         " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
@@ -48,6 +42,7 @@ def basis(data: ReportData) -> Item:
         *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
     )
+    rows = map(_basis_row, data.results(data.configurations, data.splits))
     return table("Basis", "Runs behind the numbers", columns, rows, note)
 
 
@@ -71,11 +66,8 @@ def training_runs(data: ReportData) -> Item:
 def provenance(data: ReportData) -> Item:
     """When, where and with which commands and code the episodes were recorded."""
     if not data.metadata:
-        return MissingItem(
-            "Basis",
-            PROVENANCE_TITLE,
-            "the recordings come without metadata, which `lilgym-mp evaluate --record` writes",
-        )
+        why = "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
+        return MissingItem("Basis", PROVENANCE_TITLE, why)
     rows: list[list[Cell]] = []
     for command in dict.fromkeys(made.command for made in data.metadata):
         made = sorted((one for one in data.metadata if one.command == command), key=lambda one: one.date)
@@ -127,9 +119,8 @@ def table_1(data: ReportData) -> Item:
         for count in counts
     ]
     columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
-    return table(
-        "Table 1", title, columns, rows, f"Corpus: {data.header.corpus}. † from the paper, for the official corpus."
-    )
+    note = f"Corpus: {data.header.corpus}. † from the paper, for the official corpus."
+    return table("Table 1", title, columns, rows, note)
 
 
 def table_2(data: ReportData) -> Item:
@@ -146,8 +137,8 @@ def table_2(data: ReportData) -> Item:
         rows.append(
             [agent, supervision, "; ".join(actions), runs, *(entry and accuracy_where(entry.runs) for entry in found)]
         )
-    for model, cells in paper.ACCURACIES.items():
-        accuracies: list[MeanStd | None] = [getattr(cells.get(name), split, None) for name, split in played]
+    for model, published in paper.ACCURACIES.items():
+        accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
         rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
     heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
@@ -157,13 +148,7 @@ def table_2(data: ReportData) -> Item:
 
 def figure_3(data: ReportData) -> Iterator[Item]:
     """Mean reward of all agents on the main split."""
-    rewards: dict[str, list[MeanStd | float | None]] = {
-        agent: [
-            entry and mean_where(entry.runs, lambda episode: episode.reward)
-            for entry in (data.find(agent, name) for name in data.configurations)
-        ]
-        for agent in data.agents
-    }
+    rewards = means_by_agent(data, lambda episode: episode.reward)
     title = f"Mean reward on {data.main_split}"
     note = f"The paper plots these values without printing them. The optimal expert is the upper bound. {ERROR_BARS}"
     yield Chart("Figure 3", title, bar_chart([BarPanel("", data.configurations, rewards)], "mean reward"), note)
@@ -178,23 +163,48 @@ def figure_5(data: ReportData) -> Iterator[Item]:
     if not configurations:
         yield MissingItem("Figure 5", title, "no FlipIt configuration was evaluated")
         return
-    panels: list[BarPanel] = []
+    panels = accuracy_panels(data, ("target True", "target False"), lambda e: f"target {e.target}", configurations)
     rows: list[list[Cell]] = []
-    for configuration in configurations:
-        values: dict[str, list[MeanStd | float | None]] = {}
-        for entry in data.of(configuration):
-            first = entry.runs[0].episodes
-            values[entry.agent] = [
-                accuracy_where(entry.runs, lambda episode, target=target: episode.target == target)
-                for target in (True, False)
-            ]
-            starts = [sum(e.target == target for e in first) // entry.header.passes for target in (True, False)]
-            published = paper.START_SCENES_BY_TARGET.get(configuration, (None, None))
-            for index, target in enumerate(("True", "False")):
-                counts = starts[index], published[index], values[entry.agent][index]
-                rows.append([entry.agent, configuration, target, *counts])
-        panels.append(BarPanel(configuration, ["target True", "target False"], values))
+    for panel in panels:
+        scenes = paper.START_SCENES_BY_TARGET.get(panel.title, (None, None))
+        for entry in data.of(panel.title):
+            for target, published, accuracy in zip((True, False), scenes, panel.values[entry.agent], strict=True):
+                starts = entry.start_scenes(lambda episode, target=target: episode.target == target)
+                rows.append([entry.agent, panel.title, str(target), starts, published, accuracy])
     yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", top=109), ERROR_BARS)
     columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
     note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
     yield table("Figure 5", f"{title}, numbers", columns, rows, note)
+
+
+def accuracy_panels(
+    data: ReportData,
+    categories: Sequence[str],
+    category: Callable[[RecordedEpisode], str | None],
+    configurations: Sequence[str] | None = None,
+) -> list[BarPanel]:
+    """The accuracy of each agent by category of the episode, one panel per configuration."""
+    return [
+        BarPanel(
+            configuration,
+            categories,
+            {
+                entry.agent: [
+                    accuracy_where(entry.runs, lambda e, name=name: category(e) == name) for name in categories
+                ]
+                for entry in data.of(configuration)
+            },
+        )
+        for configuration in configurations or data.configurations
+    ]
+
+
+def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | float | None]]:
+    """The mean of a value of the episodes in each configuration, by agent."""
+    return {
+        agent: [
+            entry and mean_where(entry.runs, value)
+            for entry in (data.find(agent, configuration) for configuration in data.configurations)
+        ]
+        for agent in data.agents
+    }

@@ -14,12 +14,7 @@ from lilgym_mp.web.app_services import AppServices
 from lilgym_mp.web.authentication import CookieSigner
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
-from lilgym_mp.web.security import (
-    AllowedHostsMiddleware,
-    BodyLimitsMiddleware,
-    CallerMiddleware,
-    SecurityHeadersMiddleware,
-)
+from lilgym_mp.web.security import Guard
 from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.database import COOKIE_KEY
@@ -52,10 +47,5 @@ def create_app(options: ServeOptions) -> FastAPI:
         app.include_router(router)
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
-    signer = CookieSigner(database.secret(COOKIE_KEY))
-    rate, requires_tokens = options.requests_per_second, options.requires_tokens
-    app.add_middleware(CallerMiddleware, database, signer, rate, requires_tokens=requires_tokens)
-    app.add_middleware(BodyLimitsMiddleware)
-    app.add_middleware(AllowedHostsMiddleware, options.hosts)
-    app.add_middleware(SecurityHeadersMiddleware)
+    app.add_middleware(Guard, database, CookieSigner(database.secret(COOKIE_KEY)), options)
     return app

@@ -5,12 +5,11 @@ from __future__ import annotations
 import inspect
 from functools import cache
 
-from pydantic import BaseModel
-
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import ATTRIBUTES, METHODS, SCENE_NAMES, parse
 from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
+from lilgym_mp.web.bodies import Body
 
 KEYWORDS = ("lambda", "and", "or", "not", "in", "True", "False")
 SCENE_VARIABLES = {
@@ -25,7 +24,7 @@ ATTRIBUTE_SIGNATURES = {
 }
 
 
-class WordBody(BaseModel):
+class WordBody(Body):
     """A function, variable, constant, member or keyword of the program language."""
 
     name: str
@@ -35,14 +34,14 @@ class WordBody(BaseModel):
     is_function: bool
 
 
-class LanguageBody(BaseModel):
+class LanguageBody(Body):
     """All words of the language, for completion and the word list."""
 
     groups: list[str]
     words: list[WordBody]
 
 
-class CheckBody(BaseModel):
+class CheckBody(Body):
     """Whether a text parses as a program; if not, the error and its position in characters, from 0."""
 
     ok: bool
@@ -54,16 +53,7 @@ class CheckBody(BaseModel):
 @cache
 def language() -> LanguageBody:
     """Built from the language's own tables."""
-    words = [
-        WordBody(
-            name=word.name,
-            group=word.group,
-            signature=word.signature,
-            meaning=_single_line(word.meaning),
-            is_function=True,
-        )
-        for word in WORDS.values()
-    ]
+    words = [WordBody.of(word, meaning=_single_line(word.meaning), is_function=True) for word in WORDS.values()]
     for name in SCENE_NAMES:
         type_name, meaning = SCENE_VARIABLES[name]
         words.append(_non_function(name, "scene", f"{name}: {type_name}", meaning))

@@ -1,7 +1,4 @@
-"""Middleware for every request: security headers, allowed hosts, body size, authentication, rate limits and CSRF.
-
-Plain ASGI rather than Starlette's BaseHTTPMiddleware: body bytes are counted as they arrive and nothing is buffered.
-"""
+"""Middleware for every request: security headers, allowed hosts, body size, authentication, rate limits and CSRF."""
 
 from __future__ import annotations
 
@@ -10,15 +7,16 @@ import hmac
 import time
 from collections import OrderedDict
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import urlsplit
+from urllib.parse import SplitResult, urlsplit
 
 from anyio.to_thread import run_sync
-from fastapi import HTTPException, Request, Response
+from fastapi import HTTPException, Request
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, CookieSigner, find_person
+from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Caller, CookieSigner, find_person
 from lilgym_mp.web.errors import error_response
+from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import Database
 
 CSRF_HEADER = "X-CSRF-Token"
@@ -43,81 +41,106 @@ SECURITY_HEADERS = {
 }
 
 
-class SecurityHeadersMiddleware:
-    """Adds SECURITY_HEADERS to every response."""
+class Guard:
+    """Refuses requests that break a rule, identifies the caller of the others, and adds headers to every response.
 
-    def __init__(self, app: ASGIApp) -> None:
+    Plain ASGI, not Starlette's BaseHTTPMiddleware: body bytes are counted as they arrive and nothing is buffered.
+    """
+
+    def __init__(self, app: ASGIApp, database: Database, signer: CookieSigner, options: ServeOptions) -> None:
         self.app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async def with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                headers = MutableHeaders(scope=message)
-                for name, value in SECURITY_HEADERS.items():
-                    headers.setdefault(name, value)
-            await send(message)
-
-        await self.app(scope, receive, with_headers if scope["type"] == "http" else send)
-
-
-class AllowedHostsMiddleware:
-    """Refuses requests with an unknown Host header, which protects against DNS rebinding. `hosts`: None allows any."""
-
-    def __init__(self, app: ASGIApp, hosts: tuple[str, ...] | None) -> None:
-        self.app = app
-        self.hosts = hosts
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "http" and self.hosts is not None:
-            host = _host_name(Headers(scope=scope).get("host", ""))
-            if host not in self.hosts:
-                await _send_error(
-                    scope, receive, send, 400, f"this server does not answer to the host name {host[:100]!r}"
-                )
-                return
-        await self.app(scope, receive, send)
-
-
-def _host_name(host: str) -> str:
-    try:
-        return urlsplit(f"//{host}").hostname or ""
-    except ValueError:
-        return ""
-
-
-class BodyLimitsMiddleware:
-    """Refuses request bodies that are too large, by Content-Length and by the bytes actually received, or too slow."""
-
-    def __init__(self, app: ASGIApp) -> None:
-        self.app = app
+        self._database = database
+        self._signer = signer
+        self._hosts = options.hosts
+        self._requires_tokens = options.requires_tokens
+        rate = options.requests_per_second
+        self._buckets = None if rate is None else (_TokenBuckets(rate * ADDRESS_FACTOR), _TokenBuckets(rate))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
-        max_bytes, seconds = IMPORT_LIMITS if scope["path"] == IMPORT_PATH else BODY_LIMITS
-        content_length = Headers(scope=scope).get("content-length", "0")
-        too_large = f"the body of this request may have at most {max_bytes:,} bytes"
-        if not content_length.isdecimal() or int(content_length[:20]) > max_bytes:
-            await _send_error(scope, receive, send, 413, too_large, CLOSE)
+        caller: Caller | None = None  # once admitted
+
+        async def send_with_headers(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                for name, value in SECURITY_HEADERS.items():
+                    headers.setdefault(name, value)
+                if caller is not None and caller.is_new and not scope["path"].startswith("/assets/"):
+                    cookie = f"{COOKIE}={self._signer.cookie(caller.id)}"  # a login has replaced the id
+                    headers.append("Set-Cookie", f"{cookie}; Path=/; Max-Age={COOKIE_SECONDS}; HttpOnly; SameSite=Lax")
+            await send(message)
+
+        headers = Headers(scope=scope)
+        try:
+            self._check_host(headers)
+            receive_limited = _limited(receive, scope["path"], headers)
+            caller = await self._admit(scope, headers)
+        except HTTPException as refusal:
+            response = error_response(Request(scope), refusal.status_code, refusal.detail)
+            response.headers.update(refusal.headers or {})
+            await response(scope, receive, send_with_headers)
             return
-        received, is_complete = 0, False
-        deadline = asyncio.get_running_loop().time() + seconds
+        await self.app(scope, receive_limited, send_with_headers)
 
-        async def receive_limited() -> Message:
-            nonlocal received, is_complete
-            try:
-                async with asyncio.timeout_at(None if is_complete else deadline):
-                    message = await receive()
-            except TimeoutError:
-                raise HTTPException(408, f"the body of this request did not arrive in {seconds} s", CLOSE) from None
-            received += len(message.get("body", b""))
-            if received > max_bytes:
-                raise HTTPException(413, too_large, CLOSE)
-            is_complete = not message.get("more_body", False)
-            return message
+    def _check_host(self, headers: Headers) -> None:
+        """Raises HTTPException for an unknown Host header, which protects against DNS rebinding."""
+        host = headers.get("host", "")
+        if self._hosts is not None and (_split(f"//{host}").hostname or "") not in self._hosts:
+            raise HTTPException(400, f"this server does not answer to the host name {host[:100]!r}")
 
-        await self.app(scope, receive_limited, send)
+    async def _admit(self, scope: Scope, headers: Headers) -> Caller:
+        """The caller. Raises HTTPException for too many requests, or without a login or CSRF token."""
+        path: str = scope["path"]
+        caller = scope["caller"] = self._signer.caller(_cookie(headers))
+        address = scope["client"][0] if scope.get("client") else ""
+        keys = (address, address if caller.is_new else caller.id)
+        if self._buckets is not None and not all(map(_TokenBuckets.take, self._buckets, keys)):
+            raise HTTPException(429, "too many requests; wait a moment", {"Retry-After": "2"})
+        if not path.startswith("/assets/") and not caller.is_new:
+            caller.person = await run_sync(find_person, self._database, caller.id)
+        if self._requires_tokens and caller.person is None and not path.startswith(PUBLIC_PATHS):
+            raise HTTPException(401, "open the link with your token to log in")
+        if scope["method"] not in SAFE_METHODS:
+            _check_csrf(headers, caller.csrf_token)
+        return caller
+
+
+def _check_csrf(headers: Headers, token: str) -> None:
+    """Raises HTTPException unless the request was sent by a page of this server."""
+    origin = headers.get("origin")
+    if origin is not None and _split(origin).netloc != headers.get("host", ""):
+        raise HTTPException(403, "this request was not sent from a page of this server")
+    if not hmac.compare_digest(headers.get(CSRF_HEADER, "").encode(), token.encode()):
+        message = f"the header {CSRF_HEADER} is missing or stale; reload the page (GET /api/session returns its value)"
+        raise HTTPException(403, message)
+
+
+def _limited(receive: Receive, path: str, headers: Headers) -> Receive:
+    """`receive` for a body of limited size and duration; raises HTTPException beyond, now if Content-Length says so."""
+    max_bytes, seconds = IMPORT_LIMITS if path == IMPORT_PATH else BODY_LIMITS
+    too_large = f"the body of this request may have at most {max_bytes:,} bytes"
+    content_length = headers.get("content-length", "0")
+    if not content_length.isdecimal() or int(content_length[:20]) > max_bytes:
+        raise HTTPException(413, too_large, CLOSE)
+    received, is_complete = 0, False
+    deadline = asyncio.get_running_loop().time() + seconds
+
+    async def receive_limited() -> Message:
+        nonlocal received, is_complete
+        try:
+            async with asyncio.timeout_at(None if is_complete else deadline):
+                message = await receive()
+        except TimeoutError:
+            raise HTTPException(408, f"the body of this request did not arrive in {seconds} s", CLOSE) from None
+        received += len(message.get("body", b""))
+        if received > max_bytes:
+            raise HTTPException(413, too_large, CLOSE)
+        is_complete = not message.get("more_body", False)
+        return message
+
+    return receive_limited
 
 
 class _TokenBuckets:
@@ -139,68 +162,12 @@ class _TokenBuckets:
         return tokens >= 1
 
 
-class CallerMiddleware:
-    """Identifies the caller, applies rate limits, requires a login where configured, and checks CSRF tokens."""
-
-    def __init__(
-        self, app: ASGIApp, database: Database, signer: CookieSigner, rate: float | None, *, requires_tokens: bool
-    ) -> None:
-        self.app = app
-        self._database = database
-        self._signer = signer
-        self._visitor_buckets = None if rate is None else _TokenBuckets(rate)
-        self._address_buckets = None if rate is None else _TokenBuckets(rate * ADDRESS_FACTOR)
-        self._requires_tokens = requires_tokens
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] != "http":
-            await self.app(scope, receive, send)
-            return
-        headers = Headers(scope=scope)
-        caller = scope["caller"] = self._signer.caller(_cookie(headers))
-        address = scope["client"][0] if scope.get("client") else ""
-        if not self._within_rate(address if caller.is_new else caller.id, address):
-            await _send_error(scope, receive, send, 429, "too many requests; wait a moment", {"Retry-After": "2"})
-            return
-        path: str = scope["path"]
-        if not path.startswith("/assets/") and not caller.is_new:
-            caller.person = await run_sync(find_person, self._database, caller.id)
-        if self._requires_tokens and caller.person is None and not path.startswith(PUBLIC_PATHS):
-            await _send_error(scope, receive, send, 401, "open the link with your token to log in")
-            return
-        if scope["method"] not in SAFE_METHODS:
-            error = self._csrf_error(headers, caller.csrf_token)
-            if error:
-                await _send_error(scope, receive, send, 403, error)
-                return
-
-        async def with_cookie(message: Message) -> None:
-            if message["type"] == "http.response.start" and caller.is_new and not path.startswith("/assets/"):
-                set_cookie(MutableHeaders(scope=message), self._signer.cookie(caller.id))
-            await send(message)
-
-        await self.app(scope, receive, with_cookie)
-
-    def _within_rate(self, visitor: str, address: str) -> bool:
-        if self._visitor_buckets is None or self._address_buckets is None:
-            return True
-        return self._address_buckets.take(address) and self._visitor_buckets.take(visitor)
-
-    def _csrf_error(self, headers: Headers, token: str) -> str | None:
-        origin = headers.get("origin")
-        if origin is not None and _origin_host(origin) != headers.get("host", ""):
-            return "this request was not sent from a page of this server"
-        if not hmac.compare_digest(headers.get(CSRF_HEADER, "").encode(), token.encode()):
-            return f"the header {CSRF_HEADER} is missing or stale; reload the page (GET /api/session returns its value)"
-        return None
-
-
-def _origin_host(origin: str) -> str:
-    """Host and port of an Origin header; empty if it cannot be parsed."""
+def _split(url: str) -> SplitResult:
+    """The parts of a URL; empty if it cannot be parsed."""
     try:
-        return urlsplit(origin).netloc
+        return urlsplit(url)
     except ValueError:
-        return ""
+        return urlsplit("")
 
 
 def _cookie(headers: Headers) -> str | None:
@@ -209,16 +176,3 @@ def _cookie(headers: Headers) -> str | None:
     except CookieError:
         return None
     return morsel.value if morsel else None
-
-
-def set_cookie(headers: MutableHeaders, value: str) -> None:
-    """Adds the visitor cookie: not readable by scripts, not sent with cross-site requests."""
-    headers.append("Set-Cookie", f"{COOKIE}={value}; Path=/; Max-Age={COOKIE_SECONDS}; HttpOnly; SameSite=Lax")
-
-
-async def _send_error(
-    scope: Scope, receive: Receive, send: Send, status: int, message: str, headers: dict[str, str] | None = None
-) -> None:
-    response: Response = error_response(Request(scope), status, message)
-    response.headers.update(headers or {})
-    await response(scope, receive, send)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -11,6 +11,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.exporting import LabelledScene
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.records import JSONFault, as_object, check_text, parse_json, read_text, shown
@@ -23,11 +24,6 @@ MAX_NAME_LENGTH = 200
 NLVR_LABELS = {"true": True, "false": False}
 
 
-class ImportedScene(NamedTuple):
-    scene: Scene
-    label: bool
-
-
 class ImportedStatement(NamedTuple):
     """A validated statement with its scenes."""
 
@@ -35,7 +31,7 @@ class ImportedStatement(NamedTuple):
     text: str
     appearance: str
     split: str
-    scenes: tuple[ImportedScene, ...]
+    scenes: tuple[LabelledScene, ...]
 
 
 class ImportResult(NamedTuple):
@@ -68,7 +64,12 @@ def read_statements(data: bytes, split: str) -> ImportResult:
             parsed = list(_parse_corpus(path, faults) if _is_corpus(text) else _parse_nlvr(text, split, faults))
         except CorpusError as fault:
             raise CorpusError(str(fault).replace(f"{path}", "the file")) from None
-        statements = list(_validate(parsed, faults))
+        statements: list[ImportedStatement] = []
+        for statement in parsed:
+            try:
+                statements.append(_validated(statement))
+            except (SceneError, ValueError) as fault:
+                faults.add(statement.where, str(fault))
         messages = [str(fault).replace(f"{path}", "the file") for fault in faults.found]
     return ImportResult(statements, messages)
 
@@ -118,14 +119,6 @@ def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_ParsedStat
     yield from by_name.values()
 
 
-def _validate(parsed: Iterable[_ParsedStatement], faults: FaultLog) -> Iterator[ImportedStatement]:
-    for statement in parsed:
-        try:
-            yield _validated(statement)
-        except (SceneError, ValueError) as fault:
-            faults.add(statement.where, str(fault))
-
-
 def _validated(parsed: _ParsedStatement) -> ImportedStatement:
     """Raises ValueError."""
     if not parsed.scenes:
@@ -137,7 +130,7 @@ def _validated(parsed: _ParsedStatement) -> ImportedStatement:
     scenes = [Scene.from_json(scene) for scene, _ in parsed.scenes]
     appearance = parsed.appearance or _infer_appearance(scenes)
     checked = [APPEARANCES[appearance].check_scene(scene) for scene in scenes]
-    labelled = tuple(ImportedScene(scene, label) for scene, (_, label) in zip(checked, parsed.scenes, strict=True))
+    labelled = tuple(LabelledScene(scene, label) for scene, (_, label) in zip(checked, parsed.scenes, strict=True))
     return ImportedStatement(parsed.name, parsed.text, appearance, parsed.split, labelled)
 
 
@@ -158,24 +151,18 @@ def store_statements(session: Session, statements: Sequence[ImportedStatement]) 
     """Inserts the statements whose names are new; returns how many."""
     names = [statement.name for statement in statements]
     known = set(session.scalars(select(Statement.name).where(Statement.name.in_(names))))
-    added = 0
+    new: dict[str, ImportedStatement] = {}
     for statement in statements:
-        if statement.name in known:
-            continue
-        known.add(statement.name)
-        row = Statement(
-            name=statement.name, text=statement.text, appearance=statement.appearance, split=statement.split
-        )
+        if statement.name not in known:
+            new.setdefault(statement.name, statement)
+    for name, text, appearance, split, scenes in new.values():
+        row = Statement(name=name, text=text, appearance=appearance, split=split)
         session.add(row)
         session.flush()
         session.add_all(
             StatementScene(
-                statement_id=row.id,
-                position=position,
-                scene=cast("list[Any]", labelled.scene.to_json()),
-                label=labelled.label,
+                statement_id=row.id, position=position, scene=cast("list[Any]", scene.to_json()), label=label
             )
-            for position, labelled in enumerate(statement.scenes)
+            for position, (scene, label) in enumerate(scenes)
         )
-        added += 1
-    return added
+    return len(new)
