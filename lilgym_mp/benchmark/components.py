@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
 
-from lilgym_mp.benchmark.players import Play, Timing, batched_env
+from lilgym_mp.benchmark.players import Play, Timing, batched_env, timed
 from lilgym_mp.benchmark.traces import Workload, vector_trace
 from lilgym_mp.render import Canvas, draw
 from lilgym_mp.rules import Dynamics, State
@@ -90,13 +90,11 @@ def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
     env.reset(seed=0)
     resets = 10
 
-    def play() -> Timing:
-        started = perf_counter()
+    def reset_all() -> None:
         for _ in range(resets):
             env.reset()
-        return Timing(resets * num_envs, perf_counter() - started)
 
-    yield play
+    yield timed(resets * num_envs, reset_all)
     env.close()
 
 

@@ -39,10 +39,6 @@ class Measurement:
     def median(self) -> float:
         return median(self.rates)
 
-    def ratio_to(self, other: Measurement) -> float:
-        """The median of the ratios in each round."""
-        return median(ours / theirs for ours, theirs in zip(self.rates, other.rates, strict=False))
-
 
 def load_average() -> float:
     """Load average of the last minute, NaN if unknown."""
@@ -104,23 +100,18 @@ class Bench:
         return total.steps / total.seconds
 
     def find(self, configuration: str, name: str, num_envs: int) -> Measurement | None:
+        wanted = configuration, name, num_envs
         for measurement in self.results:
-            if (measurement.configuration, measurement.case.name, measurement.case.num_envs) == (
-                configuration,
-                name,
-                num_envs,
-            ):
+            if (measurement.configuration, measurement.case.name, measurement.case.num_envs) == wanted:
                 return measurement
         return None
 
     def ratio_to_copying(self, measurement: Measurement) -> float | None:
-        """Speed relative to copying the images of as many environments in the same rounds."""
+        """The median over the rounds of the speed relative to copying the images of as many environments."""
         limit = self.find(measurement.configuration, "memory copy", measurement.case.num_envs)
-        return (
-            None
-            if limit is None or measurement.case.group == COPY_GROUP or measurement.case.is_part
-            else measurement.ratio_to(limit)
-        )
+        if limit is None or measurement.case.group == COPY_GROUP or measurement.case.is_part:
+            return None
+        return median(ours / theirs for ours, theirs in zip(measurement.rates, limit.rates, strict=False))
 
     @property
     def configurations(self) -> list[str]:

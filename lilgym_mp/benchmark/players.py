@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -33,8 +33,16 @@ Play = Callable[[], Timing]
 Wrap = Callable[[Any], Any]
 
 
-def unwrapped(env: Any) -> Any:
-    return env
+def timed(steps: int, work: Callable[[], object], prepare: Callable[[], object] = lambda: None) -> Play:
+    """Plays by calling `work`, which takes that many steps, after `prepare`, which is not timed."""
+
+    def play() -> Timing:
+        prepare()
+        started = perf_counter()
+        work()
+        return Timing(steps, perf_counter() - started)
+
+    return play
 
 
 @contextmanager
@@ -44,37 +52,32 @@ def copying(workload: Workload, num_envs: int) -> Iterator[Play]:
     images = np.repeat(image[None], num_envs, 0)
     count = -(-COPIES // num_envs)
 
-    def play() -> Timing:
+    def copy_all() -> None:
         copy = images.copy
-        started = perf_counter()
         for _ in range(count):
             copy()
-        return Timing(count * num_envs, perf_counter() - started)
 
-    yield play
+    yield timed(count * num_envs, copy_all)
 
 
 @contextmanager
-def single(workload: Workload, *, wrap: Wrap = unwrapped, masks: bool = False) -> Iterator[Play]:
+def single(workload: Workload, *, wrap: Wrap = lambda env: env, masks: bool = False) -> Iterator[Play]:
     """One environment from `gymnasium.make`; `masks`: also get the mask before each action."""
     env = wrap(workload.make())
     (script,) = workload.scripts(1)
     count = sum(len(episode.actions) for episode in script.episodes)
     get_masks = getattr(env, "action_masks", env.unwrapped.action_masks) if masks else None
 
-    def play() -> Timing:
+    def episodes() -> None:
         step, reset = env.step, env.reset
-        reset(seed=script.seed)
-        started = perf_counter()
         for episode in script.episodes:
             for action in episode.actions:
                 if get_masks is not None:
                     get_masks()
                 step(action)
             reset()
-        return Timing(count, perf_counter() - started)
 
-    yield play
+    yield timed(count, episodes, lambda: env.reset(seed=script.seed))
     env.close()
 
 
@@ -93,19 +96,14 @@ def vector(
     """One of this package's vector environments."""
     env = make(workload, num_envs)
     trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
-    play = _timed_steps(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
-    try:
-        yield play
-    finally:
-        env.close()
+    with closing(env):
+        yield _timed_steps(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
 
 
 def _timed_steps(
     trace: Trace, reset: Callable[[], object], step: Callable[[Any], object], get_masks: Callable[[], object] | None
 ) -> Play:
-    def play() -> Timing:
-        reset()
-        started = perf_counter()
+    def rows() -> None:
         if get_masks is None:
             for row in trace.rows:
                 step(row)
@@ -113,9 +111,8 @@ def _timed_steps(
             for row in trace.rows:
                 get_masks()
                 step(row)
-        return Timing(trace.actions, perf_counter() - started)
 
-    return play
+    return timed(trace.actions, rows, reset)
 
 
 def wrapped(workload: Workload, num_envs: int, *, wrap: Wrap) -> Any:
@@ -159,17 +156,14 @@ def parallel_game(workload: Workload) -> Iterator[Play]:
     (script,) = workload.scripts(1)
     proposer, verifier = AGENTS
     games = [(e.task, [{proposer: action, verifier: 0} for action in e.actions]) for e in script.episodes]
-    count = sum(len(pairs) for _, pairs in games)
 
-    def play() -> Timing:
-        started = perf_counter()
+    def play_all() -> None:
         for task, pairs in games:
             env.reset(options={"task": task})
             for pair in pairs:
                 env.step(pair)
-        return Timing(count, perf_counter() - started)
 
-    yield play
+    yield timed(sum(len(pairs) for _, pairs in games), play_all)
     env.close()
 
 
@@ -182,18 +176,15 @@ def turn_game(workload: Workload, *, checked: bool) -> Iterator[Play]:
     env = (checked_env if checked else raw_env)(**game_settings(workload))
     (script,) = workload.scripts(1)
     games = [(e.task, [turn for action in e.actions for turn in (action, 0)]) for e in script.episodes]
-    count = sum(len(turns) for _, turns in games)
 
-    def play() -> Timing:
-        started = perf_counter()
+    def play_all() -> None:
         for task, turns in games:
             env.reset(options={"task": task})
             for action in turns:
                 env.step(action)
                 env.last()
-        return Timing(count, perf_counter() - started)
 
-    yield play
+    yield timed(sum(len(turns) for _, turns in games), play_all)
     env.close()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any
 
@@ -20,6 +20,7 @@ LEGEND = (
     " resets are timed but do not count as steps. of copying: speed relative to copying as many environments' images"
     " (median of the ratios in each round); only cases that copy no images can exceed 1."
 )
+Columns = Mapping[str, Callable[[Measurement], float | None]]  # values by heading
 
 
 class DocumentError(ValueError):
@@ -28,16 +29,24 @@ class DocumentError(ValueError):
 
 def report_text(bench: Bench) -> str:
     """Everything as Markdown: conditions, then the tables of each configuration."""
-    parts = [conditions(bench), *bench.notes]
-    parts.append(LEGEND)
+    rates: Columns = {
+        "median": lambda measured: measured.median,
+        "lowest": lambda measured: min(measured.rates),
+        "highest": lambda measured: max(measured.rates),
+        "of copying": bench.ratio_to_copying,
+    }
+    durations: Columns = {
+        "median": lambda measured: 1e6 / measured.median,
+        "lowest": lambda measured: 1e6 / max(measured.rates),
+        "highest": lambda measured: 1e6 / min(measured.rates),
+    }
+    parts = [conditions(bench), *bench.notes, LEGEND]
     for name in bench.configurations:
         mine = [measurement for measurement in bench.results if measurement.configuration == name]
-        parts.append(
-            f"### {name}\n\n"
-            + _rates_table(bench, [measurement for measurement in mine if not measurement.case.is_part])
-        )
-        if found := [measurement for measurement in mine if measurement.case.is_part]:
-            parts.append(_parts_table(found))
+        cases = [measurement for measurement in mine if not measurement.case.is_part]
+        parts.append(f"### {name}\n\n{_table('steps per second', cases, rates)}")
+        if components := [measurement for measurement in mine if measurement.case.is_part]:
+            parts.append(_table("microseconds for one environment", components, durations))
     return "\n\n".join(parts)
 
 
@@ -55,40 +64,17 @@ def conditions(bench: Bench) -> str:
     return " ".join(texts)
 
 
-def _rates_table(bench: Bench, measured: Sequence[Measurement]) -> str:
-    rows = [
-        (
-            measurement.case.name,
-            str(measurement.case.num_envs),
-            _figure(measurement.median),
-            _figure(min(measurement.rates)),
-            _figure(max(measurement.rates)),
-            "-" if (ratio := bench.ratio_to_copying(measurement)) is None else _figure(ratio),
-        )
-        for measurement in measured
-    ]
-    return markdown_table([("steps per second", "envs", "median", "lowest", "highest", "of copying"), *rows])
+def _table(unit: str, measured: Sequence[Measurement], columns: Columns) -> str:
+    rows = [(one.case.name, str(one.case.num_envs), *(_figure(of(one)) for of in columns.values())) for one in measured]
+    return markdown_table([(unit, "envs", *columns), *rows])
 
 
-def _parts_table(measured: Sequence[Measurement]) -> str:
-    rows = [
-        (
-            measurement.case.name,
-            str(measurement.case.num_envs),
-            _figure(1e6 / measurement.median),
-            _figure(1e6 / max(measurement.rates)),
-            _figure(1e6 / min(measurement.rates)),
-        )
-        for measurement in measured
-    ]
-    return markdown_table([("microseconds for one environment", "envs", "median", "lowest", "highest"), *rows])
-
-
-def _figure(value: float) -> str:
-    """Rounded to three significant digits, with thousands separators."""
+def _figure(value: float | None) -> str:
+    """Rounded to three significant digits, with thousands separators; "-" for None."""
+    if value is None:
+        return "-"
     digits = 2 if value < 10 else 1 if value < 100 else 0
-    rounded = float(f"{value:.3g}")
-    return f"{rounded:,.{digits}f}"
+    return f"{float(f'{value:.3g}'):,.{digits}f}"
 
 
 def report_json(bench: Bench) -> dict[str, Any]:
@@ -105,21 +91,19 @@ def report_json(bench: Bench) -> dict[str, Any]:
         "effort": bench.effort._asdict(),
         "is_interrupted": bench.is_interrupted,
         "notes": bench.notes,
-        "results": [_measurement_json(bench, measurement) for measurement in bench.results],
-    }
-
-
-def _measurement_json(bench: Bench, measurement: Measurement) -> dict[str, Any]:
-    case = measurement.case
-    return {
-        "configuration": measurement.configuration,
-        "group": case.group,
-        "name": case.name,
-        "num_envs": case.num_envs,
-        "unit": "calls/s" if case.is_part else "steps/s",
-        "median": measurement.median,
-        "rates": measurement.rates,
-        "of_copying": bench.ratio_to_copying(measurement),
+        "results": [
+            {
+                "configuration": measurement.configuration,
+                "group": measurement.case.group,
+                "name": measurement.case.name,
+                "num_envs": measurement.case.num_envs,
+                "unit": "calls/s" if measurement.case.is_part else "steps/s",
+                "median": measurement.median,
+                "rates": measurement.rates,
+                "of_copying": bench.ratio_to_copying(measurement),
+            }
+            for measurement in bench.results
+        ],
     }
 
 

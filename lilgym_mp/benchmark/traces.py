@@ -6,6 +6,7 @@ Environment i has the seed i, and thus the same tasks and actions in every playe
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import accumulate
 from typing import Any, NamedTuple, cast
 
@@ -62,7 +63,7 @@ class Workload:
         self.arguments: dict[str, Any] = {"corpus": corpus, "split": SPLIT}  # of every kind of environment
         self.recorder = self.make_bare()
         self._actions = actions
-        self._scripts: dict[tuple[int, int], Script] = {}
+        self._script = cache(self._recorded)
 
     def make(self) -> gym.Env[Any, Any]:
         """One environment, made as usual."""
@@ -76,12 +77,6 @@ class Workload:
         """The scripts of N environments."""
         episodes = max(MIN_EPISODES, self._actions // EPISODE_ACTIONS // num_envs)
         return [self._script(seed, episodes) for seed in range(num_envs)]
-
-    def _script(self, seed: int, count: int) -> Script:
-        key = seed, count
-        if key not in self._scripts:
-            self._scripts[key] = self._recorded(seed, count)
-        return self._scripts[key]
 
     def _recorded(self, seed: int, count: int) -> Script:
         env, rng = self.recorder, np.random.default_rng(seed)
