@@ -61,15 +61,21 @@ def add_split(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
+def add_number(parser: argparse.ArgumentParser, flag: str, default: float, purpose: str) -> None:
+    """An option of the type of its default."""
+    help_text = f"{purpose} (default: %(default)s)"
+    parser.add_argument(flag, type=type(default), default=default, metavar="N", help=help_text)
+
+
 def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
     """--seed, 0 by default; `purpose` completes "random seed"."""
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help=f"random seed {purpose} (default: 0)")
+    add_number(parser, "--seed", 0, f"random seed {purpose}")
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:
     """Where networks run; `learning.devices` rejects devices that are not available."""
     parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="CPU threads (default: %(default)s)")
+    add_number(parser, "--threads", 1, "CPU threads")
 
 
 def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
@@ -79,9 +85,7 @@ def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
 
 
 def add_save_every(parser: argparse.ArgumentParser, default: int) -> None:
-    parser.add_argument(
-        "--save-every", type=int, default=default, metavar="N", help="steps between checkpoints (default: %(default)s)"
-    )
+    add_number(parser, "--save-every", default, "steps between checkpoints")
 
 
 def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> None:

@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import random
 import sys
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
-from lilgym_mp.options import CORPUS_HELP, CommandError, add_corpus, add_seed, check_at_least, task_sets_with_id
+from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically, write_json
+from lilgym_mp.options import (
+    CORPUS_HELP,
+    CommandError,
+    add_corpus,
+    add_number,
+    add_seed,
+    check_at_least,
+    task_sets_with_id,
+)
 from lilgym_mp.terminal import Progress, table
 
 if TYPE_CHECKING:
@@ -30,123 +37,82 @@ SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": 
 def add_parser(subparsers: Any) -> None:
     parser = subparsers.add_parser("data", help="install, check, summarise, show and extend corpora")
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
-    for add in (
-        _add_download,
-        _add_import,
-        _add_list,
-        _add_stats,
-        _add_check,
-        _add_show,
-        _add_generate,
-        _add_synthesize,
-        _add_permute,
-    ):
-        add(actions)
+
+    def add(name: str, run: Callable[[argparse.Namespace], int], summary: str) -> argparse.ArgumentParser:
+        action = actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
+        action.set_defaults(run=run)
+        return action
+
+    _add_installing(add)
+    _add_inspecting(add)
+    _add_making(add)
 
 
-def _add_action(actions: Any, name: str, summary: str) -> argparse.ArgumentParser:
-    return actions.add_parser(name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.")
-
-
-def _add_download(actions: Any) -> None:
-    parser = _add_action(actions, "download", "download the official corpus into the user's cache")
-    source = parser.add_mutually_exclusive_group()
+def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
+    download = add("download", _download, "download the official corpus into the user's cache")
+    source = download.add_mutually_exclusive_group()
     source.add_argument("--revision", help="commit, branch or tag of the repository (default: its newest commit)")
     source.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
-    _add_splits(parser)
-    parser.add_argument("--force", action="store_true", help="download even if it is installed")
-    parser.set_defaults(run=_download)
+    _add_several(download, "splits", SPLITS)
+    download.add_argument("--force", action="store_true", help="download even if it is installed")
+
+    local = add("import", _import, "install the official corpus from a directory or a checkout")
+    local.add_argument("path", type=Path, metavar="PATH", help="directory with the released files, at any depth")
+    _add_several(local, "splits", SPLITS)
 
 
-def _add_import(actions: Any) -> None:
-    parser = _add_action(actions, "import", "install the official corpus from a directory or a checkout")
-    parser.add_argument("path", type=Path, metavar="PATH", help="directory with the released files, at any depth")
-    _add_splits(parser)
-    parser.set_defaults(run=_import)
+def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
+    listed = add("list", _list, "list corpora with their task sets")
+    listed.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
 
+    stats = add("stats", _stats, "count tasks, words, sentence forms, phenomena and program words")
+    _add_corpus_argument(stats)
+    stats.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
 
-def _add_list(actions: Any) -> None:
-    parser = _add_action(actions, "list", "list corpora with their task sets")
-    parser.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
-    parser.set_defaults(run=_list)
-
-
-def _add_stats(actions: Any) -> None:
-    parser = _add_action(actions, "stats", "count tasks, words, sentence forms, phenomena and program words")
-    _add_corpus_argument(parser)
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
-    parser.set_defaults(run=_stats)
-
-
-def _add_check(actions: Any) -> None:
-    parser = _add_action(actions, "check", f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
-    _add_corpus_argument(parser)
-    parser.set_defaults(run=_check)
-
-
-def _add_show(actions: Any) -> None:
-    parser = _add_action(actions, "show", "show a task with its start scene, statement, program and truth value")
-    parser.add_argument("id", metavar="ID", help="id of the task")
-    add_corpus(parser)
-    for name, choices in SET_CHOICES.items():
-        parser.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
-    parser.add_argument("--image", type=Path, metavar="FILE", help="write the picture to FILE as PNG")
-    parser.add_argument("--plain", action="store_true", help="draw with letters instead of colours")
-    parser.set_defaults(run=_show)
-
-
-def _add_synthesize(actions: Any) -> None:
-    parser = _add_action(actions, "synthesize", "make FlipIt start scenes for every statement of a corpus")
-    _add_corpus_argument(parser)
-    _add_output(parser)
-    _add_appearances_and_splits(parser)
-    parser.add_argument(
-        "--starts", type=int, default=4, metavar="N", help="start scenes per statement (default: %(default)s)"
+    _add_corpus_argument(
+        add("check", _check, f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
     )
-    add_seed(parser, "of the scenes")
-    parser.set_defaults(run=_synthesize)
+
+    show = add("show", _show, "show a task with its start scene, statement, program and truth value")
+    show.add_argument("id", metavar="ID", help="id of the task")
+    add_corpus(show)
+    for name, choices in SET_CHOICES.items():
+        show.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
+    show.add_argument("--image", type=Path, metavar="FILE", help="write the picture to FILE as PNG")
+    show.add_argument("--plain", action="store_true", help="draw with letters instead of colours")
 
 
-def _add_generate(actions: Any) -> None:
-    parser = _add_action(actions, "generate", "write statements with programs and start scenes made by the generator")
-    parser.add_argument("number", type=int, metavar="N", help="statements of each appearance and split")
-    parser.add_argument("--level", type=int, default=3, metavar="K", help="difficulty, 1 to 5 (default: %(default)s)")
-    parser.add_argument("--out", dest="output", type=Path, required=True, metavar="FILE", help="corpus file to write")
-    parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    _add_appearances_and_splits(parser)
-    add_seed(parser, "of the statements")
-    parser.set_defaults(run=_generate)
+def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
+    generate = add("generate", _generate, "write statements with programs and start scenes made by the generator")
+    generate.add_argument("number", type=int, metavar="N", help="statements of each appearance and split")
+    add_number(generate, "--level", 3, "difficulty, 1 to 5")
+    add_seed(generate, "of the statements")
 
+    synthesize = add("synthesize", _synthesize, "make FlipIt start scenes for every statement of a corpus")
+    _add_corpus_argument(synthesize)
+    add_number(synthesize, "--starts", 4, "start scenes per statement")
+    add_seed(synthesize, "of the scenes")
 
-def _add_permute(actions: Any) -> None:
-    parser = _add_action(actions, "permute", "augment FlipIt start scenes with all permutations of their boxes")
-    _add_corpus_argument(parser)
-    _add_output(parser)
-    _add_appearances_and_splits(parser)
-    parser.set_defaults(run=_permute)
+    permute = add("permute", _permute, "augment FlipIt start scenes with all permutations of their boxes")
+    _add_corpus_argument(permute)
+
+    for parser in (generate, synthesize, permute):
+        parser.add_argument(
+            "--output", "--out", type=Path, required=True, metavar="FILE", help="corpus file to write (.jsonl[.gz])"
+        )
+        parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
+        _add_several(parser, "appearances", APPEARANCES)
+        _add_several(parser, "splits", SPLITS)
 
 
 def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("corpus", nargs="?", default="builtin", metavar="CORPUS", help=CORPUS_HELP)
 
 
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--output", type=Path, required=True, metavar="FILE", help="corpus file to write (.jsonl[.gz])")
-    parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
-
-
-def _add_several(parser: argparse.ArgumentParser, flag: str, choices: list[str]) -> None:
-    help_text = f"{flag.removeprefix('--')} to include (default: all)"
-    parser.add_argument(flag, nargs="+", choices=choices, default=choices, help=help_text)
-
-
-def _add_splits(parser: argparse.ArgumentParser) -> None:
-    _add_several(parser, "--splits", SET_CHOICES["split"])
-
-
-def _add_appearances_and_splits(parser: argparse.ArgumentParser) -> None:
-    _add_several(parser, "--appearances", SET_CHOICES["appearance"])
-    _add_splits(parser)
+def _add_several(parser: argparse.ArgumentParser, name: str, choices: Iterable[str]) -> None:
+    known = list(choices)
+    help_text = f"{name} to include (default: all)"
+    parser.add_argument(f"--{name}", nargs="+", choices=known, default=known, help=help_text)
 
 
 def _download(args: argparse.Namespace) -> int:
@@ -224,10 +190,7 @@ def _stats(args: argparse.Namespace) -> int:
     statistics = corpus_statistics(args.corpus)
     print(statistics_text(statistics))
     if args.json:
-        try:
-            args.json.write_text(json.dumps(statistics_json(statistics), indent=1) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise _cannot_write(error) from None
+        write_json(writable_file(args.json), statistics_json(statistics))
         print(f"wrote {args.json}")
     return 0
 
@@ -263,18 +226,14 @@ def _show(args: argparse.Namespace) -> int:
     from PIL import Image
 
     from lilgym_mp.cli.data_report import task_lines, task_text
-    from lilgym_mp.evaluation.files import write_atomically
     from lilgym_mp.render.frames import frame
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)
     print(task_text(task, tasks, coloured=not args.plain and sys.stdout.isatty()))
     if args.image:
-        try:
-            picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
-            write_atomically(args.image, lambda unfinished: picture.save(unfinished, format="PNG"))
-        except OSError as error:
-            raise _cannot_write(error) from None
+        picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
+        write_atomically(writable_file(args.image), lambda unfinished: picture.save(unfinished, format="PNG"))
         print(f"wrote {args.image}")
     return 0
 
@@ -352,20 +311,11 @@ def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, o
     """Writes a corpus file atomically."""
     from lilgym_mp.corpus import write_corpus
 
-    path: Path = args.output
-    if path.exists() and not args.force:
-        raise CommandError(f"{path} exists; --force overwrites it")
-    partial = path.with_name(f".partial-{path.name}")
+    path = fresh_file(args.output, force=args.force)
+    partial = path.with_name(f".partial-{path.name}")  # keeps the suffix, which decides on compression
     try:
         write_corpus(partial, name, f"as {args.corpus}", entries)
         partial.replace(path)
-    except OSError as error:
-        raise _cannot_write(error) from None
     finally:
-        with suppress(OSError):
-            partial.unlink()
+        partial.unlink(missing_ok=True)
     print(f"wrote {path}")
-
-
-def _cannot_write(error: OSError) -> CommandError:
-    return CommandError(f"{error.filename or 'the output'}: cannot be written: {error.strerror or error}")

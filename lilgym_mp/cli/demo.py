@@ -18,7 +18,7 @@ from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import CommandError, add_seed, check_at_least
+from lilgym_mp.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
@@ -39,20 +39,8 @@ def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) 
         f"{SPLIT} of {CONFIGURATION}, compares them with an untrained network, random policies and the expert, and "
         "writes films of their episodes.",
     )
-    parser.add_argument(
-        "--parser-steps",
-        type=int,
-        default=PARSER_STEPS,
-        metavar="N",
-        help="training steps of the parser (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--minutes",
-        type=float,
-        default=IMITATION_MINUTES,
-        metavar="N",
-        help="CPU time for the imitation agent (default: %(default)s)",
-    )
+    add_number(parser, "--parser-steps", PARSER_STEPS, "training steps of the parser")
+    add_number(parser, "--minutes", IMITATION_MINUTES, "CPU time for the imitation agent")
     add_seed(parser, "of training and evaluation")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"empty or new directory (default: {DIRECTORY}, {DIRECTORY}-2, ...)"
@@ -65,7 +53,9 @@ def run(args: argparse.Namespace) -> int:
     check_at_least(args, 0, "seed")
     if args.minutes <= 0:
         raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
-    directory = writable_directory(_empty(args.out) if args.out else first_free_path(DIRECTORY))
+    if args.out is not None and args.out.is_dir() and any(args.out.iterdir()):
+        raise OutputError(f"{args.out} is not empty; name an empty or new directory")
+    directory = writable_directory(args.out or first_free_path(DIRECTORY))
     settings = Settings(CONFIGURATION)
     print(
         f"training two agents in parallel on the builtin corpus ({len(settings.make('train').tasks):,} statements for"
@@ -73,7 +63,7 @@ def run(args: argparse.Namespace) -> int:
     )
     _train(args, directory)
     plan = EvaluationPlan(settings, SPLIT, args.seed)
-    named = _named_policies(args, directory)
+    named = _named_policies(directory, args.seed)
     with Progress(plan.episodes * len(named), "episodes") as progress:
         results = list(play_all(named, plan, training_statements(settings), lambda episode: progress.advance()))
     _report(directory, plan, results)
@@ -104,7 +94,7 @@ def _train(args: argparse.Namespace, directory: Path) -> None:
             raise CommandError(f"training {attempt.planned.name} failed: {attempt.error} (see {attempt.log})")
 
 
-def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPolicy]:
+def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
     import torch
 
     from lilgym_mp.learning.agents import open_agent
@@ -117,10 +107,9 @@ def _named_policies(args: argparse.Namespace, directory: Path) -> list[NamedPoli
         details = {"run": f"{RUNS}/{name}", "recipe": dict(agent.description.recipe)}
         trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
-            torch.manual_seed(args.seed)
-            fresh = ImitationAgent(
-                agent.architecture.network().eval(), agent.architecture, agent.rules, agent.description
-            )
+            torch.manual_seed(seed)
+            network = agent.architecture.network().eval()
+            fresh = ImitationAgent(network, agent.architecture, agent.rules, agent.description)
             trained.insert(0, NamedPolicy("untrained network", fresh.policy))
     return [built_in_policy("random-type"), built_in_policy("random-legal"), *trained, built_in_policy("expert")]
 
@@ -133,8 +122,8 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     write_json(directory / "results.json", results_json(results, with_episodes=True))
     write_text(directory / "results.md", f"{summary}\n")
     write_text(directory / "explanation.txt", f"{explanation}\n")
-    films = [directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)]
-    for film, name in zip(films, (IMITATION, PARSE_AND_PLAN), strict=True):
+    films = {name: directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)}
+    for name, film in films.items():
         (result,) = (result for result in results if result.name == name)
         evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
         film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
@@ -143,7 +132,7 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     print(
         f"\n{summary}\n\n{explanation}\n\n"
         f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"
-        f"films:   {', '.join(map(str, films))}\n"
+        f"films:   {', '.join(map(str, films.values()))}\n"
         f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate them on other tasks, such as:\n"
         f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test"
     )
@@ -163,12 +152,6 @@ def _explanation(parser: Path, settings: Settings) -> str:
     plan = planner.plan(task.start, task.statement, task.target)
     lines = explanation_lines(plan, planner, task.statement, task.target)
     return "\n".join([f"lilgym-mp explain --task {task.id} --agent {parser}", "", *lines])
-
-
-def _empty(path: Path) -> Path:
-    if path.is_dir() and any(path.iterdir()):
-        raise OutputError(f"{path} is not empty; name an empty or new directory")
-    return path
 
 
 def first_free_path(path: Path) -> Path:

@@ -22,6 +22,7 @@ from lilgym_mp.observation import ARRAYS, TEXT, item_capacity
 from lilgym_mp.options import (
     CommandError,
     add_configuration,
+    add_number,
     add_seed,
     add_settings,
     add_split,
@@ -61,20 +62,8 @@ def add_parser(subparsers: Any) -> None:
     add_seed(parser, "of the sampling")
     parser.add_argument("--images", action="store_true", help="include images in the npz file (large)")
     parser.add_argument("--sets", action="store_true", help="write states with their sets of optimal actions instead")
-    parser.add_argument(
-        "--exploration",
-        type=float,
-        default=0.25,
-        metavar="P",
-        help="with --sets: probability of a random edit (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--repeats",
-        type=int,
-        default=1,
-        metavar="N",
-        help="with --sets: episodes from each start scene (default: %(default)s)",
-    )
+    add_number(parser, "--exploration", 0.25, "with --sets: probability of a random edit")
+    add_number(parser, "--repeats", 1, "with --sets: episodes from each start scene")
     add_solving(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -135,10 +124,7 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _write_npz(path: Path, write: Callable[[Path], object]) -> None:
-    try:
-        write_atomically(path, write)
-    except OSError as error:
-        raise CommandError(f"cannot write {path}: {error.strerror or error}") from None
+    write_atomically(path, write)
     print(f"npz: {path}")
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Any
@@ -26,6 +27,7 @@ from lilgym_mp.options import (
     CONFIGURATIONS_HELP,
     CommandError,
     add_device,
+    add_number,
     add_recording,
     add_seed,
     add_settings,
@@ -73,7 +75,7 @@ def add_parser(subparsers: Any) -> None:
     )
     add_split(parser, "dev")
     add_seed(parser, "of the policies")
-    parser.add_argument("--passes", type=int, default=1, metavar="N", help="episodes per task (default: 1)")
+    add_number(parser, "--passes", 1, "episodes per task")
     parser.add_argument("--sampled", action="store_true", help="short for --actions sampled")
     parser.add_argument(
         "--actions",
@@ -127,13 +129,22 @@ def run(args: argparse.Namespace) -> int:
         EvaluationPlan(settings, args.split, args.seed, args.passes, record_decisions=args.record_decisions)
         for settings in _settings(args, agents)
     ]
-    _check_record(args, named, plans)
+    if args.record is not None:
+        writable_directory(args.record)
+        for plan, policy in product(plans, named):
+            fresh_file(episodes_file(args.record, policy, plan.settings, plan.split, plan.seed), force=args.force)
     results: list[Result] = []
     with Progress(sum(plan.episodes * len(playable(named, plan)) for plan in plans), "episodes") as progress:
         for plan in plans:
             seen = training_statements(plan.settings)
-            played = play_all(named, plan, seen, lambda episode: progress.advance())
-            results += played if args.record is None else _recorded(played, args, plan, seen)
+            judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
+            recorder = None if args.record is None else Recorder(plan.settings, plan.split, seen, **judging)
+            for result in play_all(named, plan, seen, lambda episode: progress.advance()):
+                results.append(result)
+                if recorder is not None and args.record is not None:
+                    path = recorder.write(args.record, result)
+                    RecordingMetadata.now(args.argv).write(path)
+                    print(f"episodes: {path}", flush=True)
             print(f"{plan}: done", flush=True)
     if sys.stdout.isatty():
         print(f"\n{terminal_tables(results, get_terminal_size().columns)}")
@@ -145,32 +156,6 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, results_json(results))
         print(f"results: {args.json}")
     return 0
-
-
-def _check_record(
-    args: argparse.Namespace, named_policies: Sequence[NamedPolicy], plans: Sequence[EvaluationPlan]
-) -> None:
-    """Raises OutputError if a recording cannot be written, or already exists."""
-    if args.record is None:
-        return
-    writable_directory(args.record)
-    for plan in plans:
-        for named in named_policies:
-            fresh_file(episodes_file(args.record, named, plan.settings, plan.split, plan.seed), force=args.force)
-
-
-def _recorded(
-    played: Iterable[Result], args: argparse.Namespace, plan: EvaluationPlan, seen: set[str]
-) -> Iterator[Result]:
-    """Yields the results, recording each."""
-    recorder = Recorder(
-        plan.settings, plan.split, seen, with_expert=args.optimal, judges_decisions=args.judge_decisions
-    )
-    for result in played:
-        path = recorder.write(args.record, result)
-        RecordingMetadata.now(args.argv).write(path)
-        print(f"episodes: {path}", flush=True)
-        yield result
 
 
 def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
@@ -195,15 +180,10 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
         "training_seed": description.recipe.get("seed", description.details.get("seed")),
         "training": training_facts(description),
     }
+    name = description.kind if description.kind == str(path) else f"{description.kind} ({path})"
     return [
         NamedPolicy(
-            ", ".join(
-                [
-                    description.kind if description.kind == str(path) else f"{description.kind} ({path})",
-                    *[mode] * (len(action_modes) > 1),
-                    *[f"mask {mask}"] * (len(masks) > 1),
-                ]
-            ),
+            ", ".join([name, *[mode] * (len(action_modes) > 1), *[f"mask {mask}"] * (len(masks) > 1)]),
             partial(_policy, agent, mode == SAMPLED, mask == OFF),
             description.supervision,
             description.configurations,

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
@@ -143,21 +145,17 @@ class GameToPlay:
 
     @property
     def configuration(self) -> str:
-        own = self.settings.appearance, self.settings.start
-        return next(name for name, pair in CONFIGURATIONS.items() if pair == own)
+        return configuration_name(self.settings.appearance, self.settings.start)
 
     def pairs(self, cross_play: bool) -> Iterator[tuple[Player, Player]]:
         """Every pair, or those that the runs need: no pair of two scripted partners if there are runs."""
         trained = any(player.run for player in (*self.proposers.values(), *self.verifiers.values()))
-        for proposer in self.proposers.values():
-            for verifier in self.verifiers.values():
-                if cross_play or not trained or _is_default_pair(proposer, verifier):
-                    yield proposer, verifier
+        for proposer, verifier in product(self.proposers.values(), self.verifiers.values()):
+            if cross_play or not trained or _is_default_pair(proposer, verifier):
+                yield proposer, verifier
 
     def result(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> dict[str, Any]:
-        measured = measure(
-            self._env((proposer, verifier), args.split), proposer.partner, verifier.partner, seed=args.seed
-        )
+        measured = self._measure(proposer, verifier, args).to_json()
         exploitability = None
         if args.best_response is not None and verifier.run is not None and proposer is self._first_opponent(verifier):
             exploitability = self._exploitability(verifier, args)
@@ -169,9 +167,9 @@ class GameToPlay:
             "corpus": str(self.settings.corpus),
             "split": args.split,
             "seed": args.seed,
-            "success": measured.success_rate,
+            "success": measured.pop("success_rate"),
             "exploitability": exploitability,
-            **_without(measured, "success_rate"),
+            **measured,
         }
 
     def _first_opponent(self, verifier: Player) -> Player:
@@ -186,23 +184,18 @@ class GameToPlay:
         agent = best_response(
             verifier.partner, Role.PROPOSER, self.settings, minutes=args.best_response, seed=args.seed
         )
-        response = Player("best response", agent, verifier.view)
-        env = self._env((response, verifier), args.split)
-        return measure(env, response.partner, verifier.partner, seed=args.seed).accepted_false_claims
+        return self._measure(Player("best response", agent, verifier.view), verifier, args).accepted_false_claims
 
-    def _env(self, players: tuple[Player, Player], split: str) -> Any:
-        views = {agent: player.view for agent, player in zip(AGENTS, players, strict=True)}
-        return BaseGameEnv(replace(self.settings, views=views, split=split))
+    def _measure(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> Metrics:
+        views = dict(zip(AGENTS, (proposer.view, verifier.view), strict=True))
+        env = BaseGameEnv(replace(self.settings, views=views, split=args.split))
+        return measure(env, proposer.partner, verifier.partner, seed=args.seed)
 
 
 def _is_default_pair(proposer: Player, verifier: Player) -> bool:
     if proposer.run is None:
         return verifier.run is not None and proposer.name in ("expert", "expert-sneaky")
     return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
-
-
-def _without(measured: Metrics, name: str) -> dict[str, Any]:
-    return {key: value for key, value in measured.to_json().items() if key != name}
 
 
 def _games(args: argparse.Namespace) -> list[GameToPlay]:
@@ -214,8 +207,10 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
         first, *others = own
         if args.protocol:
             raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
-        for other in others:
-            _check_same_game(first, own[first], other, own[other])
+        for other, name in product(others, SHARED):
+            expected, value = getattr(own[first], name), getattr(own[other], name)
+            if expected != value:
+                raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
         settings = [replace(own[first], **corpus)]
     else:
         appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
@@ -233,25 +228,15 @@ def _open(path: Path, args: argparse.Namespace) -> Any:
     return open_agent(path, args.device)
 
 
-def _check_same_game(first: Path, wanted: GameSettings, other: Path, found: GameSettings) -> None:
-    for name in SHARED:
-        expected, value = getattr(wanted, name), getattr(found, name)
-        if expected != value:
-            raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
-
-
 def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:
     """The game with the agents' sides and all scripted partners. Raises ValueError for an agent that cannot play it."""
-    dynamics = settings.setup().game.config.dynamics
-    proposers = [_player(path, agent, Role.PROPOSER, settings) for path, agent in agents.items()]
-    verifiers = [_player(path, agent, Role.VERIFIER, settings) for path, agent in agents.items()]
-    proposers += [Player(name, partner) for name, partner in scripted_proposers(dynamics).items()]
-    verifiers += [Player(name, partner) for name, partner in SCRIPTED_VERIFIERS.items()]
-    return GameToPlay(settings, _by_name(proposers), _by_name(verifiers))
-
-
-def _by_name(players: Sequence[Player | None]) -> dict[str, Player]:
-    return {player.name: player for player in players if player is not None}
+    scripted = scripted_proposers(settings.setup().game.config.dynamics), SCRIPTED_VERIFIERS
+    sides: list[dict[str, Player]] = []
+    for role, partners in zip(Role, scripted, strict=True):
+        players = [_player(path, agent, role, settings) for path, agent in agents.items()]
+        players += [Player(name, partner) for name, partner in partners.items()]
+        sides.append({player.name: player for player in players if player is not None})
+    return GameToPlay(settings, *sides)
 
 
 def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Player | None:
@@ -266,9 +251,9 @@ def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Playe
     from lilgym_mp.learning.partners import AgentPartner
 
     single: Agent = agent
-    appearance = next(name for name, pair in CONFIGURATIONS.items() if pair == (settings.appearance, settings.start))
+    configuration = configuration_name(settings.appearance, settings.start)
     fields = {name: asdict(settings)[name] for name in ("rules", "horizon", "grid")}
-    policy = single.policy(Settings(appearance, str(settings.corpus), **fields))
+    policy = single.policy(Settings(configuration, str(settings.corpus), **fields))
     return Player(str(path), AgentPartner(policy), "image", path)
 
 

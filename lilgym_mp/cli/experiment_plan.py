@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
@@ -36,157 +36,150 @@ class PlannedRun:
         return [list(self.train), *map(list, self.evaluate)]
 
 
-class _Checker:
-    """Checks values of the file; its errors name the file and the key."""
+class _Table:
+    """A table of the file; its errors name the file and the key."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, prefix: str, values: Mapping[str, Any]) -> None:
+        """`prefix`: of its keys in errors."""
         self.path = path
+        self.prefix = prefix
+        self.values = values
 
     def error(self, key: str, message: str) -> CommandError:
-        return CommandError(f"{self.path}: {key}: {message}")
+        return CommandError(f"{self.path}: {self.prefix}{key}: {message}")
 
-    def check_keys(self, prefix: str, table: Mapping[str, Any], choices: Sequence[str]) -> None:
-        for key in table:
+    def check_keys(self, choices: Sequence[str]) -> None:
+        for key in self.values:
             if key not in choices:
-                raise self.error(f"{prefix}{key}", f"unknown key; choose from {', '.join(choices)}")
+                raise self.error(key, f"unknown key; choose from {', '.join(choices)}")
 
-    def checked_list(self, key: str, values: Any, choices: Sequence[Any] | None, value_type: type) -> list[Any]:
-        """`values` if it is a non-empty list of distinct values of the type, all among the choices."""
+    def value(self, key: str, default: Any, rule: str) -> Any:
+        """The value if it has the type of the default; else an error with the rule."""
+        value = self.values.get(key, default)
+        if type(value) is not type(default):
+            raise self.error(key, f"must be {rule}, not {value!r}")
+        return value
+
+    def distinct(self, key: str, default: list[Any], choices: Iterable[Any] = ()) -> list[Any]:
+        """The value if it is a list of distinct values of the default's type, and of the choices if there are any."""
+        values = self.values.get(key, default)
         if not isinstance(values, list) or not values:
             raise self.error(key, f"must be a non-empty list, not {values!r}")
+        choices, value_type = list(choices), type(default[0])
         for value in values:
-            if type(value) is not value_type or (choices is not None and value not in choices):
-                listed = ", ".join(map(str, choices or ()))
-                rule = f"choose from {listed}" if choices else f"must be of type {value_type.__name__}"
-                raise self.error(key, f"unknown value {value!r}; {rule}")
+            if type(value) is not value_type or (choices and value not in choices):
+                listed = f"choose from {', '.join(choices)}" if choices else f"must be of type {value_type.__name__}"
+                raise self.error(key, f"unknown value {value!r}; {listed}")
         if len(set(values)) < len(values):
             raise self.error(key, f"duplicate value in {values}")
         return values
 
+    def seeds(self, default: list[int]) -> list[int]:
+        seeds = self.distinct("seeds", default)
+        if min(seeds) < 0:
+            raise self.error("seeds", f"must be at least 0, not {min(seeds)}")
+        return seeds
+
+    def check_environment(
+        self, keys: Sequence[str], configurations: Sequence[str], split: str, **settings: Any
+    ) -> None:
+        """Makes each environment once; `keys` are those to name in an error."""
+        try:
+            for name in configurations:
+                Settings(name, **settings).make(split)
+        except (ValueError, TypeError) as error:
+            raise self.error(", ".join(keys), str(error)) from None
+
+
+class _Experiment(NamedTuple):
+    """What the learners share."""
+
+    splits: Sequence[str]
+    configurations: Sequence[str]
+    seeds: list[int]
+    environment: Sequence[str]  # options, beginning with --corpus CORPUS
+    evaluation: Sequence[str]  # these and further options of `evaluate`
+
 
 def read_plan(path: Path) -> list[PlannedRun]:
     """The runs of an experiment's file. Raises CommandError naming the file, the key and the choices."""
-    checker = _Checker(path)
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        table = _Table(path, "", tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except OSError as error:
         raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CommandError(f"{path}: invalid TOML: {error}") from None
-    checker.check_keys("", data, KEYS)
-    known = list(CONFIGURATIONS)
-    common = {
-        "splits": checker.checked_list("splits", data.get("splits", ["dev"]), list(SPLITS), str),
-        "configurations": checker.checked_list("configurations", data.get("configurations", known), known, str),
-        "seeds": _seeds(checker, "seeds", data.get("seeds", [0])),
-    }
-    environment = _environment_options(checker, data, common["configurations"])
-    evaluation = [*environment, *(["--optimal"] if data.get("optimal", False) else [])]
-    learners = data.get("learners", [])
-    if not isinstance(learners, list) or not learners or not all(isinstance(table, dict) for table in learners):
-        raise checker.error("learners", "must be one or more tables [[learners]]")
+    table.check_keys(KEYS)
+    splits = table.distinct("splits", ["dev"], SPLITS)
+    configurations = table.distinct("configurations", list(CONFIGURATIONS), CONFIGURATIONS)
+    environment = _environment_options(table, configurations)
+    evaluation = [*environment, *["--optimal"] * table.value("optimal", False, "true or false")]
+    experiment = _Experiment(splits, configurations, table.seeds([0]), environment, evaluation)
+    learners = table.values.get("learners", [])
+    if not isinstance(learners, list) or not learners or not all(isinstance(values, dict) for values in learners):
+        raise table.error("learners", "must be one or more tables [[learners]]")
     runs: list[PlannedRun] = []
-    for index, table in enumerate(learners):
-        runs += _learner_runs(checker, f"learners[{index}].", table, common, environment, evaluation)
+    for index, values in enumerate(learners):
+        runs += _learner_runs(_Table(path, f"learners[{index}].", values), experiment)
     if len({run.name for run in runs}) < len(runs):
-        raise checker.error("learners", "two have the same name; names must be unique")
-    if "policies" in data:
-        policies = checker.checked_list("policies", data["policies"], sorted(BUILT_IN_POLICIES), str)
-        command = ("evaluate", "--policy", *policies, "--configuration", *common["configurations"], *evaluation)
-        runs.append(PlannedRun(POLICIES_RUN, (), tuple((*command, "--split", split) for split in common["splits"])))
+        raise table.error("learners", "two have the same name; names must be unique")
+    if "policies" in table.values:
+        policies = table.distinct("policies", [""], sorted(BUILT_IN_POLICIES))
+        command = ("evaluate", "--policy", *policies, "--configuration", *configurations, *evaluation)
+        runs.append(PlannedRun(POLICIES_RUN, (), tuple((*command, "--split", split) for split in splits)))
     return runs
 
 
-def _seeds(checker: _Checker, key: str, values: Any) -> list[int]:
-    seeds = checker.checked_list(key, values, None, int)
-    if min(seeds) < 0:
-        raise checker.error(key, f"must be at least 0, not {min(seeds)}")
-    return seeds
-
-
-def _environment_options(checker: _Checker, data: Mapping[str, Any], configurations: Sequence[str]) -> list[str]:
+def _environment_options(table: _Table, configurations: Sequence[str]) -> list[str]:
     """The environment's settings as command-line options, checked by making each environment once."""
-    corpus = data.get("corpus", "builtin")
-    if not isinstance(corpus, str):
-        raise checker.error("corpus", f"must be a string, not {corpus!r}")
-    if not isinstance(data.get("optimal", False), bool):
-        raise checker.error("optimal", f"must be true or false, not {data['optimal']!r}")
-    given = {key: data[key] for key in ENVIRONMENT if key in data}
-    grid = given.get("grid")
-    settings = {**given, **({"grid": tuple(grid)} if isinstance(grid, list) else {})}
-    try:
-        for name in configurations:
-            Settings(name, corpus, **settings).make("dev")
-    except (ValueError, TypeError) as error:
-        raise checker.error(", ".join(["corpus", *given]), str(error)) from None
-    options = {**given, **({"grid": "x".join(map(str, grid))} if isinstance(grid, list) else {})}
-    return ["--corpus", corpus, *(word for key, value in options.items() for word in (f"--{key}", str(value)))]
+    corpus = table.value("corpus", "builtin", "a string")
+    given = {key: table.values[key] for key in ENVIRONMENT if key in table.values}
+    settings = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
+    table.check_environment(["corpus", *given], configurations, "dev", corpus=corpus, **settings)
+    texts = {key: "x".join(map(str, value)) if isinstance(value, list) else str(value) for key, value in given.items()}
+    return ["--corpus", corpus, *(word for key, text in texts.items() for word in (f"--{key}", text))]
 
 
-def _learner_runs(
-    checker: _Checker,
-    prefix: str,
-    table: Mapping[str, Any],
-    common: Mapping[str, Any],
-    environment: Sequence[str],
-    evaluation: Sequence[str],
-) -> Iterator[PlannedRun]:
-    """The runs of one table [[learners]], for each of its configurations and seeds; `prefix`: of its keys in errors."""
-    kind = table.get("learner")
+def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun]:
+    """The runs of one table [[learners]], for each of its configurations and seeds."""
+    kind = table.values.get("learner")
     if not isinstance(kind, str) or kind not in PACKAGES:
-        raise checker.error(f"{prefix}learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
+        raise table.error("learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
     learner = find_learner(kind)
     recipe_keys = [field.name for field in fields(learner.recipe) if field.name != "seed"]
-    checker.check_keys(prefix, table, (*LEARNER_KEYS, *learner.numbers, *learner.texts, *recipe_keys))
-    name = table.get("name", kind)
+    table.check_keys((*LEARNER_KEYS, *learner.numbers, *learner.texts, *recipe_keys))
+    name = table.values.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
-        raise checker.error(f"{prefix}name", f"must consist of letters, digits and -, _, +, not {name!r}")
-    all_configurations = common["configurations"]
-    configurations = checker.checked_list(
-        f"{prefix}configurations", table.get("configurations", all_configurations), all_configurations, str
-    )
-    if learner.plays_everything and "configurations" in table:
-        raise checker.error(f"{prefix}configurations", "one agent plays all configurations; leave the key out")
-    seeds = _seeds(checker, f"{prefix}seeds", table.get("seeds", common["seeds"]))
-    modes = checker.checked_list(f"{prefix}actions", table.get("actions", [GREEDY]), [GREEDY, SAMPLED], str)
-    passes = table.get("passes", 1)
-    if type(passes) is not int or passes < 1:
-        raise checker.error(f"{prefix}passes", f"must be a whole number above 0, not {passes!r}")
-    options = {key: value for key, value in table.items() if key not in LEARNER_KEYS}
-    training = ["--corpus", _training_corpus(checker, f"{prefix}corpus", table, configurations, environment[1])]
-    if not learner.plays_everything:
-        training += environment[2:]
+        raise table.error("name", f"must consist of letters, digits and -, _, +, not {name!r}")
+    configurations = table.distinct("configurations", list(experiment.configurations), experiment.configurations)
+    if learner.plays_everything and "configurations" in table.values:
+        raise table.error("configurations", "one agent plays all configurations; leave the key out")
+    seeds = table.seeds(experiment.seeds)
+    modes = table.distinct("actions", [GREEDY], [GREEDY, SAMPLED])
+    passes = table.value("passes", 1, "a whole number above 0")
+    if passes < 1:
+        raise table.error("passes", f"must be a whole number above 0, not {passes}")
+    options = {key: value for key, value in table.values.items() if key not in LEARNER_KEYS}
+    _, own_corpus, *settings = experiment.environment
+    corpus = table.value("corpus", own_corpus, "a string")
+    if corpus != own_corpus:
+        table.check_environment(["corpus"], configurations, "train", corpus=corpus)
+    training = ["--corpus", corpus, *(() if learner.plays_everything else settings)]
     for configuration in (None,) if learner.plays_everything else configurations:
-        budget, recipe = _checked_options(checker, prefix, learner, configuration, options)
-        played = _played_configurations(configuration, recipe, all_configurations)
-        evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played, *evaluation)
-        evaluate = (*evaluate, *(["--passes", str(passes)] if passes > 1 else []))
+        budget, recipe = _checked_options(table, learner, configuration, options)
+        played = _played_configurations(configuration, recipe, experiment.configurations)
+        evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played)
+        evaluate = (*evaluate, *experiment.evaluation, *(["--passes", str(passes)] if passes > 1 else []))
         if learner.evaluate != "evaluate":
-            evaluate = (learner.evaluate, *environment[:2])
+            evaluate = (learner.evaluate, *experiment.environment[:2])
+        own = [configuration] if configuration else []
         for seed in seeds:
-            train = ["train", kind, *([configuration] if configuration else []), "--seed", str(seed), *training]
             yield PlannedRun(
-                "-".join([name, *([configuration] if configuration else []), str(seed)]),
-                (*train, *_flags(options)),
-                tuple((*evaluate, "--split", split) for split in common["splits"]),
+                "-".join([name, *own, str(seed)]),
+                ("train", kind, *own, "--seed", str(seed), *training, *_flags(options)),
+                tuple((*evaluate, "--split", split) for split in experiment.splits),
                 budget,
             )
-
-
-def _training_corpus(
-    checker: _Checker, key: str, table: Mapping[str, Any], configurations: Sequence[str], default: str
-) -> str:
-    """The learner's own corpus, checked by making each environment once, or else the experiment's."""
-    corpus = table.get("corpus", default)
-    if not isinstance(corpus, str):
-        raise checker.error(key, f"must be a string, not {corpus!r}")
-    if corpus != default:
-        try:
-            for name in configurations:
-                Settings(name, corpus).make("train")
-        except ValueError as error:
-            raise checker.error(key, str(error)) from None
-    return corpus
 
 
 def _played_configurations(configuration: str | None, recipe: Any, choices: Sequence[str]) -> Sequence[str]:
@@ -200,25 +193,23 @@ def _played_configurations(configuration: str | None, recipe: Any, choices: Sequ
 
 
 def _checked_options(
-    checker: _Checker, prefix: str, learner: Learner, configuration: str | None, options: Mapping[str, Any]
+    table: _Table, learner: Learner, configuration: str | None, options: Mapping[str, Any]
 ) -> tuple[tuple[str, float], Any]:
     """The learner's budget, and the recipe that its options make."""
-    for key in learner.numbers.keys() & options.keys():
+    settings = {key: value for key, value in options.items() if key not in learner.numbers}
+    for key in (key for key in options if key in learner.numbers):
         value, number = options[key], int if key == "evaluate_every" else int | float
         if isinstance(value, bool) or not isinstance(value, number) or value <= 0:
-            raise checker.error(f"{prefix}{key}", f"must be a number above 0, not {value!r}")
+            raise table.error(key, f"must be a number above 0, not {value!r}")
     defaults = {field.name: field.default for field in fields(learner.recipe)}
-    for key, value in options.items():
-        if key in learner.numbers:
-            continue
+    for key, value in settings.items():
         expected = str if key in learner.texts else type(defaults[key])
         if type(value) is not expected and not (expected is float and type(value) is int):
-            raise checker.error(f"{prefix}{key}", f"must be of type {expected.__name__}, not {value!r}")
-    settings = {key: value for key, value in options.items() if key not in learner.numbers}
+            raise table.error(key, f"must be of type {expected.__name__}, not {value!r}")
     try:
         recipe = learner.make_recipe(configuration or "", settings)
     except ValueError as error:
-        raise checker.error(prefix.rstrip("."), str(error)) from None
+        raise CommandError(f"{table.path}: {table.prefix.rstrip('.')}: {error}") from None
     return learner.budget({**learner.numbers, **options}), recipe
 
 

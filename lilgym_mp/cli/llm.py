@@ -15,6 +15,7 @@ from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import (
     CommandError,
     add_configuration,
+    add_number,
     add_recording,
     add_seed,
     add_settings,
@@ -57,20 +58,8 @@ def add_parser(subparsers: Any) -> None:
         help="describe scenes as a list of items or as a character drawing (default: %(default)s)",
     )
     parser.add_argument("--no-legal-actions", action="store_true", help="do not list the legal actions")
-    parser.add_argument(
-        "--retries",
-        type=int,
-        default=1,
-        metavar="N",
-        help="times to ask again after an answer without a valid action (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--history",
-        type=int,
-        default=12,
-        metavar="N",
-        help="past observations kept in the prompt (default: %(default)s)",
-    )
+    add_number(parser, "--retries", 1, "times to ask again after an answer without a valid action")
+    add_number(parser, "--history", 12, "past observations kept in the prompt")
     add_seed(parser, "of the agent")
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"write {TRANSCRIPTS} and {SUMMARY} to DIR")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
@@ -81,6 +70,7 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.llm import Player, make_agent, summarise
+    from lilgym_mp.llm.recording import write_recording
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
         sys.path.append(os.getcwd())
@@ -99,9 +89,13 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(episodes)
     print(*_summary_lines(summary), sep="\n")
     if args.out is not None:
-        write_json(args.out / SUMMARY, {"settings": _settings(args, player), **summary.to_json()})
+        names = ("agent", "option", "split", "scene", "retries", "history", "seed")
+        options = {**{name: getattr(args, name) for name in names}, "legal_actions": player.legal_actions}
+        write_json(args.out / SUMMARY, {"settings": {**player.settings.to_json(), **options}, **summary.to_json()})
     if args.record is not None:
-        _record(player, args, episodes)
+        path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
+        RecordingMetadata.now(args.argv).write(path)
+        print(f"episodes: {path}")
     return 0
 
 
@@ -111,6 +105,11 @@ def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
 
     episodes: list[Episode] = []
     lines: list[str] = []
+
+    def write(lines: list[str]) -> None:
+        if args.out is not None:
+            write_text(args.out / TRANSCRIPTS, "".join(lines))
+
     task_ids = player.task_ids()[: args.episodes]
     with Progress(len(task_ids), "episodes", lines=0) as progress:
         for index, task_id in enumerate(task_ids):
@@ -118,27 +117,14 @@ def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
                 episode = player.play(task_id, args.seed + index)
             except AgentError as error:
                 failed = {"task": task_id, "error": str(error), "messages": player.conversation}
-                _write_transcripts(args, [*lines, json.dumps(failed, ensure_ascii=False) + "\n"])
+                write([*lines, json.dumps(failed, ensure_ascii=False) + "\n"])
                 raise CommandError(f"{task_id}: {error} ({len(episodes)} played before)") from None
             print(f"{task_id}: {episode.outcome}, progression {episode.progression:.2f}, {', '.join(episode.actions)}")
             episodes.append(episode)
             lines.append(json.dumps(episode.to_json(), ensure_ascii=False) + "\n")
-            _write_transcripts(args, lines)
+            write(lines)
             progress.advance(note=f"{sum(episode.is_success for episode in episodes):,} solved")
     return episodes
-
-
-def _write_transcripts(args: argparse.Namespace, lines: list[str]) -> None:
-    if args.out is not None:
-        write_text(args.out / TRANSCRIPTS, "".join(lines))
-
-
-def _record(player: Player, args: argparse.Namespace, episodes: list[Episode]) -> None:
-    from lilgym_mp.llm.recording import write_recording
-
-    path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
-    RecordingMetadata.now(args.argv).write(path)
-    print(f"episodes: {path}")
 
 
 def _check_output(args: argparse.Namespace) -> None:
@@ -168,12 +154,6 @@ def _key_and_value(text: str) -> tuple[str, Any]:
         except ValueError:
             continue
     return key, value
-
-
-def _settings(args: argparse.Namespace, player: Player) -> dict[str, Any]:
-    names = ("agent", "option", "split", "scene", "retries", "history", "seed")
-    options = {name: getattr(args, name) for name in names}
-    return {**player.settings.to_json(), **options, "legal_actions": player.legal_actions}
 
 
 def _summary_lines(summary: Summary) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.options import add_seed, check_at_least
+from lilgym_mp.options import add_number, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
 
 
@@ -23,13 +23,11 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth, scene or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
-    parser.add_argument(
-        "--level", type=int, default=3, metavar="L", help="difficulty of statements, 1 to 5 (default: 3)"
-    )
+    add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
     parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")
-    parser.add_argument("--min-actions", type=int, default=2, metavar="N", help="of the shortest plan (default: 2)")
+    add_number(parser, "--min-actions", 2, "of the shortest plan")
     parser.add_argument("--max-actions", type=int, metavar="N", help="of the shortest plan (default: the horizon)")
-    parser.add_argument("--count", type=int, default=1_000, metavar="N", help="number of prompts (default: 1000)")
+    add_number(parser, "--count", 1_000, "number of prompts")
     add_seed(parser, "of the tasks")
     parser.add_argument("--answers", action="store_true", help='add the expert\'s reply as "answer"')
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")

@@ -88,10 +88,15 @@ def run(args: argparse.Namespace) -> int:
     unsolved: list[str] = []
     for settings in chosen:
         for split in args.split or [split_of(settings, None)]:
-            reports = solve_split(settings, split, args)
+            tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+            reports = solve_shown(tasks[: args.limit], settings, split, args)
             name = f"{settings.configuration} {split}"
             summaries[name] = summarise(reports)
-            unsolved.extend(_unsolved_lines(name, reports))
+            unsolved += [
+                f"{name} {task.id}: {task.statement!r} to be {task.target}: {solution.status}, {solution.reason}"
+                for task, solution, _ in reports
+                if solution.status is not Status.SOLVED
+            ]
             if args.replay:
                 played, successes = replay(settings, split, reports)
                 print(f"{name}: {successes:,} of {played:,} solutions succeed in the environment")
@@ -99,10 +104,14 @@ def run(args: argparse.Namespace) -> int:
             source = {"settings": settings.to_json(), "split": split}
             records.extend({**source, **report_json(report, dynamics)} for report in reports)
     first = chosen[0]
-    print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {_grid(first)}\n")
+    grid = first.grid if isinstance(first.grid, str) else "x".join(map(str, first.grid))
+    print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {grid}\n")
     header, *rows = summary_rows(summaries)
     print(table(header, rows))
-    _print_unsolved(unsolved)
+    if unsolved:
+        print("\n".join([f"\nunsolved: {len(unsolved)}", *unsolved[:MOST_LISTED]]))
+    if len(unsolved) > MOST_LISTED:
+        print(f"... and {len(unsolved) - MOST_LISTED} more; --out FILE writes all")
     if args.out is not None:
         write_json(args.out, {"summaries": {name: s._asdict() for name, s in summaries.items()}, "tasks": records})
         print(f"\nsolutions: {args.out}")
@@ -156,45 +165,14 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
     return frames
 
 
-def solve_split(settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
-    """Solves the split's tasks, showing progress. Raises ValueError for invalid settings."""
-    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
-    return solve_shown(tasks[: args.limit], settings, split, args)
-
-
 def solve_shown(tasks: Sequence[Task], settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
         try:
-            return solve_tasks(
-                tasks,
-                settings.dynamics(),
-                budget=args.budget,
-                jobs=args.jobs,
-                on_report=lambda report: progress.advance(),
-            )
+            limits = {"budget": args.budget, "jobs": args.jobs}
+            return solve_tasks(tasks, settings.dynamics(), **limits, on_report=lambda report: progress.advance())
         except BrokenProcessPool:
             raise CommandError("a worker process was killed; --jobs 1 solves without worker processes") from None
-
-
-def _grid(settings: Settings) -> str:
-    return settings.grid if isinstance(settings.grid, str) else "x".join(map(str, settings.grid))
-
-
-def _unsolved_lines(name: str, reports: Sequence[TaskReport]) -> list[str]:
-    return [
-        f"{name} {task.id}: {task.statement!r} to be {task.target}: {solution.status}, {solution.reason}"
-        for task, solution, _ in reports
-        if solution.status is not Status.SOLVED
-    ]
-
-
-def _print_unsolved(lines: Sequence[str]) -> None:
-    if lines:
-        print(f"\nunsolved: {len(lines)}")
-        print("\n".join(lines[:MOST_LISTED]))
-        if len(lines) > MOST_LISTED:
-            print(f"... and {len(lines) - MOST_LISTED} more; --out FILE writes all")
 
 
 def replay(settings: Settings, split: str, reports: Sequence[TaskReport]) -> tuple[int, int]:
