@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lilgym_mp import render
 from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenomena
-from lilgym_mp.analysis.statistics import CorpusStatistics, StatementStatistics
+from lilgym_mp.analysis.statistics import CorpusStatistics, SetCount, StatementStatistics
 from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.official.release import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
@@ -23,10 +23,8 @@ def listing(corpora: Sequence[tuple[str, str, Sequence[TaskSet]]]) -> str:
     rows: list[tuple[object, ...]] = []
     for name, remark, sets in corpora:
         for tasks in sets:
-            origin = tasks.provenance
-            rows.append(
-                (name, configuration_name(origin.appearance, origin.start), origin.split, len(tasks), contexts(tasks))
-            )
+            configuration = configuration_name(tasks.provenance.appearance, tasks.provenance.start)
+            rows.append((name, configuration, tasks.provenance.split, len(tasks), contexts(tasks)))
         if not sets:
             rows.append((name, remark, "", None, None))
     return table(["corpus", "configuration", "split", "tasks", "contexts"], rows)
@@ -34,99 +32,54 @@ def listing(corpora: Sequence[tuple[str, str, Sequence[TaskSet]]]) -> str:
 
 def statistics_text(statistics: CorpusStatistics) -> str:
     """Every table of a corpus's statistics."""
+    is_official = any(count.paper is not None for count in statistics.counts)
+    published = f" (the paper counts {STATEMENT_COUNT:,} statements in all three splits)" if is_official else ""
+    groups = statistics.statements
+    phenomena = {kind: [group.phenomena[kind] for group in groups] for kind in PHENOMENA}
+    words = {name: [group.program_words[name] for group in groups] for group in groups for name in group.program_words}
+    commonest = sorted(words, key=lambda name: (-sum(words[name]), name))[:SHOWN_WORDS]
     return "\n\n".join(
         [
             f"corpus {statistics.corpus}: {statistics.path}\n"
             f"{statistics.statement_count:,} statements with {statistics.program_count:,} programs, "
-            f"{statistics.word_count:,} words{_paper_statements(statistics)}",
-            _counts_table(statistics),
+            f"{statistics.word_count:,} words{published}",
+            _counts_table(statistics.counts, is_official),
             _statements_table(statistics),
-            _shares_table(
-                "phenomenon, % of statements",
-                statistics.statements,
-                [
-                    (phenomenon, [group.phenomena[phenomenon] for group in statistics.statements])
-                    for phenomenon in PHENOMENA
-                ],
-            ),
-            _shares_table("program word, % of programs", statistics.statements, list(_commonest_words(statistics))),
+            _shares_table("phenomenon, % of statements", groups, phenomena),
+            _shares_table("program word, % of programs", groups, {name: words[name] for name in commonest}),
         ]
     )
 
 
-def _paper_statements(statistics: CorpusStatistics) -> str:
-    if all(count.paper is None for count in statistics.counts):
-        return ""
-    return f" (the paper counts {STATEMENT_COUNT:,} statements in all three splits)"
-
-
-def _counts_table(statistics: CorpusStatistics) -> str:
-    official = any(count.paper is not None for count in statistics.counts)
-    header = ["configuration", "split", "tasks", "contexts", "true at start"]
+def _counts_table(counts: Sequence[SetCount], is_official: bool) -> str:
     rows: list[list[object]] = []
-    for count in statistics.counts:
-        row: list[object] = [
-            configuration_name(count.appearance, count.start),
-            count.split,
-            count.tasks,
-            count.contexts,
-            count.true_at_start,
-        ]
-        if official:
-            row += [count.paper.tasks, count.paper.contexts] if count.paper else [None, None]
-        rows.append(row)
-    return table(header + ["tasks (paper)", "contexts (paper)"] * official, rows)
+    for count in counts:
+        own = [count.split, count.tasks, count.contexts, count.true_at_start]
+        paper = [count.paper.tasks, count.paper.contexts] if count.paper else [None, None]
+        rows.append([configuration_name(count.appearance, count.start), *own, *paper * is_official])
+    header = ["configuration", "split", "tasks", "contexts", "true at start"]
+    return table(header + ["tasks (paper)", "contexts (paper)"] * is_official, rows)
 
 
 def _statements_table(statistics: CorpusStatistics) -> str:
-    header = [
-        "statements",
-        "number",
-        "forms",
-        "words",
-        "mean words",
-        "longest",
-        "in train",
-        "form in train",
-        "new words",
-    ]
+    own = ("statements", "number", "forms", "words", "mean words", "longest")
     rows: list[list[object]] = []
     for group in statistics.statements:
         overlap = None if group.split == "train" else statistics.overlap(group)
-        rows.append(
-            [
-                f"{group.appearance} {group.split}",
-                len(group.programs),
-                len(group.forms),
-                len(group.vocabulary),
-                sum(group.word_counts) / len(group.word_counts),
-                max(group.word_counts),
-                *((overlap.seen, overlap.seen_forms, overlap.unseen_words) if overlap else (None, None, None)),
-            ]
-        )
-    return table(header, rows)
+        sizes = map(len, (group.programs, group.forms, group.vocabulary))
+        lengths = sum(group.word_counts) / len(group.word_counts), max(group.word_counts)
+        rows.append([f"{group.appearance} {group.split}", *sizes, *lengths, *(overlap[1:] if overlap else [None] * 3)])
+    return table((*own, "in train", "form in train", "new words"), rows)
 
 
-def _shares_table(title: str, groups: Sequence[StatementStatistics], rows: Sequence[tuple[str, Sequence[int]]]) -> str:
-    """Percentages of each group; each row is a name and its counts by group."""
-    header = [title, *(f"{group.appearance} {group.split}" for group in groups)]
-    return table(
-        header,
-        [
-            [str(name), *(100 * count / len(group.programs) for count, group in zip(counts, groups, strict=True))]
-            for name, counts in rows
-        ],
-    )
-
-
-def _commonest_words(statistics: CorpusStatistics) -> Iterator[tuple[str, Sequence[int]]]:
-    uses = {
-        name: [group.program_words[name] for group in statistics.statements]
-        for group in statistics.statements
-        for name in group.program_words
-    }
-    for name in sorted(uses, key=lambda name: (-sum(uses[name]), name))[:SHOWN_WORDS]:
-        yield name, uses[name]
+def _shares_table(title: str, groups: Sequence[StatementStatistics], counts: Mapping[Any, Sequence[int]]) -> str:
+    """Percentages of each group's statements; `counts`: by name of the row, one for each group."""
+    sizes = [len(group.programs) for group in groups]
+    rows = [
+        [str(name), *(100 * count / size for count, size in zip(row, sizes, strict=True))]
+        for name, row in counts.items()
+    ]
+    return table([title, *(f"{group.appearance} {group.split}" for group in groups)], rows)
 
 
 def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -136,15 +136,7 @@ def run(args: argparse.Namespace) -> int:
     results: list[Result] = []
     with Progress(sum(plan.episodes * len(playable(named, plan)) for plan in plans), "episodes") as progress:
         for plan in plans:
-            seen = training_statements(plan.settings)
-            judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
-            recorder = None if args.record is None else Recorder(plan.settings, plan.split, seen, **judging)
-            for result in play_all(named, plan, seen, lambda episode: progress.advance()):
-                results.append(result)
-                if recorder is not None and args.record is not None:
-                    path = recorder.write(args.record, result)
-                    RecordingMetadata.now(args.argv).write(path)
-                    print(f"episodes: {path}", flush=True)
+            results += _played(named, plan, args, progress)
             print(f"{plan}: done", flush=True)
     if sys.stdout.isatty():
         print(f"\n{terminal_tables(results, get_terminal_size().columns)}")
@@ -156,6 +148,24 @@ def run(args: argparse.Namespace) -> int:
         write_json(args.json, results_json(results))
         print(f"results: {args.json}")
     return 0
+
+
+def _played(
+    named: Sequence[NamedPolicy], plan: EvaluationPlan, args: argparse.Namespace, progress: Progress
+) -> Iterator[Result]:
+    """The policies' results, each recorded with --record as soon as it is there."""
+    seen = training_statements(plan.settings)
+    played = play_all(named, plan, seen, lambda episode: progress.advance())
+    if args.record is None:
+        yield from played
+        return
+    judging = {"with_expert": args.optimal, "judges_decisions": args.judge_decisions}
+    recorder = Recorder(plan.settings, plan.split, seen, **judging)
+    for result in played:
+        path = recorder.write(args.record, result)
+        RecordingMetadata.now(args.argv).write(path)
+        print(f"episodes: {path}", flush=True)
+        yield result
 
 
 def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:

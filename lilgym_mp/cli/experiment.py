@@ -127,18 +127,12 @@ class Display:
 
 def row(attempt: Attempt) -> list[str]:
     """A run's name, status, fraction of training done, time so far and time left."""
-    elapsed = attempt.seconds
-    done = attempt.fraction_done
+    elapsed, done = attempt.seconds, attempt.fraction_done
     if attempt.began is not None and not elapsed:
         elapsed = time.monotonic() - attempt.began
-    left = elapsed * (1 - done) / done if done else None
-    return [
-        attempt.planned.name,
-        status_text(attempt),
-        "" if done is None else f"{100 * done:.0f} %",
-        format_duration(elapsed) if elapsed else "",
-        "" if left is None else format_duration(left),
-    ]
+    left = format_duration(elapsed * (1 - done) / done) if done else ""
+    percent = "" if done is None else f"{100 * done:.0f} %"
+    return [attempt.planned.name, status_text(attempt), percent, format_duration(elapsed) if elapsed else "", left]
 
 
 def status_text(attempt: Attempt) -> str:
