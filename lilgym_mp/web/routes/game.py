@@ -1,25 +1,72 @@
-"""/game: take a seat in a proposer-verifier game with a partner or another person."""
+"""/game: take a seat in a proposer-verifier game with a partner or another person.
+
+A seat's response contains only its agent's observation and action mask, its own past actions, and the settings chosen
+for the game. Infos, the other seat's observation, and anything about the task outside of the view never leave the
+server while the game is played. Once it is over, each seat learns its own reward, and both learn how it ended.
+"""
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import secrets
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Annotated, Any, Literal
 
+import numpy as np
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
-from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS, Partner, Role
+from lilgym_mp.actions import ActionError, describe, named
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.envs.proposer_verifier import (
+    PRESETS,
+    PROTOCOLS,
+    SCRIPTED,
+    GameSettings,
+    Intent,
+    Partner,
+    Role,
+    View,
+    read_text,
+)
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.web import field_types, live_games
 from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import CurrentCaller
-from lilgym_mp.web.bodies import LegalBody
+from lilgym_mp.web.bodies import Body, LegalBody, Reward, SceneBody, scene_body
 from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.field_types import (
+    ConfigurationName,
+    ItemTypeQuery,
+    Name,
+    PresetName,
+    ProtocolName,
+    RandomId,
+    SplitName,
+)
+from lilgym_mp.web.live_games import LiveGame
 from lilgym_mp.web.templating import render_page
 from lilgym_mp.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
 
+PERSON = "person"
+SCRIPTED_PARTNERS = {  # by the seat they can take
+    Role.PROPOSER: ("helpful", "sneaky", "by_intent", "random"),
+    Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
+}
+FULL_VIEW = "everything"
+_ALL = View(scene="image", statement="text", target=True, proposal=True, history=6)
+VIEWS: Mapping[str, View] = {
+    FULL_VIEW: _ALL,
+    "no picture": replace(_ALL, scene="none"),
+    "no statement": replace(_ALL, statement="none"),
+    "no target": replace(_ALL, target=False),
+}
 ViewName = Literal["everything", "no picture", "no statement", "no target"]
 VERDICT_BINS = (2, 3, 5, 9)  # choices on the page; at most 9, as each answer has a digit key
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
@@ -28,24 +75,79 @@ PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", descri
 class NewGame(BaseModel):
     """Settings of a game and who takes each seat; at least one must be a person."""
 
-    configuration: field_types.ConfigurationName = "TowerScratch"
-    split: field_types.SplitName = "dev"
-    protocol: field_types.ProtocolName = "veto"
-    rewards: field_types.PresetName = "common"
+    configuration: ConfigurationName = "TowerScratch"
+    split: SplitName = "dev"
+    protocol: ProtocolName = "veto"
+    rewards: PresetName = "common"
     verdict_bins: int | None = Field(
         None, ge=2, le=9, description="audit: number of probabilities the verifier chooses from; null: accept or reject"
     )
-    proposer: PartnerName = live_games.PERSON
+    proposer: PartnerName = PERSON
     verifier: PartnerName = "oracle"
     proposer_view: ViewName = "everything"
     verifier_view: ViewName = "everything"
 
 
+class NewGameBody(Body):
+    """Keys of the seats taken by people; null for a partner's seat. Whoever holds a key controls that seat."""
+
+    proposer: str | None
+    verifier: str | None
+
+
 class SeatAction(BaseModel):
     """An action by name, such as ADD(LEFT, BLUE) or accept, and the number of actions this seat took before."""
 
-    action: field_types.Name
+    action: Name
     own_actions: int = Field(ge=0, le=100_000)
+
+
+class PastTurnBody(Body):
+    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
+
+    proposal: str | None
+    answer: str | None
+    proposer_message: int
+    verifier_message: int
+
+
+class EndBody(Body):
+    """How a game ended, revealed to both seats: whether the statement got the target value, and what each seat knew."""
+
+    reached: bool
+    statement: str
+    value: bool  # of the statement in the last scene
+    target: bool
+    intent: str
+    views: dict[str, str]  # by role
+
+
+class SeatBody(Body):
+    """What the agent in this seat observes. Parts excluded from its view are null."""
+
+    role: str
+    protocol: str
+    configuration: str
+    horizon: int
+    opposite: str  # "person" or the partner's name
+    view: str
+    end: EndBody | None  # null until the game is over
+    over: bool
+    round: int  # from 1
+    your_turn: bool
+    waiting_for_other: bool  # simultaneous moves: this seat has chosen, the other has not
+    own_actions: list[str]
+    reward: Reward | None  # this seat's return; null until the game is over
+    grid: tuple[int, int] | None  # columns, rows; null in Tower
+    scene: SceneBody | None
+    statement: str | None
+    target: bool | None
+    intent: str | None
+    proposal: str | None
+    message: int | None
+    history: list[PastTurnBody]
+    answers: list[str]  # legal answers of the verifier, by name
+    may_stop: bool  # whether the proposer may propose STOP now
 
 
 @router.get("/game", include_in_schema=False)
@@ -58,71 +160,186 @@ def game_page(request: Request, services: Services) -> Response:
         protocol_rules=list(PROTOCOLS.values()),
         rewards=list(PRESETS),
         verdict_bins=VERDICT_BINS,
-        views=list(live_games.VIEWS),
-        proposers=live_games.PROPOSERS,
-        verifiers=live_games.VERIFIERS,
+        views=list(VIEWS),
+        proposers=SCRIPTED_PARTNERS[Role.PROPOSER],
+        verifiers=SCRIPTED_PARTNERS[Role.VERIFIER],
         trained=services.trained_partners.names(),
     )
 
 
 @api.post("/games", status_code=201)
-def begin(new: NewGame, services: Services, caller: CurrentCaller) -> live_games.NewGameBody:
+def begin(new: NewGame, services: Services, caller: CurrentCaller) -> NewGameBody:
     """Starts a game; returns a key for each seat taken by a person."""
-    names = (new.proposer, new.verifier)
-    if live_games.PERSON not in names:
+    names, views = (new.proposer, new.verifier), (new.proposer_view, new.verifier_view)
+    if PERSON not in names:
         raise http_error(422, "at least one of the seats must be taken by a person")
-    partners = {name: _partner(services, role, name, new) for role, name in zip(Role, names, strict=True)}
-    chosen = new.model_dump(exclude={"proposer", "verifier"})
-    game = live_games.new_game(
-        caller.id,
-        services.options.corpus,
-        chosen,
-        names,
-        {name: partner for name, partner in partners.items() if partner is not None},
-    )
-    roles = [role for role, name in zip(Role, names, strict=True) if name == live_games.PERSON]
-    keys = services.games.add(game, roles)
-    return live_games.NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))
+    partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
+    try:
+        setup = _game_setup(
+            services.options.corpus,
+            new.configuration,
+            views,
+            split=new.split,
+            protocol=new.protocol,
+            rewards=new.rewards,
+            verdict_bins=new.verdict_bins,
+        )
+    except CorpusError as fault:
+        raise http_error(404, str(fault)) from None
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+    engine = GameEngine(setup)
+    engine.reset(secrets.randbelow(2**31), None)
+    game = LiveGame(caller.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
+    game.advance()
+    keys = services.games.add(game, [role for role in Role if partners[role] is None])
+    return NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))
 
 
-def _partner(services: AppServices, role: Role, name: str, new: NewGame) -> Partner | None:
-    if name == live_games.PERSON:
+def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
+    """The partner in that seat; None for a person. Responds with 404 or 422 if it cannot take it."""
+    name, view = (new.proposer, new.proposer_view) if role is Role.PROPOSER else (new.verifier, new.verifier_view)
+    if name == PERSON:
         return None
     if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
-        view = new.proposer_view if role is Role.PROPOSER else new.verifier_view
-        if view != live_games.FULL_VIEW:
-            raise http_error(422, f"a trained agent must see {live_games.FULL_VIEW}; its view is {view!r}")
+        if view != FULL_VIEW:
+            raise http_error(422, f"a trained agent must see {FULL_VIEW}; its view is {view!r}")
         settings = Settings(new.configuration, services.options.corpus)
         return services.trained_partners.partner(name, settings, role, new.protocol)
-    scripted = live_games.scripted_partners(role)
-    if name not in scripted:
-        raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(scripted)}")
-    return scripted[name]
+    known = SCRIPTED_PARTNERS[role]
+    if name not in known:
+        raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
+    return SCRIPTED[name]
+
+
+@lru_cache(maxsize=64)
+def _game_setup(corpus: str, configuration: str, views: tuple[str, str], **settings: Any) -> GameSetup:
+    """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
+    environment = Settings(configuration, corpus)
+    return GameSettings(
+        appearance=environment.appearance,
+        start=environment.start,
+        corpus=corpus,
+        views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
+        image_size="native",
+        **settings,
+    ).setup()
 
 
 @api.get("/seats/{key}")
-def seat(key: field_types.RandomId, services: Services) -> live_games.SeatBody:
+def seat(key: RandomId, services: Services) -> SeatBody:
     """What the agent in this seat observes now."""
     game, role = services.games.find(key)
     with game.lock:
-        return live_games.seat_body(game, role)
+        return _seat_body(game, role)
 
 
 @api.get("/seats/{key}/legal")
-def legal(key: field_types.RandomId, services: Services, item_type: field_types.ItemTypeQuery) -> LegalBody:
+def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> LegalBody:
     """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
-    game, role = services.games.find(key)
-    with game.lock:
-        return LegalBody(actions=live_games.legal_names(game, role, item_type))
+    live, role = services.games.find(key)
+    game = live.engine.game
+    with live.lock:
+        legal = live.legal(role)
+    if role is Role.VERIFIER:
+        return LegalBody(actions=[game.describe(role, index) for index in legal])
+    messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
+    actions = dict.fromkeys(game.config.dynamics.appearance.decode(index // messages) for index in legal)
+    return LegalBody(actions=[describe(action) for action in actions if item_type.matches(action)])
 
 
 @api.post("/seats/{key}/actions")
-def act(key: field_types.RandomId, taken: SeatAction, services: Services) -> live_games.SeatBody:
-    """Takes an action in this seat; partners then play until a person must act."""
-    game, role = services.games.find(key)
-    with game.lock:
-        live_games.act(game, role, taken.action, taken.own_actions)
-        return live_games.seat_body(game, role)
+def act(key: RandomId, taken: SeatAction, services: Services) -> SeatBody:
+    """Takes an action in this seat; partners then play until a person must act.
+
+    `own_actions` must be the number of actions that the seat has taken: another window may have acted since.
+    """
+    live, role = services.games.find(key)
+    with live.lock:
+        if live.over:
+            raise http_error(409, "the game is over; start a new one")
+        if len(live.own_actions[role]) != taken.own_actions:
+            raise http_error(409, "you have acted since, perhaps in another window; reload the page")
+        legal = live.legal(role)
+        if not legal:
+            raise http_error(409, "it is not your turn")
+        index = _action_index(live, role, taken.action, legal)
+        if index not in legal:
+            raise http_error(409, f"{taken.action} is not legal now; nothing was done")
+        live.act(role, index)
+        return _seat_body(live, role)
+
+
+def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> int:
+    """The agent's action index for a name. Responds with 422 for an unknown name."""
+    game = live.engine.game
+    if role is Role.VERIFIER:
+        answers = {game.describe(role, index): index for index in legal}
+        if name not in answers:
+            raise http_error(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
+        return answers[name]
+    try:
+        return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
+    except ActionError as fault:
+        raise http_error(422, str(fault)) from None
+
+
+def _seat_body(live: LiveGame, role: Role) -> SeatBody:
+    game = live.engine.game
+    observation = live.engine.observe(role)["observation"]
+    legal = live.legal(role)
+    target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
+    stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
+    return SeatBody.of(
+        live,
+        role=role.name.lower(),
+        protocol=game.protocol.name,
+        horizon=game.config.dynamics.horizon,
+        opposite=live.opposite[role],
+        view=live.views[role],
+        end=_end_body(live) if live.over else None,
+        round=live.engine.state.mdp.steps + 1,
+        your_turn=bool(legal),
+        waiting_for_other=live.chosen[role] is not None,
+        own_actions=live.own_actions[role],
+        reward=live.rewards[role] if live.over else None,
+        grid=game.config.dynamics.appearance.grid,
+        scene=scene_body(live.engine.state.mdp.scene) if "image" in observation else None,
+        statement=read_text(observation["statement"]) if "statement" in observation else None,
+        target=None if target is None else bool(target),
+        intent=None if intent is None else Intent(int(intent)).name.lower(),
+        proposal=_proposal(live, observation.get("proposal")),
+        message=None if message is None else int(message),
+        history=[_past_turn(live, row) for row in observation.get("history", ())],
+        answers=[game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
+        may_stop=role is Role.PROPOSER and stop in legal,
+    )
+
+
+def _end_body(live: LiveGame) -> EndBody:
+    state = live.engine.state
+    task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
+    views = {role.name.lower(): live.views[role] for role in Role}
+    return EndBody.of(task, reached=value is task.target, value=value, intent=state.intent.name.lower(), views=views)
+
+
+def _proposal(live: LiveGame, array: Any) -> str | None:
+    """The name of an action in the released array form; None for no action."""
+    if array is None or array[0] == NO_CHOICE:
+        return None
+    return describe(live.engine.game.config.dynamics.appearance.from_array(array))
+
+
+def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
+    game = live.engine.game
+    *array, answer, proposer_message, verifier_message = row.tolist()
+    answers = game.protocol.answers(game.config)
+    return PastTurnBody(
+        proposal=_proposal(live, np.array(array)),
+        answer=answers[answer] if 0 <= answer < len(answers) else None,
+        proposer_message=max(0, proposer_message),
+        verifier_message=max(0, verifier_message),
+    )
 
 
 router.include_router(api)
