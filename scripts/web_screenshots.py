@@ -30,7 +30,7 @@ from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
 from lilgym_mp.corpus.exporting import flipit_entries
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.web import ServeOptions, create_app
+from lilgym_mp.web.app import ServeOptions, create_app
 from lilgym_mp.web.authentication import add_person, issue_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"

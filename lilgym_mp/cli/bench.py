@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.choices import choose
-from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json, write_text
+from lilgym_mp.evaluation.files import writable_directory, writable_file, write_atomically, write_json, write_text
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, CommandError, add_corpus
 from lilgym_mp.terminal import Progress, show_markdown
@@ -82,19 +82,17 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
     show_markdown(text)
     write_text(output / "bench.md", text + "\n")
     write_json(output / "bench.json", report_json(bench))
-    try:
-        chart = scaling_chart(bench)
-    except ImportError as missing:
-        _log(f"no chart: {missing}")
-        chart = None
-    if chart is not None:
-        write_atomically(output / CHART, lambda path: save(chart, path, "png"))
+    charts = [output / CHART]
     if document is not None:
         write_text(document, _with_tables(document, text))
-        if chart is not None:
-            pictures = writable_directory(document.parent / PICTURES)
-            write_atomically(pictures / CHART, lambda path: save(chart, path, "png"))
-    _log(f"results: {output}" + (f", {document}" if document else ""))
+        charts.append(document.parent / PICTURES / CHART)
+    try:
+        if (chart := scaling_chart(bench)) is not None:
+            for path in charts:
+                write_atomically(writable_file(path), lambda unfinished: save(chart, unfinished, "png"))
+    except ImportError as missing:
+        print(f"no chart: {missing}", file=sys.stderr)
+    print(f"results: {output}" + (f", {document}" if document else ""), file=sys.stderr)
 
 
 def _with_tables(document: Path, text: str) -> str:
@@ -107,7 +105,3 @@ def _with_tables(document: Path, text: str) -> str:
         raise CommandError(f"cannot read {document}: {error.strerror or error}") from None
     except DocumentError as error:
         raise CommandError(f"{document}: {error}") from None
-
-
-def _log(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

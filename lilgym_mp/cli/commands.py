@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import IntEnum
+from functools import partial
 from typing import Any, TypeVar
 
 from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
@@ -12,6 +13,7 @@ from lilgym_mp.scene import Colour, Shape, Size
 
 Value = TypeVar("Value")
 Words = Sequence[str]
+Reader = Callable[[str], Any]  # of a word; raises CommandSyntaxError
 
 
 class CommandSyntaxError(ValueError):
@@ -50,60 +52,45 @@ def words_of(line: str) -> list[str]:
 
 def parse_command(words: Words, appearance: Appearance) -> Action:
     """The action of a command; words may be abbreviated. Raises CommandSyntaxError."""
-    (verb, *rest), grid = words, appearance.grid
-    match match_choice("command", verb, VERBS):
-        case "stop":
-            _expect(rest, 0, "stop")
-            return STOP
-        case "add":
-            return _add_block(rest) if grid is None else _add_item(rest, grid)
-        case _:
-            return _remove_block(rest) if grid is None else _remove_item(rest, grid)
+    verb = match_choice("command", words[0], VERBS)
+    usage, readers, make = _forms(appearance.grid)[verb]
+    if len(words) - 1 != len(readers):
+        raise CommandSyntaxError(f"{verb} takes {len(readers)} words, not {len(words) - 1}; usage: {usage}")
+    return make(*(read(word) for read, word in zip(readers, words[1:], strict=True)))
 
 
-def _add_block(words: Words) -> Action:
-    _expect(words, 2, "add BOX COLOUR, such as: add left blue")
-    return AddBlock(match_choice("box", words[0], BOXES), match_choice("colour", words[1], COLOURS))
+def _forms(grid: Grid | None) -> dict[str, tuple[str, Sequence[Reader], Callable[..., Action]]]:
+    """The usage of each command, what reads its words, and what makes its action."""
+    stop = ("stop", (), lambda: STOP)
+    if grid is None:
+        box, colour = _choice("box", BOXES), _choice("colour", COLOURS)
+        add = ("add BOX COLOUR, such as: add left blue", (box, colour), AddBlock)
+        return {"add": add, "remove": ("remove BOX, such as: remove left", (box,), RemoveBlock), "stop": stop}
+    cell = partial(_coordinate, "column", grid[0]), partial(_coordinate, "row", grid[1])
+    attribute = _choice("shape, colour or size", {**SHAPES, **COLOURS, **SIZES})
+    usage = "add COLUMN ROW SHAPE COLOUR SIZE, such as: add 3 4 circle blue small"
+    remove = ("remove COLUMN ROW, such as: remove 3 4", cell, RemoveItem)
+    return {"add": (usage, (*cell, *[attribute] * 3), _add_item), "remove": remove, "stop": stop}
 
 
-def _remove_block(words: Words) -> Action:
-    _expect(words, 1, "remove BOX, such as: remove left")
-    return RemoveBlock(match_choice("box", words[0], BOXES))
+def _choice(what: str, choices: Mapping[str, Any]) -> Reader:
+    return lambda word: match_choice(what, word, choices)
 
 
-def _add_item(words: Words, grid: Grid) -> Action:
-    _expect(words, 5, "add COLUMN ROW SHAPE COLOUR SIZE, such as: add 3 4 circle blue small")
-    column, row = _cell(words, grid)
-    values: dict[type[IntEnum], IntEnum] = {}
-    for word in words[2:]:
-        value = match_choice("shape, colour or size", word, {**SHAPES, **COLOURS, **SIZES})
+def _add_item(column: int, row: int, *attributes: IntEnum) -> Action:
+    values: dict[type[IntEnum], Any] = {}
+    for value in attributes:
         if type(value) in values:
-            raise CommandSyntaxError(
-                f"{word!r} is a second {type(value).__name__.lower()}; give one shape, colour and size"
-            )
+            second = f"{value.name.lower()!r} is a second {type(value).__name__.lower()}"
+            raise CommandSyntaxError(f"{second}; give one shape, colour and size")
         values[type(value)] = value
-    return AddItem(column, row, Shape(values[Shape]), Colour(values[Colour]), Size(values[Size]))
+    return AddItem(column, row, values[Shape], values[Colour], values[Size])
 
 
-def _remove_item(words: Words, grid: Grid) -> Action:
-    _expect(words, 2, "remove COLUMN ROW, such as: remove 3 4")
-    return RemoveItem(*_cell(words, grid))
-
-
-def _cell(words: Words, grid: Grid) -> tuple[int, int]:
-    columns, rows = grid
-    return _coordinate("column", words[0], columns), _coordinate("row", words[1], rows)
-
-
-def _coordinate(axis: str, word: str, count: int) -> int:
+def _coordinate(axis: str, count: int, word: str) -> int:
     if not word.isdecimal() or int(word) >= count:
         raise CommandSyntaxError(f"{axis} {word!r} must be one of 0 .. {count - 1}")
     return int(word)
-
-
-def _expect(words: Words, count: int, usage: str) -> None:
-    if len(words) != count:
-        raise CommandSyntaxError(f"{usage.split()[0]} takes {count} words, not {len(words)}; usage: {usage}")
 
 
 def match_choice(what: str, word: str, choices: Mapping[str, Value]) -> Value:

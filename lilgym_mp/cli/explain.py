@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import suppress
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,13 +98,10 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
         start = settings.dynamics().appearance.check_scene(Scene.empty())
         return settings, Task("asked", args.statement, "True", args.target, start)
     names = [args.configuration] if args.configuration else list(CONFIGURATIONS)
-    for name in names:
-        for split in [args.split] if args.split else SPLITS:
-            settings = Settings(name, **options)
-            try:
-                tasks = settings.make(split).tasks
-            except CorpusError:
-                continue
+    for name, split in product(names, [args.split] if args.split else SPLITS):
+        settings = Settings(name, **options)
+        with suppress(CorpusError):
+            tasks = settings.make(split).tasks
             if args.task in tasks.ids:
                 return settings, tasks.by_id(args.task)
     corpus = options.get("corpus", "builtin")

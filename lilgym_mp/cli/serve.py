@@ -63,8 +63,8 @@ def add_parser(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     try:
-        from lilgym_mp.web import ServeOptions, create_app
-        from lilgym_mp.web.serve_options import LOOPBACK_HOSTS, database_url
+        from lilgym_mp.web.app import create_app
+        from lilgym_mp.web.app_services import LOOPBACK_HOSTS, ServeOptions, database_url
     except ModuleNotFoundError as error:
         if error.name not in WEB_PACKAGES:
             raise

@@ -229,14 +229,10 @@ def _labels(headers: Sequence[Header]) -> list[str]:
     """A label for each recording's agent: its name, and where it differs from other recordings of that name."""
     labels: list[str] = []
     for header in headers:
-        others = [
-            other
-            for other in headers
-            if (other.agent, other.settings, other.split) == (header.agent, header.settings, header.split)
-        ]
-        differences = [
-            f"{key} {format_setting(header.recipe.get(key))}" for key in differing_keys([o.recipe for o in others])
-        ]
+        own = header.agent, header.settings, header.split
+        others = [other for other in headers if (other.agent, other.settings, other.split) == own]
+        keys = differing_keys([other.recipe for other in others])
+        differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
         if len({other.actions for other in others}) > 1:
             differences.append(header.actions)
         if len({other.mask for other in others}) > 1:
@@ -261,11 +257,8 @@ def format_setting(value: Any) -> str:
 
 def _curves(paths: Iterable[Path]) -> Iterator[TrainingCurve]:
     """The curve of every training run in the directories."""
-    for path in paths:
-        for file in sorted(path.rglob(PROGRESS_FILE)) if path.is_dir() else ():
-            description = file.with_name(RUN_FILE)
-            if not description.exists():
-                continue
+    for file in _search(paths, PROGRESS_FILE):
+        if (description := file.with_name(RUN_FILE)).exists():
             try:
                 described = _object(json.loads(description.read_text(encoding="utf-8")))
                 identity = _object(described.get("identity"))
@@ -311,12 +304,16 @@ def _object(value: object) -> dict[str, Any]:
 
 def _training_commands(paths: Iterable[Path]) -> Iterator[str]:
     """The commands that trained the runs of the experiments in the paths."""
-    for path in paths:
-        for file in sorted(path.rglob(f"{FINISHED}/*.json")) if path.is_dir() else ():
-            try:
-                words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
-                command = " ".join(["lilgym-mp", *words])
-            except (OSError, ValueError, KeyError, IndexError, TypeError) as fault:
-                raise ReportError(f"{file}: damaged, or not of a finished run: {fault!r}") from None
-            if words:
-                yield command
+    for file in _search(paths, f"{FINISHED}/*.json"):
+        try:
+            words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
+            command = " ".join(["lilgym-mp", *words])
+        except (OSError, ValueError, KeyError, IndexError, TypeError) as fault:
+            raise ReportError(f"{file}: damaged, or not of a finished run: {fault!r}") from None
+        if words:
+            yield command
+
+
+def _search(paths: Iterable[Path], pattern: str) -> Iterator[Path]:
+    """The files in the directories that match, sorted within each."""
+    return (file for path in paths if path.is_dir() for file in sorted(path.rglob(pattern)))

@@ -10,12 +10,11 @@ from fastapi import FastAPI
 from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
-from lilgym_mp.web.app_services import AppServices
+from lilgym_mp.web.app_services import AppServices, ServeOptions
 from lilgym_mp.web.authentication import CookieSigner
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
 from lilgym_mp.web.security import Guard
-from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.database import COOKIE_KEY
 

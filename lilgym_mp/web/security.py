@@ -14,9 +14,9 @@ from fastapi import HTTPException, Request
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from lilgym_mp.web.app_services import ServeOptions
 from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Caller, CookieSigner, find_person
 from lilgym_mp.web.errors import error_response
-from lilgym_mp.web.serve_options import ServeOptions
 from lilgym_mp.web.store import Database
 
 CSRF_HEADER = "X-CSRF-Token"

@@ -5,13 +5,12 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.exporting import LabelledScene
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.records import JSONFault, as_object, check_text, parse_json, read_text, shown
@@ -25,13 +24,14 @@ NLVR_LABELS = {"true": True, "false": False}
 
 
 class ImportedStatement(NamedTuple):
-    """A validated statement with its scenes."""
+    """A statement with its labelled scenes: as JSON until they are validated."""
 
+    where: str  # line, for error messages
     name: str
     text: str
-    appearance: str
+    appearance: str | None  # None: to be inferred from the scenes
     split: str
-    scenes: tuple[LabelledScene, ...]
+    scenes: list[tuple[Any, bool]]
 
 
 class ImportResult(NamedTuple):
@@ -39,15 +39,6 @@ class ImportResult(NamedTuple):
 
     statements: list[ImportedStatement]
     faults: list[str]
-
-
-class _ParsedStatement(NamedTuple):
-    where: str  # line, for error messages
-    name: str
-    text: str
-    appearance: str | None  # None: to be inferred from the scenes
-    split: str
-    scenes: list[tuple[object, bool]]  # scene JSON, label
 
 
 def read_statements(data: bytes, split: str) -> ImportResult:
@@ -83,15 +74,15 @@ def _is_corpus(text: str) -> bool:
     return record is not None and "format" in record
 
 
-def _parse_corpus(path: Path, faults: FaultLog) -> Iterator[_ParsedStatement]:
+def _parse_corpus(path: Path, faults: FaultLog) -> Iterator[ImportedStatement]:
     for entry in CorpusFile(path, faults).entries:
         scenes = [(start.scene, start.label) for start in entry.starts]
-        yield _ParsedStatement(entry.where, entry.id, entry.statement, entry.appearance, entry.split, scenes)
+        yield ImportedStatement(entry.where, entry.id, entry.statement, entry.appearance, entry.split, scenes)
 
 
-def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_ParsedStatement]:
+def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[ImportedStatement]:
     """Groups lines by statement: NLVR has one line per (statement, scene), identified as STATEMENT-SCENE."""
-    by_name: dict[str, _ParsedStatement] = {}
+    by_name: dict[str, ImportedStatement] = {}
     for number, line in enumerate(text.split("\n"), start=1):
         if not line.strip():
             continue
@@ -111,7 +102,7 @@ def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_ParsedStat
         except JSONFault as fault:
             faults.add(where, str(fault))
             continue
-        parsed = by_name.setdefault(name, _ParsedStatement(where, f"nlvr-{name}", sentence, None, split, []))
+        parsed = by_name.setdefault(name, ImportedStatement(where, f"nlvr-{name}", sentence, None, split, []))
         if parsed.text != sentence:
             faults.add(where, f"the text of statement {name!r} differs from that in {parsed.where}")
             continue
@@ -119,7 +110,7 @@ def _parse_nlvr(text: str, split: str, faults: FaultLog) -> Iterator[_ParsedStat
     yield from by_name.values()
 
 
-def _validated(parsed: _ParsedStatement) -> ImportedStatement:
+def _validated(parsed: ImportedStatement) -> ImportedStatement:
     """Raises ValueError."""
     if not parsed.scenes:
         raise ValueError("the statement has no scenes")
@@ -130,8 +121,8 @@ def _validated(parsed: _ParsedStatement) -> ImportedStatement:
     scenes = [Scene.from_json(scene) for scene, _ in parsed.scenes]
     appearance = parsed.appearance or _infer_appearance(scenes)
     checked = [APPEARANCES[appearance].check_scene(scene) for scene in scenes]
-    labelled = tuple(LabelledScene(scene, label) for scene, (_, label) in zip(checked, parsed.scenes, strict=True))
-    return ImportedStatement(parsed.name, parsed.text, appearance, parsed.split, labelled)
+    labels = [label for _, label in parsed.scenes]
+    return parsed._replace(appearance=appearance, scenes=list(zip(checked, labels, strict=True)))
 
 
 def _infer_appearance(scenes: Sequence[Scene]) -> str:
@@ -155,14 +146,12 @@ def store_statements(session: Session, statements: Sequence[ImportedStatement]) 
     for statement in statements:
         if statement.name not in known:
             new.setdefault(statement.name, statement)
-    for name, text, appearance, split, scenes in new.values():
+    for _, name, text, appearance, split, scenes in new.values():
         row = Statement(name=name, text=text, appearance=appearance, split=split)
         session.add(row)
         session.flush()
         session.add_all(
-            StatementScene(
-                statement_id=row.id, position=position, scene=cast("list[Any]", scene.to_json()), label=label
-            )
+            StatementScene(statement_id=row.id, position=position, scene=scene.to_json(), label=label)
             for position, (scene, label) in enumerate(scenes)
         )
     return len(new)

@@ -160,7 +160,7 @@ def test_stats__of_released_files_show_the_papers_numbers(data: Run, released: P
 
 
 def test_stats__rejects_an_unwritable_output(error_of: Run, own: Path, tmp_path: Path):
-    assert "cannot be written" in error_of("stats", own, "--json", tmp_path / "nowhere" / "counts.json")
+    assert f"cannot write results to {own}" in error_of("stats", own, "--json", own / "counts.json")
 
 
 def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_path: Path):
@@ -228,7 +228,7 @@ def test_output__is_overwritten_only_with_force(command: str, data: Run, error_o
     assert path.read_text() == "precious"
     data(command, own, "--output", path, "--force")
     assert path.read_text() != "precious"
-    assert "cannot be written" in error_of(command, own, "--output", tmp_path / "nowhere" / "new.jsonl")
+    assert f"cannot write results to {own}" in error_of(command, own, "--output", own / "new.jsonl")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["new.jsonl", "own.jsonl"]
 
 

@@ -23,7 +23,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from lilgym_mp.web import ServeOptions, create_app
+from lilgym_mp.web.app import ServeOptions, create_app
 from lilgym_mp.web.authentication import ANNOTATOR, ORGANISER
 from tests.web.web_app import login_token
 

@@ -20,7 +20,7 @@ with warnings.catch_warnings():
 
 from sqlalchemy import select
 
-from lilgym_mp.web import ServeOptions, create_app
+from lilgym_mp.web.app import ServeOptions, create_app
 from lilgym_mp.web.authentication import add_person, issue_token
 from lilgym_mp.web.store.models import Person
 
