@@ -141,7 +141,7 @@ def test_unfinished_requests__are_closed_after_a_limit(app: Any, monkeypatch: py
 def test_rate__forwarded_addresses_count_only_from_a_trusted_proxy(
     tmp_path: Path, proxies: tuple[str, ...], limited: bool
 ):
-    with server(tmp_path, requests_per_second=1.0) as app, _listening(app, *proxies) as port:
+    with server(tmp_path, requests_per_second=0.1) as app, _listening(app, *proxies) as port:
         url = f"http://127.0.0.1:{port}/healthz"
         answers = [httpx.get(url, headers={"X-Forwarded-For": f"10.0.0.{n}"}).status_code for n in range(20)]
     assert (429 in answers) is limited
@@ -175,7 +175,7 @@ def test_database__a_lock_held_by_another_program_delays_writes_alone(
 
 
 def test_rate__requests_beyond_the_limit_are_refused(tmp_path: Path):
-    with server(tmp_path, requests_per_second=1.0) as app:
+    with server(tmp_path, requests_per_second=0.1) as app:
         browser = Browser(app)
         answers = [browser.get("/api/session").status_code for _ in range(14)]
     assert answers[0] == 200
