@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Hashable, Iterator, Sequence
 from functools import lru_cache
 
-from lilgym_mp.actions import STOP, Action
+from lilgym_mp.actions import STOP
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
@@ -77,11 +77,6 @@ class ScatterSearch:
         # The cached reachable classes refer to the layers of one abstraction, which must outlive its own cache.
         abstraction: Abstraction = space.retained.setdefault("abstraction", abstraction_of(programs))
         return ScatterReachability(self._editors, scene, abstraction, space)
-
-    def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
-        for edit in edits:
-            scene = self._scatter.apply(scene, edit, self._placement).scene
-        return scene
 
     # First actions
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.rules import Dynamics, State
@@ -15,22 +15,13 @@ from lilgym_mp.solver.solution import ActionSet, Solution
 from lilgym_mp.solver.tower_search import TowerSearch
 from lilgym_mp.solver.weighted_goals import (
     PLAN_BUDGET,
-    PlannerBackend,
+    Search,
     WeightedGoal,
     WeightedPlan,
     WeightedPlanner,
     check_goals,
 )
 from lilgym_mp.task import Task
-
-
-class Search(PlannerBackend, Protocol):
-    """The search for one appearance. `budget`: how many scenes it examines by default."""
-
-    budget: int
-
-    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet: ...
-
 
 SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
 CACHE_SIZE = 4_096  # action sets
@@ -121,7 +112,7 @@ class Solver:
             budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
         elif budget < 1:
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
-        return WeightedPlanner(self._search, goals, scene, edits_left, Budget(budget), edit_cost).plan()
+        return WeightedPlanner(self._search, self.dynamics, goals, scene, edits_left, Budget(budget), edit_cost).plan()
 
     def _max_edits(self, state: State) -> int:
         """The most edits that leave one action for STOP."""

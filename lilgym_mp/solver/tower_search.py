@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from functools import cache, partial
 
-from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
+from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import PlacementRules, Tower
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
@@ -138,11 +138,6 @@ class TowerSearch:
 
     def reachability(self, programs: tuple[str, ...], scene: Scene) -> TowerReachability:
         return TowerReachability(self._layers(scene), scene, class_space(programs))
-
-    def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
-        for edit in edits:
-            scene = self._tower.apply(scene, edit, self._placement).scene
-        return scene
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]

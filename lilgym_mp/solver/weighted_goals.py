@@ -9,12 +9,12 @@ from typing import NamedTuple, Protocol
 
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import State
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver.class_search import ClassTriple, EditCounts, ReachableClasses, class_space
 from lilgym_mp.solver.goals import conjunctive_task
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
-from lilgym_mp.solver.solution import Solution
+from lilgym_mp.solver.solution import ActionSet, Solution
 
 PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
 BUDGET_DIVISOR = 24  # with several goals, one search may spend the remaining budget divided by this
@@ -63,17 +63,16 @@ class Reachability(Protocol):
         ...
 
 
-class PlannerBackend(Protocol):
-    """What planning needs of the search for one appearance."""
+class Search(Protocol):
+    """The search for one appearance. `budget`: how many scenes it examines by default."""
 
+    budget: int
+
+    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution: ...
+    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet: ...
+    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability: ...
     def is_abstractable(self, program: str) -> bool:
         """Whether the classes of reachable boxes determine the program's value."""
-        ...
-
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability: ...
-    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution: ...
-    def edited(self, scene: Scene, edits: Sequence[Action]) -> Scene:
-        """The scene after the edits, which must all be valid."""
         ...
 
 
@@ -132,7 +131,8 @@ class WeightedPlanner:
 
     def __init__(
         self,
-        backend: PlannerBackend,
+        search: Search,
+        dynamics: Dynamics,
         goals: Sequence[WeightedGoal],
         scene: Scene,
         max_edits: int,
@@ -146,7 +146,8 @@ class WeightedPlanner:
         merged = [_Goal(program, target, math.fsum(masses[program, target])) for program, target in masses]
         self._given = goals
         self._goals = sorted(merged, key=lambda goal: -goal.probability)
-        self._backend = backend
+        self._search = search
+        self._dynamics = dynamics
         self._scene = scene
         self._max_edits = max_edits
         self._budget = budget
@@ -171,7 +172,9 @@ class WeightedPlanner:
         return WeightedPlan(actions, satisfied, best.mass, self._budget.spent)
 
     def _candidate(self, edits: Sequence[Action]) -> _Candidate:
-        scene = self._backend.edited(self._scene, edits)
+        scene, appearance = self._scene, self._dynamics.appearance
+        for edit in edits:
+            scene = appearance.apply(scene, edit, self._dynamics.rules.placement).scene
         satisfied = frozenset(goal for goal in self._goals if goal.holds(scene))
         return _Candidate(edits, satisfied, _mass(satisfied))
 
@@ -207,7 +210,7 @@ class WeightedPlanner:
         """The shortest plan found that satisfies all these goals; it has at least `least_edits` edits."""
         budget = Budget(self._share())
         try:
-            if all(self._backend.is_abstractable(goal.program) for goal in required):
+            if all(self._search.is_abstractable(goal.program) for goal in required):
                 return self._by_class(required, least_edits, budget)
         except _NoRefinementError:
             pass
@@ -227,7 +230,7 @@ class WeightedPlanner:
         programs = tuple(dict.fromkeys(goal.program for goal in required))
         space = class_space(programs)
         targets = sum(1 << programs.index(goal.program) for goal in required if goal.target)
-        reachability = self._backend.reachability(programs, self._scene)
+        reachability = self._search.reachability(programs, self._scene)
         failed = False
         max_edits = min(self._max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self._max_edits
         for edit_count in range(least_edits, max_edits + 1):
@@ -248,7 +251,7 @@ class WeightedPlanner:
         """Solves the conjunction of the goals as a task."""
         budget = Budget(self._share())
         task = conjunctive_task([(goal.program, goal.target) for goal in required], self._scene)
-        solution = self._backend.solve(State(task, self._scene, 0), self._max_edits, budget)
+        solution = self._search.solve(State(task, self._scene, 0), self._max_edits, budget)
         self._budget.spend(solution.scenes)
         return self._candidate(solution.actions[:-1]) if solution.solved else None
 

@@ -36,31 +36,6 @@ ITEM_TYPE_FOOTPRINT = np.array(ITEM_TYPE_FOOTPRINTS)
 NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 BITS = 62  # bits of an int64 used for a mask
 UNKNOWN = -(2**40)  # sentinel instead of a truth value: the program itself must be called
-(
-    _CONSTANT,
-    _LENGTH,
-    _ITEM_TYPE_TEST,
-    _POSITION_TEST,
-    _BOX_TABLE,
-    _ONLY_BIT,
-    _BIT_COUNT,
-    _NOT,
-    _INVERT,
-    _NEGATIVE,
-    _AND_THEN,
-    _OR_ELSE,
-    _BIT_AND,
-    _BIT_OR,
-    _SHIFT_LEFT,
-    _SHIFT_RIGHT,
-    _ADD,
-    _SUBTRACT,
-    _REMAINDER,
-    _EQUAL,
-    _UNEQUAL,
-    _LESS,
-    _LESS_OR_EQUAL,
-) = map(int, Operation)
 SIZE_COUNT = len(Size)
 LONG_WAIT = 2.0  # seconds of compiling before a message is logged
 
@@ -548,61 +523,61 @@ def evaluate_programs(
         for index in range(last - first):
             row = first + index
             operation, a, b = programs.rows[row, 0], programs.rows[row, 1], programs.rows[row, 2]
-            if operation == _CONSTANT:
+            if operation == Operation.CONSTANT:
                 value = a
-            elif operation == _LENGTH:
+            elif operation == Operation.LENGTH:
                 value = scenes.counts[first_row + b]
-            elif operation == _ITEM_TYPE_TEST:
+            elif operation == Operation.ITEM_TYPE_TEST:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
                     value |= ((a >> (scenes.items[first_row + b, slot] & 255)) & 1) << slot
-            elif operation == _POSITION_TEST:
+            elif operation == Operation.POSITION_TEST:
                 value = 0
                 for slot in range(scenes.counts[first_row + b]):
                     x, y, item_type = decode_item(scenes.items[first_row + b, slot])
                     value |= ((programs.places[item_type % SIZE_COUNT, x, y] >> a) & 1) << slot
-            elif operation == _BOX_TABLE:
+            elif operation == Operation.BOX_TABLE:
                 value = programs.tables[a, stacks[first_row + b]]
                 is_known &= value != UNKNOWN
-            elif operation == _ONLY_BIT:
+            elif operation == Operation.ONLY_BIT:
                 value = 0
                 is_known &= values[a] != 0 and values[a] & (values[a] - 1) == 0
                 while value < BITS and not (values[a] >> value) & 1:
                     value += 1
-            elif operation == _BIT_COUNT:
+            elif operation == Operation.BIT_COUNT:
                 value, left = 0, values[a]
                 while left > 0:
                     left &= left - 1
                     value += 1
-            elif operation == _NOT:
+            elif operation == Operation.NOT:
                 value = int(values[a] == 0)
-            elif operation == _INVERT:
+            elif operation == Operation.INVERT:
                 value = ~values[a]
-            elif operation == _NEGATIVE:
+            elif operation == Operation.NEGATIVE:
                 value = -values[a]
-            elif operation == _AND_THEN:
+            elif operation == Operation.AND_THEN:
                 value = values[b] if values[a] != 0 else values[a]
-            elif operation == _OR_ELSE:
+            elif operation == Operation.OR_ELSE:
                 value = values[a] if values[a] != 0 else values[b]
-            elif operation == _BIT_AND:
+            elif operation == Operation.BIT_AND:
                 value = values[a] & values[b]
-            elif operation == _BIT_OR:
+            elif operation == Operation.BIT_OR:
                 value = values[a] | values[b]
-            elif operation == _SHIFT_LEFT:
+            elif operation == Operation.SHIFT_LEFT:
                 value = values[a] << values[b]
-            elif operation == _SHIFT_RIGHT:
+            elif operation == Operation.SHIFT_RIGHT:
                 value = values[a] >> values[b]
-            elif operation == _ADD:
+            elif operation == Operation.ADD:
                 value = values[a] + values[b]
-            elif operation == _SUBTRACT:
+            elif operation == Operation.SUBTRACT:
                 value = values[a] - values[b]
-            elif operation == _REMAINDER:
+            elif operation == Operation.REMAINDER:
                 value = values[a] % values[b]
-            elif operation == _EQUAL:
+            elif operation == Operation.EQUAL:
                 value = int(values[a] == values[b])
-            elif operation == _UNEQUAL:
+            elif operation == Operation.UNEQUAL:
                 value = int(values[a] != values[b])
-            elif operation == _LESS:
+            elif operation == Operation.LESS:
                 value = int(values[a] < values[b])
             else:
                 value = int(values[a] <= values[b])

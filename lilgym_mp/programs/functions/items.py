@@ -14,58 +14,26 @@ WIDE_MARGIN = 2 * MARGIN  # pixels: "close to"; our choice, because both such fu
 LEVEL_HEIGHT = 21  # pixels between the bottoms of consecutive blocks of a tower
 
 
-@word("item tests", depends_on="attributes")
-def is_yellow(x: ItemArg) -> bool:
-    """Whether `x` is yellow."""
-    return x.color is Color.YELLOW
+def _attribute_test(value: Color | Shape | Size, meaning: str) -> None:
+    """Declares the word that tests for one colour, shape or size, such as `is_yellow`."""
+    attribute = type(value).__name__.lower()
+
+    def test(x: ItemArg) -> bool:
+        return getattr(x, attribute) is value
+
+    test.__doc__ = f"Whether `x` is {meaning}."
+    word("item tests", depends_on="attributes", name=f"is_{value.name.lower()}")(test)
 
 
-@word("item tests", depends_on="attributes")
-def is_blue(x: ItemArg) -> bool:
-    """Whether `x` is blue."""
-    return x.color is Color.BLUE
-
-
-@word("item tests", depends_on="attributes")
-def is_black(x: ItemArg) -> bool:
-    """Whether `x` is black."""
-    return x.color is Color.BLACK
-
-
-@word("item tests", depends_on="attributes")
-def is_circle(x: ItemArg) -> bool:
-    """Whether `x` is a circle."""
-    return x.shape is Shape.CIRCLE
-
-
-@word("item tests", depends_on="attributes")
-def is_square(x: ItemArg) -> bool:
-    """Whether `x` is a square."""
-    return x.shape is Shape.SQUARE
-
-
-@word("item tests", depends_on="attributes")
-def is_triangle(x: ItemArg) -> bool:
-    """Whether `x` is a triangle."""
-    return x.shape is Shape.TRIANGLE
-
-
-@word("item tests", depends_on="attributes")
-def is_big(x: ItemArg) -> bool:
-    """Whether `x` is big (30 pixels)."""
-    return x.size is Size.BIG
-
-
-@word("item tests", depends_on="attributes")
-def is_medium(x: ItemArg) -> bool:
-    """Whether `x` is medium (20 pixels)."""
-    return x.size is Size.MEDIUM
-
-
-@word("item tests", depends_on="attributes")
-def is_small(x: ItemArg) -> bool:
-    """Whether `x` is small (10 pixels)."""
-    return x.size is Size.SMALL
+_attribute_test(Color.YELLOW, "yellow")
+_attribute_test(Color.BLUE, "blue")
+_attribute_test(Color.BLACK, "black")
+_attribute_test(Shape.CIRCLE, "a circle")
+_attribute_test(Shape.SQUARE, "a square")
+_attribute_test(Shape.TRIANGLE, "a triangle")
+_attribute_test(Size.BIG, "big (30 pixels)")
+_attribute_test(Size.MEDIUM, "medium (20 pixels)")
+_attribute_test(Size.SMALL, "small (10 pixels)")
 
 
 @word("item tests", depends_on="box")

@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
+import operator
+from collections.abc import Callable
 from typing import Any
 
 from lilgym_mp.programs import words
 
 
-@words.word("comparison")
-def le(a: words.IntArg, b: words.IntArg) -> bool:
-    """Whether a <= b."""
-    return a <= b
+def _comparison(name: str, symbol: str, compare: Callable[[int, int], bool]) -> None:
+    """Declares a word that compares two numbers."""
+
+    def compared(a: words.IntArg, b: words.IntArg) -> bool:
+        return compare(a, b)
+
+    compared.__doc__ = f"Whether a {symbol} b."
+    words.word("comparison", name=name)(compared)
 
 
-@words.word("comparison")
-def ge(a: words.IntArg, b: words.IntArg) -> bool:
-    """Whether a >= b."""
-    return a >= b
-
-
-@words.word("comparison")
-def lt(a: words.IntArg, b: words.IntArg) -> bool:
-    """Whether a < b."""
-    return a < b
-
-
-@words.word("comparison")
-def gt(a: words.IntArg, b: words.IntArg) -> bool:
-    """Whether a > b."""
-    return a > b
+_comparison("le", "<=", operator.le)
+_comparison("ge", ">=", operator.ge)
+_comparison("lt", "<", operator.lt)
+_comparison("gt", ">", operator.gt)
 
 
 @words.word("comparison")
