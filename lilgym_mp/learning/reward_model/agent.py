@@ -11,11 +11,14 @@ import numpy as np
 import torch
 from torch import nn
 
-from lilgym_mp.arrays import Float64Array
+from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.envs.proposer_verifier import Partner
+from lilgym_mp.envs.proposer_verifier import BatchTurn, Partner, PartnerTurn, Role
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.partners import encode_answer
+from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
@@ -72,8 +75,6 @@ class RewardModelAgent:
 
     def verifier(self) -> Partner:
         """The model as the verifier of the two-agent game."""
-        from lilgym_mp.learning.reward_model.verifier import RewardModelVerifier
-
         return RewardModelVerifier(self)
 
     @torch.inference_mode()
@@ -91,6 +92,29 @@ class RewardModelAgent:
 
     def _reader(self) -> InputReader:
         return InputReader(self.vocabulary, BoxTable(self.appearance), torch.device("cpu"))
+
+
+@dataclass(frozen=True)
+class RewardModelVerifier:
+    """Accepts every edit, and a claim whose probability is above 1/2; with `verdict_bins` it gives the nearest
+    probability instead."""
+
+    agent: RewardModelAgent
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        return self._answer(turn.game, turn.state.mdp, turn.state.proposal)
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) actions."""
+        return np.array([self._answer(turn.game, state.mdp, state.proposal) for state in turn.states()], np.int64)
+
+    def _answer(self, game: Game, state: State, proposal: int | None) -> int:
+        if proposal not in (None, STOP_ACTION):
+            return encode_answer(game, accepts=True)
+        probability = self.agent.success_probability(state)
+        if game.config.verdict_bins is None:
+            return encode_answer(game, accepts=probability > 0.5)
+        return game.encode_action(Role.VERIFIER, round(probability * (game.config.verdict_bins - 1)))
 
 
 def describe(
