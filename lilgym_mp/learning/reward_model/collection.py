@@ -14,6 +14,7 @@ from lilgym_mp.actions import STOP, Action, AddItem, RemoveItem
 from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.learning.reward_model.features import BoxTable
+from lilgym_mp.learning.reward_model.search import box_distances
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import (
     BOX_COUNT,
@@ -57,6 +58,7 @@ class Entry:
     known: list[Known] = field(default_factory=list[Known])  # parallel to `scenes`
     pairs: list[tuple[int, int]] = field(default_factory=list[tuple[int, int]])  # one edit apart, true and false
     index: dict[Boxes, int] = field(default_factory=dict[Boxes, int])
+    starts: Int64Array = field(default_factory=lambda: np.zeros((0, 3), np.int64))  # of the tasks, once needed
     by_truth: tuple[list[int], list[int]] = field(default_factory=lambda: ([], []))
 
     def random_task(self, rng: Rng) -> int:
@@ -84,7 +86,8 @@ class Collector:
         self.stops = self.steps = 0
 
     def stop(self, entry: Entry, task_index: int, scene: Scene, edits: int) -> int:
-        """Labels a scene that is `edits` edits from the task's start by an episode that stops there.
+        """Labels a scene that is `edits` edits from the task's start by an episode that stops there, by a shorter way
+        if one is known.
 
         Returns the scene's index in the entry; a known scene is not played again.
         """
@@ -92,6 +95,7 @@ class Collector:
         found = entry.index.get(boxes)
         if found is not None:
             return found
+        task_index, edits = self._nearest(entry, boxes, task_index, edits)
         task = entry.tasks[task_index]
         if edits + 1 > self.dynamics.horizon:
             raise ValueError(f"no episode of {self.dynamics.horizon} steps stops after {edits} edits")
@@ -104,6 +108,16 @@ class Collector:
         entry.known.append(Known(task_index, edits, truth))
         entry.by_truth[truth].append(found)
         return found
+
+    def _nearest(self, entry: Entry, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
+        """In Tower, the task whose start the scene is nearest to, and the edits between them."""
+        if self.table.appearance != "tower":
+            return task_index, edits
+        if len(entry.starts) != len(entry.tasks):
+            entry.starts = np.array([self.table.of(task.start) for task in entry.tasks])
+        distances = box_distances()[entry.starts, boxes].sum(1)
+        nearest = int(distances.argmin())
+        return (nearest, int(distances[nearest])) if distances[nearest] < edits else (task_index, edits)
 
     def explore(self, entry: Entry, stops: int) -> None:
         """Stops in about `stops` new scenes: of walks from starts, from the empty scene and from known scenes."""

@@ -143,7 +143,7 @@ class Planner:
 
 
 @cache
-def _box_distances() -> Int64Array:
+def box_distances() -> Int64Array:
     """(121, 121) edits from one box to another."""
     colours, heights = tower_tables().colours, tower_tables().heights
     equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
@@ -152,7 +152,7 @@ def _box_distances() -> Int64Array:
 
 def _box_edits(index: int, before: int, after: int) -> list[Action]:
     colours, heights = tower_tables().colours, tower_tables().heights
-    kept = (heights[before] + heights[after] - _box_distances()[before, after]) // 2
+    kept = (heights[before] + heights[after] - box_distances()[before, after]) // 2
     removals: list[Action] = [RemoveBlock(index)] * int(heights[before] - kept)
     return [*removals, *(AddBlock(index, Colour(int(colours[after, level]))) for level in range(kept, heights[after]))]
 
@@ -161,7 +161,7 @@ def _plan_tower(
     judge: Judge, scene: Scene, most_edits: int, recipe: RewardModelRecipe, most: int, *, may_stop: bool
 ) -> list[Plan]:
     start = judge.reader.table.of(scene)
-    distances = _box_distances()[list(start)]  # (3, 121)
+    distances = box_distances()[list(start)]  # (3, 121)
     boxes = distances.shape[1]
     _, values = judge.box_values(np.arange(boxes))
 

@@ -17,7 +17,7 @@ from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchang
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Judge, Plan, Planner, _box_distances, mean_probabilities
+from lilgym_mp.learning.reward_model.search import Judge, Plan, Planner, box_distances, mean_probabilities
 from lilgym_mp.rules import Outcome, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.task import Task
@@ -97,8 +97,8 @@ def test_plan__does_not_stop_in_a_flipit_start():
         assert len(new_planner("tower", seed=seed).plan(task.start, task.statement, task.target).actions) > 1
 
 
-def test_box_distances__are_those_of_single_edits():
-    after, distances = tower_tables().after, _box_distances()
+def testbox_distances__are_those_of_single_edits():
+    after, distances = tower_tables().after, box_distances()
     assert (distances == distances.T).all()
     for box, successors in enumerate(after):
         assert {*np.flatnonzero(distances[box] == 1).tolist()} == {*successors[successors >= 0].tolist()}

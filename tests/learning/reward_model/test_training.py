@@ -12,6 +12,7 @@ import pytest
 import torch
 
 from lilgym_mp.actions import Action, Stop
+from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
@@ -25,7 +26,7 @@ from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.learning.training_run import TrainingRunError
 from lilgym_mp.rules import Dynamics, State, Transition
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import Box, Scene
 from lilgym_mp.task import Task
 from tests.learning.reward_model.conftest import small_recipe
 
@@ -142,7 +143,23 @@ def test_collector__refuses_a_stop_beyond_the_horizon(statements: str):
     entry, collector = labelled_entry(settings)
     assert max(known.edits for known in entry.known) == 2
     with pytest.raises(ValueError, match="no episode of 3 steps stops after 3 edits"):
-        collector.stop(Entry("new", entry.tasks), 0, Scene.empty(), 3)
+        collector.stop(Entry("new", entry.tasks), 0, three_blocks(), 3)
+
+
+def three_blocks() -> Scene:
+    blocks = tower_tables().boxes
+    return Scene((next(box for box in blocks if len(box.items) == 3), Box(), Box()))
+
+
+def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    _, collector = labelled_entry(settings)
+    tasks = sorted(settings.make("train").tasks, key=lambda task: len(list(task.start.items())))
+    entry, before = Entry("new", tasks[:3]), collector.steps
+    scene = tasks[2].start
+    known = entry.known[collector.stop(entry, 0, scene, 5)]
+    assert (entry.tasks[known.task].start, known.edits) == (scene, 0)
+    assert collector.steps == before + 1
 
 
 def test_collector__plays_no_scene_twice(statements: str):
