@@ -18,7 +18,7 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
 from lilgym_mp.render import text as drawing
-from lilgym_mp.render.ruler import ruled
+from lilgym_mp.render.characters import ruled
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
 from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, scene_of

@@ -21,8 +21,8 @@ from lilgym_mp.cli.commands import (
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.render import text
+from lilgym_mp.render.characters import ruled
 from lilgym_mp.render.frames import frame
-from lilgym_mp.render.ruler import ruled
 
 
 class Session:

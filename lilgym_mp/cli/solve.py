@@ -27,8 +27,8 @@ from lilgym_mp.options import (
     split_of,
 )
 from lilgym_mp.render import text
+from lilgym_mp.render.characters import ruled
 from lilgym_mp.render.frames import frame
-from lilgym_mp.render.ruler import ruled
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows

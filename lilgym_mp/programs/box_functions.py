@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Hashable, Mapping
 from enum import Enum
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from lilgym_mp.programs.values import BoxView, ItemView
@@ -28,19 +28,6 @@ BoxFunction = Callable[[Box], Any]
 
 class FallbackError(Exception):
     """Generated code cannot decide the value; fall back to the reference evaluator."""
-
-
-class _ItemCache(dict[Item, bool]):
-    """Cached results of a test that depends on the item only."""
-
-    def __init__(self, test: Test) -> None:
-        self.test = test
-
-    def __missing__(self, item: Item) -> bool:
-        if len(self) >= TABLE_SIZE:
-            self.clear()
-        value = self[item] = self.test(ItemView(item, _EMPTY_BOX, 0))
-        return value
 
 
 _BITS = tuple(1 << index for index in range(MAX_BOX_ITEMS))
@@ -141,12 +128,16 @@ def is_tower(box: Box) -> bool:
 
 
 def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Mask]:
-    cached = _ItemCache(test)
-    tested = _tested_field(cached) if depends_on == "attributes" else None
+
+    @lru_cache(TABLE_SIZE)
+    def passes(item: Item) -> bool:
+        return test(ItemView(item, _EMPTY_BOX, 0))
+
+    tested = _tested_field(passes) if depends_on == "attributes" else None
     field, value = tested or (0, 0)
 
     def mask_of(box: Box) -> Mask:
-        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if cached[item]])
+        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if passes(item)])
 
     def mask_by_field(box: Box) -> Mask:  # the most frequent case, so without calls
         mask = box.memo.get(key)
@@ -162,15 +153,15 @@ def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callab
         return mask
 
     function = _memoised(key, mask_of) if tested is None else mask_by_field
-    _ITEM_TESTS[function] = ItemTest(cached.__missing__, depends_on)
+    _ITEM_TESTS[function] = ItemTest(passes.__wrapped__, depends_on)
     return function
 
 
-def _tested_field(passes: Mapping[Item, bool]) -> tuple[int, int] | None:
+def _tested_field(passes: Callable[[Item], bool]) -> tuple[int, int] | None:
     """The field and value that a test of the item type compares; None if it compares more than one."""
     items = [Item(0, 0, *fields) for fields in itertools.product(Shape, Colour, Size)]
     for field, value in itertools.product(ITEM_TYPE_FIELDS, range(3)):
-        if all(passes[item] == (item[field] == value) for item in items):
+        if all(passes(item) == (item[field] == value) for item in items):
             return field, value
     return None
 

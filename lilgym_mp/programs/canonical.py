@@ -107,7 +107,7 @@ def _simplify(node: syntax.Node, scope: Scope) -> syntax.Node:
         case syntax.Comparison(left=left, operators=(operator,), rights=(right,)):
             return _simplify_comparison(left, operator, right, scope)
         case syntax.Comparison(left=left, operators=operators, rights=rights) if (
-            sum(map(_size, rights)) <= MAX_REPEATED
+            sum(1 for right in rights for _ in syntax.walk(right)) <= MAX_REPEATED
         ):
             lefts = (left, *rights)
             steps = zip(lefts, operators, rights, strict=False)
@@ -342,11 +342,6 @@ def _is_infallible_test(node: syntax.Call, scope: Scope) -> bool:
 
 def _element_type(collection: syntax.Node | None, scope: Scope) -> Type:
     return UNKNOWN if collection is None else element_of(type_of(collection, scope))
-
-
-def _size(node: syntax.Node) -> int:
-    """The number of nodes."""
-    return 1 + sum(map(_size, syntax.children(node)))
 
 
 def _is_attribute(node: syntax.Node, scope: Scope) -> bool:

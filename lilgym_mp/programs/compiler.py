@@ -11,7 +11,7 @@ from lilgym_mp.programs.box_functions import MAX_MEMO, FallbackError, forget_pro
 from lilgym_mp.programs.code_generation import generate_function
 from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError, StepLimitError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
-from lilgym_mp.programs.syntax import Call, Node, WordName, children, own_size, parse
+from lilgym_mp.programs.syntax import Call, WordName, own_size, parse, walk
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
@@ -134,14 +134,9 @@ def explain_program(source: str) -> str:
         value = str(program.evaluate(Scene.empty()))
     except ProgramRuntimeError as fault:
         value = f"no value ({fault})"
-    words = sorted(_words(program.tree))
+    words = sorted({node.word.name for node in walk(program.tree) if isinstance(node, Call | WordName)})
     used = f"words: {', '.join(words)}" if words else "words: none"
     return f"valid program\n{used}\non the empty scene: {value}"
-
-
-def _words(node: Node) -> set[str]:
-    found = {node.word.name} if isinstance(node, Call | WordName) else set[str]()
-    return found.union(*map(_words, children(node)))
 
 
 def _always_fall_back(scene: Scene) -> bool:

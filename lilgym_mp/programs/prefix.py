@@ -56,52 +56,47 @@ def tree_from_tokens(tokens: Sequence[str]) -> syntax.Node:
 
 
 def _tokens(node: syntax.Node) -> Iterator[str]:
-    match node:
-        case syntax.Logic(operator=operator, operands=operands):
-            for operand in operands[:-1]:
-                yield operator
-                yield from _tokens(operand)
-            yield from _tokens(operands[-1])
-        case _:
-            token, parts = _token_and_parts(node)
-            if token not in token_arities():
-                raise PrefixError(f"there is no token for {token}")
-            yield token
-            for part in parts:
-                yield from _tokens(part)
+    parts = list(syntax.children(node))
+    if isinstance(node, syntax.Logic):
+        for part in parts[:-1]:
+            yield node.operator
+            yield from _tokens(part)
+        yield from _tokens(parts[-1])
+        return
+    token = _token(node)
+    if token not in token_arities():
+        raise PrefixError(f"there is no token for {token}")
+    yield token
+    for part in parts:
+        yield from _tokens(part)
 
 
-def _token_and_parts(node: syntax.Node) -> tuple[str, Sequence[syntax.Node]]:
+def _token(node: syntax.Node) -> str:
+    """The token of a node; its children are the parts."""
     match node:
-        case syntax.Constant(value=bool() as value):
-            return str(value), ()
-        case syntax.Constant(value=int() as value):
-            return f"#{value}", ()
         case syntax.Constant(value=value):
-            return str(value), ()
+            return f"#{value}" if type(value) is int else str(value)
         case syntax.SceneName(name=name):
-            return name, ()
+            return name
         case syntax.Variable(name=name):
-            return (_variable(VARIABLES.index(name)) if name in VARIABLES else name), ()
-        case syntax.Lambda(body=body):
-            return "lambda", (body,)
+            return _variable(VARIABLES.index(name)) if name in VARIABLES else name
+        case syntax.Lambda():
+            return "lambda"
         case syntax.Call(word=word, arguments=arguments):
             given = [argument for argument in arguments if argument is not None]
             if None in arguments[: len(given)]:
                 raise PrefixError(f"{word.name}: an argument before the last is omitted")
-            return f"{word.name}({len(given)})", given
-        case syntax.Member(of=of, name=name, called=called):
-            return f".{name}{'()' if called else ''}", (of,)
-        case syntax.Not(operand=operand):
-            return "not", (operand,)
-        case syntax.Comparison(left=left, operators=(operator,), rights=(right,)):
-            return operator, (left, right)
-        case syntax.Arithmetic(operator=operator, left=left, right=right):
-            return operator, (left, right)
-        case syntax.Subscript(of=of, index=index):
-            return "[]", (of, index)
+            return f"{word.name}({len(given)})"
+        case syntax.Member(name=name, called=called):
+            return f".{name}{'()' if called else ''}"
+        case syntax.Not():
+            return "not"
+        case syntax.Comparison(operators=(operator,)) | syntax.Arithmetic(operator=operator):
+            return operator
+        case syntax.Subscript():
+            return "[]"
         case syntax.Display(kind=kind, elements=elements):
-            return f"{kind.__name__}/{len(elements)}", elements
+            return f"{kind.__name__}/{len(elements)}"
         case _:
             raise PrefixError(f"{type(node).__name__} has no tokens")
 

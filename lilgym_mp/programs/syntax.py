@@ -221,6 +221,20 @@ def as_lambda(node: Node, parameter: str) -> Lambda | None:
     return node if isinstance(node, Lambda) else None
 
 
+def walk(node: Node) -> Iterator[Node]:
+    """The node and all its descendants, in pre-order."""
+    yield node
+    for child in children(node):
+        yield from walk(child)
+
+
+def free_variables(node: Node) -> frozenset[str]:
+    """The variables in the node that no lambda inside it binds."""
+    found = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()
+    found = found.union(*map(free_variables, children(node)))
+    return found - {node.parameter} if isinstance(node, Lambda) else found
+
+
 def own_size(node: Node) -> int:
     """The number of nodes of an expression, excluding lambda bodies, whose evaluation is charged per call."""
     return 1 + sum(own_size(child) for child in children(node) if not isinstance(node, Lambda))

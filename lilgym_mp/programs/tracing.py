@@ -37,9 +37,8 @@ def trace(source: str, scene: Scene) -> list[TraceEntry]:
 
 
 def _entries(node: syntax.Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
-    if isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda) or _has_free_variables(
-        node
-    ):
+    is_trivial = isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda)
+    if is_trivial or syntax.free_variables(node):
         return
     yield TraceEntry(depth, source_of(node), *_value(node, scene))
     if isinstance(node, syntax.Call):
@@ -49,15 +48,10 @@ def _entries(node: syntax.Node, scene: Scene, depth: int) -> Iterator[TraceEntry
 
 
 def _conditions(call: syntax.Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
-    """An entry per lambda argument: the elements of the first argument that satisfy it."""
+    """An entry per lambda argument of a closed call: the elements of the first argument that satisfy it."""
     elements, *others = call.arguments
     for other in others:
-        if (
-            elements is not None
-            and isinstance(other, syntax.Lambda)
-            and not _has_free_variables(other)
-            and not _has_free_variables(elements)
-        ):
+        if elements and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
             yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, scene))
 
 
@@ -97,15 +91,6 @@ def _item_indices(value: Any) -> tuple[ItemIndex, ...]:
             return tuple(sorted({place for part in parts for place in part}))
         case _:
             return ()
-
-
-def _has_free_variables(node: syntax.Node, bound: frozenset[str] = frozenset()) -> bool:
-    """Whether a node has free variables."""
-    if isinstance(node, syntax.Variable):
-        return node.name not in bound
-    if isinstance(node, syntax.Lambda):
-        return _has_free_variables(node.body, bound | {node.parameter})
-    return any(_has_free_variables(child, bound) for child in syntax.children(node))
 
 
 def _value_text(value: Any) -> str:

@@ -132,24 +132,13 @@ def _filter_queries(chain: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
 
 def _is_box_local(function: syntax.Node) -> bool:
     """Whether the function's value for a box, or for an item, depends on that box alone."""
-    return all(_is_local(node, bound) for node, bound in _with_bound_names(function, frozenset()))
+    return not syntax.free_variables(function) and all(map(_is_local, syntax.walk(function)))
 
 
-def _with_bound_names(node: syntax.Node, bound: frozenset[str]) -> Iterator[tuple[syntax.Node, frozenset[str]]]:
-    """The node and its descendants, each with the variables bound there."""
-    yield node, bound
-    if isinstance(node, syntax.Lambda):
-        bound |= {node.parameter}
-    for child in syntax.children(node):
-        yield from _with_bound_names(child, bound)
-
-
-def _is_local(node: syntax.Node, bound: frozenset[str]) -> bool:
+def _is_local(node: syntax.Node) -> bool:
     match node:
         case syntax.SceneName():
             return False
-        case syntax.Variable(name=name):
-            return name in bound
         case syntax.Call(word=word) | syntax.WordName(word=word):
             return word.depends_on != "scene"
         case _:

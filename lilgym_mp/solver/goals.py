@@ -17,9 +17,7 @@ class ConjunctiveTask(Task):
     others: tuple[tuple[str, bool], ...] = ()  # programs and their targets
 
     def solved_by(self, scene: Scene) -> bool:
-        if compile_program(self.program)(scene) != self.target:
-            return False
-        return all(compile_program(program)(scene) == target for program, target in self.others)
+        return all(compile_program(program)(scene) == target for program, target in _goals_of(self))
 
 
 def conjunctive_task(goals: Sequence[tuple[str, bool]], start: Scene) -> Task:
@@ -32,14 +30,17 @@ def conjunctive_task(goals: Sequence[tuple[str, bool]], start: Scene) -> Task:
 
 def programs_of(task: Task) -> tuple[str, ...]:
     """The programs in the task's goal."""
-    others = task.others if isinstance(task, ConjunctiveTask) else ()
-    return (task.program, *(program for program, _ in others))
+    return tuple(program for program, _ in _goals_of(task))
 
 
 def target_bits(task: Task) -> int:
     """The targets of `programs_of(task)` as a bit mask; bit i is the target of program i."""
+    return sum(1 << index for index, (_, target) in enumerate(_goals_of(task)) if target)
+
+
+def _goals_of(task: Task) -> tuple[tuple[str, bool], ...]:
     others = task.others if isinstance(task, ConjunctiveTask) else ()
-    return sum(1 << index for index, target in enumerate((task.target, *(target for _, target in others))) if target)
+    return ((task.program, task.target), *others)
 
 
 def has_program_goal(task: Task) -> bool:

@@ -20,7 +20,7 @@ from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.cli import main
 from lilgym_mp.cli.commands import CommandSyntaxError, parse_command, words_of
 from lilgym_mp.render import text
-from lilgym_mp.render.ruler import ruled
+from lilgym_mp.render.characters import ruled
 from lilgym_mp.scene import Colour, Shape, Size
 from tests.scenes import B, scene, square, tower
 

@@ -6,6 +6,7 @@ to the scalar rules: kept as a `Scene`, edited by `Scatter.apply` and drawn by a
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import cast
 
 import numpy as np
@@ -207,14 +208,4 @@ def _share_pixels(item: Item, other: Item) -> bool:
     return bool(np.logical_and(*drawn).any())
 
 
-class _ItemCache(dict[int, Item]):
-    """A cache of decoded items; on a grid they recur."""
-
-    def __missing__(self, code: int) -> Item:
-        if len(self) >= MAX_CACHED_ITEMS:
-            self.clear()
-        item = self[code] = item_from_code(code)
-        return item
-
-
-_cached_item = _ItemCache().__getitem__
+_cached_item = lru_cache(MAX_CACHED_ITEMS)(item_from_code)  # on a grid they recur
