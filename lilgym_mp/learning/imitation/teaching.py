@@ -13,6 +13,7 @@ import numpy as np
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock
 from lilgym_mp.appearances import Scatter
+from lilgym_mp.appearances.numbering import remove_index
 from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, Rng
@@ -26,7 +27,6 @@ from lilgym_mp.solver.edit_tables import (
     addition_actions,
     addition_table,
     frame_x_of,
-    removal_actions,
     removal_table,
 )
 from lilgym_mp.task import Task
@@ -141,9 +141,9 @@ def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
         items = scene.boxes[index].items
         if is_addition:
             done = addition_table(scatter, placement, frame_x_of(placement, index), items).canonical
-            return addition_actions(scatter, index, np.arange(len(done))), done
+            return np.array(addition_actions(scatter, index, np.arange(len(done)))), done
         done = removal_table(scatter.cell, items)
-        return removal_actions(scatter, index, np.arange(len(done))), done
+        return np.arange(len(done)) + remove_index(scatter.box_cells[index].start, scatter.cell_count), done
 
     found = {index: results(index) for index in range(len(scene.boxes))}
     index, wanted = next(

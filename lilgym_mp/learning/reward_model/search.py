@@ -350,13 +350,11 @@ class _ScatterSearch:
         items = scene.boxes[edit.box].items
         placement = self._dynamics.rules.placement
         if edit.canonical < 0:
-            cells = np.flatnonzero(removal_table(self._scatter.cell, items) == edit.position)
-            actions = removal_actions(self._scatter, edit.box, cells)
+            actions = removal_actions(self._scatter, edit.box, items, edit.position)
         else:
             table = addition_table(self._scatter, placement, frame_x_of(placement, edit.box), items)
-            additions = np.flatnonzero(table.canonical == edit.canonical)
-            actions = addition_actions(self._scatter, edit.box, additions)
-        return int(actions[0]) if len(actions) else None
+            actions = addition_actions(self._scatter, edit.box, np.flatnonzero(table.canonical == edit.canonical))
+        return actions[0] if actions else None
 
 
 @cache
