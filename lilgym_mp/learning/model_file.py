@@ -6,6 +6,7 @@ everything its kind needs to rebuild the network. Reading a file never executes 
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping
@@ -196,3 +197,12 @@ def _check_tensors(network: nn.Module, tensors: Mapping[str, Tensor], path: Path
 
 def _mismatch(path: Path, reason: str) -> ModelFileError:
     return ModelFileError(f"{path}: tensors do not match the network it describes: {reason}")
+
+
+def weights_digest(path: Path) -> str:
+    """SHA-256 over a directory's safetensors files, or of one file."""
+    digest = hashlib.sha256()
+    for file in sorted(path.glob("*.safetensors")) if path.is_dir() else [path]:
+        with file.open("rb") as content:
+            hashlib.file_digest(content, lambda: digest)
+    return digest.hexdigest()

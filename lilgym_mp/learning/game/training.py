@@ -39,8 +39,7 @@ from lilgym_mp.learning.game.policies import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
-from lilgym_mp.learning.model_file import load_model
-from lilgym_mp.learning.ppo.models.weights import weights_digest
+from lilgym_mp.learning.model_file import load_model, weights_digest
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update

@@ -24,11 +24,11 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.learning.devices import DeviceError, select_device, torch_threads
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
+from lilgym_mp.learning.model_file import weights_digest
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
-from lilgym_mp.learning.ppo.models.weights import weights_digest
 from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, plays_empty_starts, training_tasks

@@ -19,11 +19,11 @@ from torch import Tensor, nn
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.appearances.numbering import ITEM_TYPES
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation import network
 from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisation
-from lilgym_mp.learning.ppo.models.grouping import GroupedRows, group_by_statement
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.scene import BOX_COUNT, Colour
@@ -33,6 +33,48 @@ MIDDLE_GREY, HALF_RANGE = 127.5, 127.5
 CHUNK = 256  # states per pass through the cell head, to stay in the CPU cache
 SMALL_GAIN = 0.01  # gain of the last layers, so that training starts from a nearly uniform policy
 MAX_CACHED = 20_000  # statements, and boxes; 8,192 boxes take 30 MB
+
+
+class GroupedRows(NamedTuple):
+    """R rows grouped by S statements and padded to P rows per statement."""
+
+    counts: Int64Array  # (S,) rows of each statement
+    padded: Int64Array  # (S, P) row indices of each statement in order; 0 is padding
+    positions: Int64Array  # (R,) index of each row among the S * P
+
+
+class StatementGroups(NamedTuple):
+    """N states of S statements, and their R distinct statement-box pairs."""
+
+    boxes: Int64Array  # (R,) box of each pair
+    pairs: GroupedRows
+    pairs_of: Int64Array  # (N, 3) pair indices of each state
+    states: GroupedRows
+
+
+def group_by_statement(states: States) -> StatementGroups:
+    count, box_count = len(states.statements), len(states.box_hashes)
+    codes = states.statement_of[:, None] * box_count + states.boxes_of
+    pairs, pairs_of = np.unique(codes, return_inverse=True)
+    owners, boxes = np.divmod(pairs, box_count)
+    return StatementGroups(
+        boxes,
+        _grouped(owners, count),
+        pairs_of.reshape(-1, BOX_COUNT),
+        _grouped(states.statement_of, count),
+    )
+
+
+def _grouped(statement_of: Int64Array, count: int) -> GroupedRows:
+    order = np.argsort(statement_of, kind="stable")
+    counts = np.bincount(statement_of, minlength=count)
+    firsts, most = counts.cumsum() - counts, int(counts.max())
+    owners = statement_of[order]
+    positions = np.empty(len(order), np.int64)
+    positions[order] = owners * most + np.arange(len(order)) - firsts[owners]
+    padded = np.zeros(count * most, np.int64)
+    padded[positions] = np.arange(len(order))
+    return GroupedRows(counts, padded.reshape(count, most), positions)
 
 
 class EncodedBoxes(NamedTuple):

@@ -11,8 +11,8 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
+from lilgym_mp.learning.ppo.models.pretrained import WeightsError, model_maker
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
-from lilgym_mp.learning.ppo.models.weights import WeightsError
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 
 Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
@@ -36,7 +36,7 @@ def make_model(
             " choose a coarser grid"
         )
     if recipe.model in TRANSFORMERS:
-        make = _pretrained(recipe, appearance, weights, details)
+        make = model_maker(recipe.model, appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
@@ -55,11 +55,3 @@ def _box_transformer(
         check_sizes(sizes)
     separators = recipe.model == "ours-separators"
     return lambda has_actor, has_critic: BoxTransformer(appearance, words, separators=separators, **sizes)
-
-
-def _pretrained(
-    recipe: PPORecipe, appearance: Appearance, weights: Path | None, details: Mapping[str, Any] | None
-) -> Make:
-    from lilgym_mp.learning.ppo.models import pretrained  # needs transformers
-
-    return pretrained.model_maker(recipe.model, appearance, weights, details)

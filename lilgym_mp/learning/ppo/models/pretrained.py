@@ -2,12 +2,14 @@
 
 Sources: Wu et al. 2023, section 6 and appendix C; where the paper is silent, the authors' released baselines. Ours,
 because neither specifies them: C10's layers, FLAVA's image size, the heads on ViLT's and FLAVA's pooled vector.
+
+Directories of weights are as saved by `transformers`. Only safetensors files are read; code in them is never executed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+import json
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,10 @@ from torch import Tensor, nn
 from lilgym_mp.actions import ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.extras import install
-from lilgym_mp.learning.ppo.factored_policy import slot_factorisation
+from lilgym_mp.learning.model_file import weights_digest
+from lilgym_mp.learning.ppo.factored_policy import Factorisation, slot_factorisation
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
-from lilgym_mp.learning.ppo.models.weights import WeightsError, check_weights, weights_digest
+from lilgym_mp.learning.ppo.recipe import FINE_TUNED
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
 
 ARCHITECTURES = {"c3-bert": ("bert",), "c10-bert": ("bert",), "vilt": ("vilt",), "flava": ("flava",)}
@@ -28,8 +31,55 @@ MAX_INTENSITY = 255.0
 MAX_TOKENS = 64  # word pieces of a statement
 JOINED, TARGET = 512, 32  # widths in C3 and C10
 VILT_PATCHES = 5, 19  # like the action grid
-FLAVA_MEAN, FLAVA_DEVIATION = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
+VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each colour
+FLAVA_COLOURS = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 TARGET_TOKEN = "<TARGET>"
+CONFIG, TENSORS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
+PICKLES = ("*.bin", "*.pt", "*.pth", "*.ckpt", "*.h5", "*.msgpack")
+TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is required
+LARGEST_CONFIG = 1 << 22  # bytes
+
+
+class WeightsError(ValueError):
+    """An unusable directory of weights."""
+
+
+def check_weights(path: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:
+    """The directory's config.json, checked for `model`. Raises WeightsError naming the path and what is wrong."""
+    if path is None:
+        raise WeightsError(
+            f"the model {model!r} needs pretrained weights: name a directory with --weights, of the architecture"
+            f" {' or '.join(architectures)}, with {CONFIG}, {TENSORS} and a tokenizer"
+        )
+    if not path.is_dir():
+        raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
+    config = _config(path / CONFIG)
+    found = config.get("model_type")
+    if found not in architectures:
+        raise WeightsError(
+            f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {' or '.join(architectures)}"
+        )
+    if not any((path / name).is_file() for name in (TENSORS, INDEX)):
+        pickles = sorted(file.name for pattern in PICKLES for file in path.glob(pattern))
+        held = f"; {', '.join(pickles)} may contain pickled objects and is not read" if pickles else ""
+        raise WeightsError(f"{path}: incomplete: it has no {TENSORS}{held}")
+    if not any((path / name).is_file() for name in TOKENIZERS):
+        raise WeightsError(f"{path}: incomplete: it has no tokenizer ({' or '.join(TOKENIZERS)})")
+    return config
+
+
+def _config(file: Path) -> dict[str, Any]:
+    try:
+        if file.stat().st_size > LARGEST_CONFIG:
+            raise WeightsError(f"{file}: larger than {LARGEST_CONFIG} bytes")
+        config = json.loads(file.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise WeightsError(f"{file.parent}: incomplete: it has no {CONFIG}") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise WeightsError(f"{file}: cannot be read: {error}") from None
+    if not isinstance(config, dict):
+        raise WeightsError(f"{file}: must be a JSON object")
+    return config
 
 
 def model_maker(
@@ -42,56 +92,45 @@ def model_maker(
     path = Path(details["weights"]) if details is not None else weights
     config = check_weights(path, model, ARCHITECTURES[model])
     assert path is not None
-    _check_library(model)
-    if model in ("vilt", "flava"):
-        transformer = _Vilt if model == "vilt" else _Flava
-        from_config = details is not None  # its tensors come from the model file
+    try:
+        import transformers  # noqa: F401  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise WeightsError(f"the model {model!r} needs the package transformers: {install('transformers')}") from None
+    if model in FINE_TUNED:
+        own = None if details is None else config  # the tensors of a model file replace the pretrained ones
         return lambda has_actor, has_critic: JointModel(
-            transformer(path, config, from_config=from_config), appearance, has_actor, has_critic
+            Transformer(path, model, own), appearance, has_actor=has_actor, has_critic=has_critic
         )
     encoder = FrozenBert(path)
     if details is not None and details["weights_sha256"] != encoder.digest:
         raise WeightsError(f"{path}: not the weights that the agent was trained with: their SHA-256 differs")
     layers = C3 if model == "c3-bert" else C10
-    return lambda has_actor, has_critic: ConvolutionsAndBert(encoder, layers, appearance, has_actor, has_critic)
+    return lambda has_actor, has_critic: ConvolutionsAndBert(
+        encoder, layers, appearance, has_actor=has_actor, has_critic=has_critic
+    )
 
 
-def _check_library(model: str) -> None:
-    try:
-        import transformers  # noqa: F401  # pyright: ignore[reportMissingImports]
-    except ImportError:
-        raise WeightsError(f"the model {model!r} needs the package transformers: {install('transformers')}") from None
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Silences progress bars and warnings about unused tensors; missing tensors raise an error here."""
+def _pretrained(load: Any, path: Path, **options: Any) -> Any:
+    """What `load` makes of the directory. Raises WeightsError when the directory lacks a part of it, or is damaged."""
     from transformers.utils import logging  # pyright: ignore[reportMissingImports]
 
     verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
-    logging.set_verbosity_error()
+    logging.set_verbosity_error()  # no warnings about unused tensors; missing ones raise an error here
     logging.disable_progress_bar()
     try:
-        yield
+        return load(path, local_files_only=True, **options)
+    except Exception as error:  # parsers of tokenizers raise anything, and safetensors has its own exception
+        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+        raise WeightsError(f"{path}: cannot be loaded: {reason}") from None
     finally:
         logging.set_verbosity(verbosity)
         if bars:
             logging.enable_progress_bar()
 
 
-def _pretrained(load: Any, path: Path, **options: Any) -> Any:
-    """The pretrained network. Raises WeightsError when the directory lacks a part of it."""
-    safe_options = {"local_files_only": True, "use_safetensors": True, "output_loading_info": True}
-    try:
-        with _quiet():
-            network, loading_info = load(path, **safe_options, **options)
-    except (OSError, ValueError, RuntimeError, KeyError) as error:
-        raise WeightsError(f"{path}: cannot be loaded: {str(error).strip().splitlines()[0]}") from None
-    except Exception as error:  # safetensors has its own exception, not a subclass of OSError
-        if type(error).__name__ != "SafetensorError":
-            raise
-        raise WeightsError(f"{path}: its safetensors file is damaged: {error}") from None
-    missing = sorted(loading_info["missing_keys"]) + sorted(map(str, loading_info["mismatched_keys"]))
+def _pretrained_network(load: Any, path: Path, **options: Any) -> Any:
+    network, found = _pretrained(load, path, use_safetensors=True, output_loading_info=True, **options)
+    missing = sorted(found["missing_keys"]) + sorted(map(str, found["mismatched_keys"]))
     if missing:
         raise WeightsError(f"{path}: incomplete: {len(missing)} tensors are missing, such as {missing[0]}")
     return network
@@ -100,10 +139,50 @@ def _pretrained(load: Any, path: Path, **options: Any) -> Any:
 def _tokenizer(path: Path) -> Any:
     from transformers import AutoTokenizer  # pyright: ignore[reportMissingImports]
 
-    try:
-        return AutoTokenizer.from_pretrained(path, local_files_only=True)
-    except Exception as error:  # its parsers raise anything
-        raise WeightsError(f"{path}: its tokenizer cannot be loaded: {error}") from None
+    return _pretrained(AutoTokenizer.from_pretrained, path)
+
+
+class PretrainedModel(Model):
+    """Features of states, with policy heads, a value head, or both. The logits are empty without policy heads, the
+    values 0 without a value head."""
+
+    pretraining = "pretrained weights"
+    heads: Heads | None
+    critic: nn.Module | None
+
+    def features(self, states: States) -> Tensor:
+        """(N, width)."""
+        raise NotImplementedError
+
+    def acting(self, features: Tensor) -> Tensor:
+        """The features that the policy heads read."""
+        return features
+
+    def forward(self, states: States) -> Prediction:
+        features = self.features(states)
+        values = features.new_zeros(len(features)).float()
+        if self.critic is not None:
+            values = torch.tanh(self.critic(features).float().squeeze(1))
+        if self.heads is None:
+            return Prediction(features.new_zeros(len(features), 0), (), values)
+        return Prediction(*self.heads(self.acting(features)), values)
+
+
+class Heads(nn.Module):
+    """Linear heads for the type and each argument."""
+
+    def __init__(self, width: int, factorisation: Factorisation) -> None:
+        super().__init__()
+        self.types = nn.Linear(width, len(ActionType))
+        self.arguments = nn.ModuleList(nn.Linear(width, head.size) for head in factorisation.heads)
+
+    def forward(self, vectors: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
+        return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
+
+
+def _pixels(states: States, device: torch.device) -> Tensor:
+    """(N, 3, 50, 190) from 0 to 1."""
+    return torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
 
 
 # C3+BERT and C10+BERT
@@ -120,7 +199,7 @@ class FrozenBert:
 
         self.path, self.digest = path, weights_digest(path)
         self._tokenizer = _tokenizer(path)
-        self._network = _pretrained(BertModel.from_pretrained, path, add_pooling_layer=False).eval()
+        self._network = _pretrained_network(BertModel.from_pretrained, path, add_pooling_layer=False).eval()
         self.width = int(self._network.config.hidden_size)
         self.parameter_count = sum(parameter.numel() for parameter in self._network.parameters())
         self._cache: dict[str, Tensor] = {}
@@ -154,49 +233,34 @@ class FrozenBert:
 
 def C3() -> nn.Sequential:  # noqa: N802
     """The release's three convolutions over the half-size image: 1,280 features."""
-    return nn.Sequential(
-        nn.Conv2d(3, 32, 8, 4),
-        nn.ReLU(),
-        nn.Conv2d(32, 64, 4, 2),
-        nn.ReLU(),
-        nn.Conv2d(64, 32, 3, 1),
-        nn.ReLU(),
-        nn.Flatten(),
-    )
+    return _convolutions([(32, 8, 4, 0), (64, 4, 2, 0), (32, 3, 1, 0)])
 
 
 def C10() -> nn.Sequential:  # noqa: N802
     """Ten convolutions of our own design; the paper specifies only their number."""
+    channels, strides = (32, 32, 64, 64, 64, 64, 128, 128, 64, 32), (1, 2, 1, 2, 1, 2, 1, 2, 1, 1)
+    return _convolutions([(count, 3, stride, 1) for count, stride in zip(channels, strides, strict=True)])
+
+
+def _convolutions(sizes: Sequence[tuple[int, int, int, int]]) -> nn.Sequential:
+    """Convolutions of these numbers of channels, kernels, strides and paddings, flattened at the end."""
     layers: list[nn.Module] = []
     before = 3
-    for channels, stride in (
-        (32, 1),
-        (32, 2),
-        (64, 1),
-        (64, 2),
-        (64, 1),
-        (64, 2),
-        (128, 1),
-        (128, 2),
-        (64, 1),
-        (32, 1),
-    ):
-        layers += [nn.Conv2d(before, channels, 3, stride, 1), nn.ReLU()]
+    for channels, kernel, stride, padding in sizes:
+        layers += [nn.Conv2d(before, channels, kernel, stride, padding), nn.ReLU()]
         before = channels
     return nn.Sequential(*layers, nn.Flatten())
 
 
-class ConvolutionsAndBert(Model):
+class ConvolutionsAndBert(PretrainedModel):
     """Image, statement and target vectors, concatenated as input of an actor and a critic.
 
     With both, actor and critic share the convolutions and the target embedding, as in the release.
     """
 
-    pretraining = "pretrained weights"
-
     def __init__(
         self, encoder: FrozenBert, convolutions: Callable[[], nn.Sequential], appearance: Appearance,
-        has_actor: bool, has_critic: bool,
+        *, has_actor: bool, has_critic: bool,
     ) -> None:  # fmt: skip
         super().__init__()
         self._encoder = encoder
@@ -208,23 +272,22 @@ class ConvolutionsAndBert(Model):
         self.target = nn.Embedding(2, TARGET)
         joined = JOINED + encoder.width + TARGET
         self.actor = _two_layers(joined) if has_actor else None
-        self.heads = _Heads(JOINED, self.factorisation.heads) if has_actor else None
+        self.heads = Heads(JOINED, self.factorisation) if has_actor else None
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
-    def forward(self, states: States) -> Prediction:
+    def features(self, states: States) -> Tensor:
         device = self.target.weight.device
-        images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
         statements = self._encoder.vectors(states.statements, device)
         parts = (
-            self.image(self.convolutions(images)),
+            self.image(self.convolutions(_pixels(states, device))),
             statements[torch.from_numpy(states.statement_of).to(device)],
             self.target(torch.from_numpy(states.targets).to(device)),
         )
-        joined = torch.cat(parts, 1)
-        actor_features = None if self.actor is None else self.actor(joined)
-        return _prediction(
-            self.heads, actor_features, None if self.critic is None else self.critic(joined), len(images)
-        )
+        return torch.cat(parts, 1)
+
+    def acting(self, features: Tensor) -> Tensor:
+        assert self.actor is not None
+        return self.actor(features)
 
     def details(self) -> Mapping[str, Any]:
         return {"weights": str(self._encoder.path), "weights_sha256": self._encoder.digest}
@@ -238,139 +301,71 @@ def _two_layers(inputs: int) -> nn.Sequential:
     return nn.Sequential(nn.Linear(inputs, JOINED), nn.LeakyReLU(), nn.Linear(JOINED, JOINED), nn.LeakyReLU())
 
 
-class _Heads(nn.Module):
-    """Linear heads for the type and each argument."""
-
-    def __init__(self, width: int, heads: Sequence[Any]) -> None:
-        super().__init__()
-        self.types = nn.Linear(width, len(ActionType))
-        self.arguments = nn.ModuleList(nn.Linear(width, head.size) for head in heads)
-
-    def forward(self, vectors: Tensor) -> tuple[Tensor, tuple[Tensor, ...]]:
-        return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
-
-
-def _prediction(
-    heads: _Heads | None, actor_features: Tensor | None, critic_features: Tensor | None, count: int
-) -> Prediction:
-    """Without an actor the logits are empty; without a critic the values are 0."""
-    types, arguments = (torch.zeros(count, 0), ()) if heads is None or actor_features is None else heads(actor_features)
-    values = types.new_zeros(count) if critic_features is None else torch.tanh(critic_features.float().squeeze(1))
-    return Prediction(types, arguments, values)
-
-
 # ViLT and FLAVA
 
 
-class _Transformer(nn.Module):
-    """A pretrained vision-language transformer."""
+class Transformer(nn.Module):
+    """A pretrained vision-language transformer.
 
-    def __init__(self, path: Path, network: Any) -> None:
+    ViLT's image is upscaled to 5 x 19 patches, one per cell of the action grid. FLAVA's is resized to its square, and
+    its vector is the multimodal encoder's first.
+    """
+
+    def __init__(self, path: Path, model: str, config: Mapping[str, Any] | None) -> None:
+        """`model`: "vilt" or "flava"; with `config`, it is not pretrained."""
+        import transformers  # pyright: ignore[reportMissingImports]
+
         super().__init__()
-        self.path = path
+        self.path, self.is_vilt = path, model == "vilt"
+        network_class: Any = getattr(transformers, f"{model.capitalize()}Model")
+        if config is None:
+            self.network = _pretrained_network(network_class.from_pretrained, path)
+        else:
+            self.network = network_class(network_class.config_class(**config))
         self.tokenizer = _tokenizer(path)
         self.tokenizer.add_special_tokens({"additional_special_tokens": [TARGET_TOKEN]})
-        self.network = network
+        embedding, words = self.network if self.is_vilt else self.network.text_model, len(self.tokenizer)
+        if embedding.get_input_embeddings().num_embeddings < words:  # one more for the target token
+            embedding.resize_token_embeddings(words, mean_resizing=False)
 
-    def words(self, states: States, device: torch.device) -> dict[str, Tensor]:
-        """The statement, the target token, then True or False: ViLT's input in the release."""
-        texts = [
-            f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"
-            for statement, target in zip(states.statement_of.tolist(), states.targets.tolist(), strict=True)
-        ]
-        tokens = self.tokenizer(texts, padding=True, truncation=True, max_length=self.max_tokens(), return_tensors="pt")
-        return {name: tokens[name].to(device) for name in ("input_ids", "attention_mask")}
-
-    def max_tokens(self) -> int:
-        raise NotImplementedError
-
+    @property
     def width(self) -> int:
         return int(self.network.config.hidden_size)
 
-
-class _Vilt(_Transformer):
-    """The image is upscaled to 5 x 19 patches, one per cell of the action grid."""
-
-    def __init__(self, path: Path, config: Mapping[str, Any], *, from_config: bool) -> None:
-        from transformers import ViltConfig, ViltModel  # pyright: ignore[reportMissingImports]
-
-        if from_config:
-            network: Any = ViltModel(ViltConfig(**config))
-        else:
-            network = _pretrained(ViltModel.from_pretrained, path)
-        super().__init__(path, network)
-        _resize_embeddings(network, len(self.tokenizer))
-
-    def max_tokens(self) -> int:
-        return int(self.network.config.max_position_embeddings)
-
     def forward(self, states: States) -> Tensor:
-        device = self.network.pooler.dense.weight.device
-        patch = self.network.config.patch_size
-        size = VILT_PATCHES[0] * patch, VILT_PATCHES[1] * patch
-        pixels = _resized(states, size, (0.5, 0.5, 0.5), (0.5, 0.5, 0.5), device)
-        return self.network(pixel_values=pixels, **self.words(states, device)).pooler_output
-
-
-class _Flava(_Transformer):
-    """The image is resized to FLAVA's square; the output is the multimodal encoder's first vector."""
-
-    def __init__(self, path: Path, config: Mapping[str, Any], *, from_config: bool) -> None:
-        from transformers import FlavaConfig, FlavaModel  # pyright: ignore[reportMissingImports]
-
-        if from_config:
-            network: Any = FlavaModel(FlavaConfig(**config))
+        config, device = self.network.config, next(self.network.parameters()).device
+        if self.is_vilt:
+            size, most_tokens = [count * config.patch_size for count in VILT_PATCHES], config.max_position_embeddings
         else:
-            network = _pretrained(FlavaModel.from_pretrained, path)
-        super().__init__(path, network)
-        _resize_embeddings(network.text_model, len(self.tokenizer))
-
-    def max_tokens(self) -> int:
-        return int(self.network.config.text_config.max_position_embeddings)
-
-    def forward(self, states: States) -> Tensor:
-        device = self.network.logit_scale.device
-        side = self.network.config.image_config.image_size
-        pixels = _resized(states, (side, side), FLAVA_MEAN, FLAVA_DEVIATION, device)
-        return self.network(pixel_values=pixels, **self.words(states, device)).multimodal_embeddings[:, 0]
-
-
-def _resize_embeddings(network: Any, words: int) -> None:
-    """Adds word embeddings for the target token."""
-    if network.get_input_embeddings().num_embeddings < words:
-        network.resize_token_embeddings(words, mean_resizing=False)
+            size, most_tokens = [config.image_config.image_size] * 2, config.text_config.max_position_embeddings
+        images = F.interpolate(_pixels(states, device), size=size, mode="bilinear", align_corners=False)
+        mean, deviation = torch.tensor(VILT_COLOURS if self.is_vilt else FLAVA_COLOURS, device=device)[..., None, None]
+        texts = [  # the statement, the target token, then True or False: ViLT's input in the release
+            f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"
+            for statement, target in zip(states.statement_of.tolist(), states.targets.tolist(), strict=True)
+        ]
+        tokens = self.tokenizer(texts, padding=True, truncation=True, max_length=int(most_tokens), return_tensors="pt")
+        words = {name: tokens[name].to(device) for name in ("input_ids", "attention_mask")}
+        output = self.network(pixel_values=(images - mean) / deviation, **words)
+        return output.pooler_output if self.is_vilt else output.multimodal_embeddings[:, 0]
 
 
-def _resized(
-    states: States, size: tuple[int, int], mean: Sequence[float], deviation: Sequence[float], device: torch.device
-) -> Tensor:
-    """(N, 3, *size)."""
-    images = torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
-    images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)
-    shape = (1, 3, 1, 1)
-    return (images - torch.tensor(mean, device=device).view(shape)) / torch.tensor(deviation, device=device).view(shape)
-
-
-class JointModel(Model):
+class JointModel(PretrainedModel):
     """ViLT or FLAVA, fine-tuned, with policy heads, a value head, or both."""
 
-    pretraining = "pretrained weights"
-
-    def __init__(self, transformer: _Vilt | _Flava, appearance: Appearance, has_actor: bool, has_critic: bool) -> None:
+    def __init__(self, transformer: Transformer, appearance: Appearance, *, has_actor: bool, has_critic: bool) -> None:
         super().__init__()
         self.factorisation = slot_factorisation(appearance)
         self.transformer = transformer
-        width = transformer.width()
-        self.heads = _Heads(width, self.factorisation.heads) if has_actor else None
-        self.critic = (
-            nn.Sequential(nn.Linear(width, 2 * width), nn.LayerNorm(2 * width), nn.GELU(), nn.Linear(2 * width, 1))
-            if has_critic
-            else None
-        )
+        width = transformer.width
+        self.heads = Heads(width, self.factorisation) if has_actor else None
+        self.critic = None
+        if has_critic:
+            layers = nn.Linear(width, 2 * width), nn.LayerNorm(2 * width), nn.GELU(), nn.Linear(2 * width, 1)
+            self.critic = nn.Sequential(*layers)
 
-    def forward(self, states: States) -> Prediction:
-        pooled = self.transformer(states)
-        return _prediction(self.heads, pooled, None if self.critic is None else self.critic(pooled), len(pooled))
+    def features(self, states: States) -> Tensor:
+        return self.transformer(states)
 
     def details(self) -> Mapping[str, Any]:
         return {"weights": str(self.transformer.path)}
