@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from shutil import get_terminal_size
@@ -98,7 +99,7 @@ def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
     import torch
 
     from lilgym_mp.learning.agents import open_agent
-    from lilgym_mp.learning.imitation.agent import ImitationAgent
+    from lilgym_mp.learning.imitation.agent import ImitationAgent, make_network
 
     torch.set_num_threads(1)
     trained: list[NamedPolicy] = []
@@ -108,8 +109,7 @@ def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
         trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
         if isinstance(agent, ImitationAgent):
             torch.manual_seed(seed)
-            network = agent.architecture.network().eval()
-            fresh = ImitationAgent(network, agent.architecture, agent.rules, agent.description)
+            fresh = replace(agent, network=make_network(agent.description.details["network"]).eval())
             trained.insert(0, NamedPolicy("untrained network", fresh.policy))
     return [built_in_policy("random-type"), built_in_policy("random-legal"), *trained, built_in_policy("expert")]
 

@@ -12,7 +12,6 @@ from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Observations, Policy, output_of
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.rules import State
 
 BATCH_SIZE = 64  # environments
 IDLE = -1  # sentinel for an episode index: the environment has no episode left to play
@@ -60,42 +59,14 @@ def evaluate(
     task_ids = tuple(settings.make(split).evaluation_tasks() if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
     episodes: list[Episode | None] = [None] * len(task_ids)
-    recorder = _DecisionRecorder(policy, envs) if record_decisions else None
-    for index, episode in _play(policy, envs, task_ids, np.random.default_rng(seed), recorder):
+    for index, episode in _play(policy, envs, task_ids, np.random.default_rng(seed), record_decisions=record_decisions):
         on_episode(episode)
         episodes[index] = episode
     return [episode for episode in episodes if episode is not None]
 
 
-class _DecisionRecorder:
-    """Collects the decisions of current episodes."""
-
-    def __init__(self, policy: Policy, envs: BatchedEnv) -> None:
-        self._policy, self._envs = policy, envs
-        self._decisions: list[list[Decision]] = [[] for _ in range(envs.num_envs)]  # by environment
-
-    def record(self, active: np.ndarray, legal: np.ndarray, chosen: np.ndarray) -> None:
-        """Adds the decisions of the policy's latest call; `active`: its environments, `legal`: its masks."""
-        output = output_of(self._policy, legal, chosen)
-        if output is None:
-            return
-        exact = legal if getattr(self._policy, "needs_masks", True) else self._envs.action_masks()[active]
-        appearance = self._envs.dynamics.appearance
-        for env_index, decision in zip(active.tolist(), decisions(output, exact, appearance), strict=True):
-            self._decisions[env_index].append(decision)
-
-    def pop(self, env_index: int) -> tuple[Decision, ...] | None:
-        """Removes the decisions of the episode that has ended there; None if the policy has no output."""
-        ended, self._decisions[env_index] = self._decisions[env_index], []
-        return tuple(ended) or None
-
-
 def _play(
-    policy: Policy,
-    envs: BatchedEnv,
-    task_ids: Sequence[str],
-    rng: np.random.Generator,
-    recorder: _DecisionRecorder | None,
+    policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator, *, record_decisions: bool
 ) -> Iterator[tuple[int, Episode]]:
     """Yields each episode with its index as it ends; its environment then begins the next one."""
     assert envs.metadata["autoreset_mode"] is AutoresetMode.DISABLED
@@ -105,13 +76,16 @@ def _play(
     actions: list[list[int]] = [[] for _ in range(count)]
     rewards = np.zeros(count)
     stops: list[list[float]] = [[] for _ in range(count)]
+    recorded: list[list[Decision]] = [[] for _ in range(count)]
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
-        inputs, legal = _inputs(policy, envs, observations, active, playing)
-        chosen[active] = policy(inputs, legal, rng, *_states(policy, envs, active))
-        if recorder is not None:
-            recorder.record(active, legal, chosen[active])
+        arguments = _arguments(policy, envs, observations, active, playing, rng)
+        chosen[active] = policy(*arguments)
+        if record_decisions and (output := output_of(policy, arguments[1], chosen[active])) is not None:
+            made = decisions(output, envs.action_masks()[active], envs.dynamics.appearance)
+            for env_index, decision in zip(active.tolist(), made, strict=True):
+                recorded[env_index].append(decision)
         stop: Sequence[float] | None = getattr(policy, "stop_probabilities", None)
         for env_index, probability in zip(active.tolist(), () if stop is None else stop, strict=stop is not None):
             stops[env_index].append(round(float(probability), 6))
@@ -124,41 +98,38 @@ def _play(
             continue
         for env_index in np.flatnonzero(ended & (playing != IDLE)).tolist():
             episode = _episode(envs, env_index, infos, float(rewards[env_index]), actions[env_index])
-            recorded = None if recorder is None else recorder.pop(env_index)
-            yield (
-                int(playing[env_index]),
-                episode._replace(stop_probabilities=tuple(stops[env_index]) or None, decisions=recorded),
-            )
+            judgements = tuple(stops[env_index]) or None, tuple(recorded[env_index]) or None
+            yield int(playing[env_index]), episode._replace(stop_probabilities=judgements[0], decisions=judgements[1])
             playing[env_index] = next_index if next_index < len(task_ids) else IDLE
             next_index += 1
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
         observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
         for env_index in np.flatnonzero(ended).tolist():
-            actions[env_index], stops[env_index], rewards[env_index] = [], [], 0.0
+            actions[env_index], stops[env_index], recorded[env_index], rewards[env_index] = [], [], [], 0.0
 
 
-def _inputs(
-    policy: Policy, envs: BatchedEnv, observations: dict[str, Any], active: np.ndarray, playing: np.ndarray
-) -> tuple[Observations, np.ndarray]:
-    """The observations of the active environments, and their masks if the policy needs them."""
-    statements = observations["statement"]
+def _arguments(
+    policy: Policy,
+    envs: BatchedEnv,
+    observations: dict[str, Any],
+    active: np.ndarray,
+    playing: np.ndarray,
+    rng: np.random.Generator,
+) -> tuple[Any, ...]:
+    """What the policy is called with in the active environments: with masks and states only if it needs them."""
     inputs = Observations(
         observations["image"][active],
-        tuple([statements[env_index] for env_index in active.tolist()]),
+        tuple([observations["statement"][env_index] for env_index in active.tolist()]),
         observations["target"][active],
         envs.steps[active],
         playing[active],
     )
     needs_masks = getattr(policy, "needs_masks", True)
-    return inputs, envs.action_masks()[active] if needs_masks else np.zeros((len(active), 0), np.bool_)
-
-
-def _states(policy: Policy, envs: BatchedEnv, active: np.ndarray) -> tuple[list[State], ...]:
-    """The states of the active environments, as a fourth argument for policies that need them."""
+    legal = envs.action_masks()[active] if needs_masks else np.zeros((len(active), 0), np.bool_)
     if not getattr(policy, "needs_states", False):
-        return ()
+        return inputs, legal, rng
     states = envs.states()
-    return ([states[env_index] for env_index in active.tolist()],)
+    return inputs, legal, rng, [states[env_index] for env_index in active.tolist()]
 
 
 def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from lilgym_mp.appearances import RELEASED_GRID, Appearance, make_appearance
+from lilgym_mp.appearances import RELEASED_GRID
 from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.choices import choose
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning import model_file
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
@@ -24,98 +24,61 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.network import ImitationNetwork
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    check_numbers,
+    check_shapes,
+    check_sizes,
+    described_network,
+    load_model_of_kind,
+    load_weights,
+)
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.rules import make_dynamics
-from lilgym_mp.scene import BOX_COUNT, Scene
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.scene import Scene
 
 KIND = "imitation"
 VERSION = 1
 MAX_CACHED_BOXES = 50_000
+SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that make the network
+
+
+def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> dict[str, Any]:
+    """What `make_network` needs, as JSON."""
+    sizes = {name: getattr(recipe, name) for name in SIZES}
+    return {"appearance": appearance, "vocabulary": list(vocabulary.words), **sizes}
+
+
+def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNetwork:
+    """A new network of this architecture. Raises ValueError, TypeError, KeyError for an invalid one."""
+    words, sizes = built["vocabulary"], {name: built[name] for name in SIZES}
+    if not all(isinstance(word, str) for word in words):
+        raise ValueError("vocabulary must be a list of words")
+    choose("appearance", built["appearance"], dict.fromkeys(("scatter", "tower")))
+    check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
+    return ImitationNetwork(built["appearance"], len(Vocabulary(tuple(words))), dropout=dropout, **sizes)
 
 
 @dataclass(frozen=True)
-class Architecture:
-    """Everything needed to build the network."""
-
-    appearance: str
-    vocabulary: tuple[str, ...]
-    width: int
-    text_layers: int
-    item_layers: int
-
-    @classmethod
-    def of(cls, appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> Architecture:
-        return cls(appearance, vocabulary.words, recipe.width, recipe.text_layers, recipe.item_layers)
-
-    def network(self, dropout: float = 0.0) -> ImitationNetwork:
-        return ImitationNetwork(
-            self.appearance,
-            len(Vocabulary(self.vocabulary)),
-            width=self.width,
-            text_layers=self.text_layers,
-            item_layers=self.item_layers,
-            dropout=dropout,
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        sizes = {"width": self.width, "text_layers": self.text_layers, "item_layers": self.item_layers}
-        return {"appearance": self.appearance, "vocabulary": list(self.vocabulary), **sizes}
-
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> Architecture:
-        """Inverse of `to_json`. Raises ValueError, TypeError, KeyError."""
-        words = tuple(data["vocabulary"])
-        if not all(isinstance(word, str) for word in words):
-            raise ValueError("vocabulary must be a list of words")
-        Vocabulary(words)
-        appearance = data["appearance"]
-        if appearance not in ("tower", "scatter"):
-            raise ValueError(f"unknown appearance {appearance!r}; choose from scatter, tower")
-        sizes = {name: data[name] for name in ("width", "text_layers", "item_layers")}
-        model_file.check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
-        return cls(appearance, words, **sizes)
-
-
 class ImitationAgent:
     """A network with its vocabulary and stop rules."""
 
-    chooses_actions = True  # greedy or sampled, by the stop rule
-
-    def __init__(
-        self,
-        network: ImitationNetwork,
-        architecture: Architecture,
-        rules: Mapping[str, StopRule],
-        description: model_file.ModelDescription,
-    ) -> None:
-        """`rules`: by configuration."""
-        self.network = network
-        self.architecture = architecture
-        self.rules = dict(rules)
-        self._description = description
-
-    @property
-    def description(self) -> model_file.ModelDescription:
-        return self._description
+    network: ImitationNetwork
+    rules: Mapping[str, StopRule]  # by configuration
+    description: ModelDescription
+    chooses_actions: ClassVar[bool] = True  # greedy or sampled, by the stop rule
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """The policy on images; it needs no action mask. Greedy, unless the stop rule samples or `sampled` is set.
 
         Raises ValueError for a configuration or grid that the network cannot play.
         """
-        check_configuration(self._description, settings)
-        appearance = make_appearance(settings.appearance, settings.grid)
-        if appearance.grid not in (None, RELEASED_GRID):
+        check_configuration(self.description, settings)
+        dynamics = settings.dynamics()
+        if dynamics.appearance.grid not in (None, RELEASED_GRID):
             raise ValueError(f"this network plays Scatter on the grid 19 x 5, not {settings.grid}")
-        horizon = make_dynamics(appearance, settings.rules, settings.horizon).horizon
         rule = self.rules[settings.configuration]
-        return _ImagePolicy(self, appearance, horizon, rule, sampled=sampled or rule.sampled)
-
-    def save(self, path: Path) -> None:
-        model_file.save_model(path, self._description, self.network.state_dict())
-
-
-_PolicyInputs = tuple[Sequence[str], np.ndarray, np.ndarray]  # statements, boxes and targets
+        return _ImagePolicy(self, dynamics, rule, sampled=sampled or rule.sampled)
 
 
 class _ImagePolicy:
@@ -123,33 +86,26 @@ class _ImagePolicy:
 
     needs_masks = False
 
-    def __init__(
-        self, agent: ImitationAgent, appearance: Appearance, horizon: int, rule: StopRule, *, sampled: bool
-    ) -> None:
-        self._rule = rule
-        self._agent = agent
-        self._appearance = appearance
-        self._horizon = horizon
-        self._sampled = sampled
+    def __init__(self, agent: ImitationAgent, dynamics: Dynamics, rule: StopRule, *, sampled: bool) -> None:
+        self._agent, self._dynamics, self._rule, self._sampled = agent, dynamics, rule, sampled
         self._policy = self._new_policy()
         self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
-        self._latest: _PolicyInputs = ((), np.zeros((0, BOX_COUNT), np.int64), np.zeros(0, np.int64))
+        self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
 
     def _new_policy(self) -> NetworkPolicy:
-        agent = self._agent
-        tokenizer = StatementTokenizer(Vocabulary(agent.architecture.vocabulary))
-        return NetworkPolicy(agent.network, BoxFeatureTable(), action_heads(self._appearance), tokenizer)
+        words = self._agent.description.details["network"]["vocabulary"]
+        tokenizer = StatementTokenizer(Vocabulary(tuple(words)))
+        return NetworkPolicy(self._agent.network, BoxFeatureTable(), action_heads(self._dynamics.appearance), tokenizer)
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         if len(self._policy.table) > MAX_CACHED_BOXES:
             self._policy = self._new_policy()
-        policy = self._policy
-        scenes, unread = _scenes(observations.images, self._appearance.name)
-        boxes = policy.table.indices(scenes)
-        self._latest = inputs = observations.statements, boxes, observations.targets
-        log_probabilities = policy.log_probabilities(*inputs)
+        policy, dynamics = self._policy, self._dynamics
+        scenes, unread = _scenes(observations.images, dynamics.appearance.name)
+        self._latest = observations.statements, policy.table.indices(scenes), observations.targets
+        log_probabilities = policy.log_probabilities(*self._latest)
         generator = rng if self._sampled else None
-        chosen = choose_actions(log_probabilities, observations.steps, self._horizon, self._rule, generator)
+        chosen = choose_actions(log_probabilities, observations.steps, dynamics.horizon, self._rule, generator)
         chosen[unread] = STOP_INDEX
         self.stop_probabilities = np.exp(log_probabilities[:, STOP_INDEX])
         return policy.heads.action_of[chosen]
@@ -157,7 +113,7 @@ class _ImagePolicy:
     def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
         """The network's probabilities in the latest call, before the stop rule."""
         log_probabilities = self._policy.log_probabilities(*self._latest)
-        probabilities = np.zeros((len(log_probabilities), self._appearance.action_count), np.float32)
+        probabilities = np.zeros((len(log_probabilities), self._dynamics.appearance.action_count), np.float32)
         probabilities[:, self._policy.heads.action_of] = np.exp(log_probabilities)
         return PolicyOutput(probabilities)
 
@@ -178,37 +134,34 @@ def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]
 def describe(
     settings: Settings,
     recipe: ImitationRecipe,
-    architecture: Architecture,
+    built: Mapping[str, Any],
     rules: Mapping[str, StopRule],
     statistics: Mapping[str, Any],
     *,
     is_taught: bool = False,
-) -> model_file.ModelDescription:
-    """`statistics`: further details to save, such as the training time."""
+) -> ModelDescription:
+    """`built`: the architecture; `statistics`: further details to save, such as the training time."""
     supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
     if is_taught:
         supervision = f"rewards; search that knows the rules of editing, imitated (corpus {settings.corpus})"
     elif recipe.pretraining:
         supervision += "; their programs and those of generated statements (pretraining)"
-    stop_rules = {name: rule.to_json() for name, rule in rules.items()}
-    details = {"network": architecture.to_json(), "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
-    return model_file.ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
+    stop_rules = {name: asdict(rule) for name, rule in rules.items()}
+    details = {"network": built, "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
+    return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
     torch_device = select_device(device)
-    description, tensors = model_file.load_model_of_kind(KIND, VERSION, path, torch_device)
-    with model_file.described_network(path):
-        architecture = Architecture.from_json(description.details["network"])
-        stop_rules = description.details["stop_rules"]
+    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    with described_network(path):
+        built, stop_rules = description.details["network"], description.details["stop_rules"]
         rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}
-        if any(CONFIGURATIONS[name][0] != architecture.appearance for name in description.configurations):
-            raise ValueError(
-                f"a network for {architecture.appearance} cannot play {', '.join(description.configurations)}"
-            )
-        model_file.check_numbers({name: rule.threshold for name, rule in rules.items()})
-        model_file.check_shapes(architecture.network, tensors, path)
-        network = architecture.network()
-    model_file.load_weights(network, tensors, path)
-    return ImitationAgent(network.to(torch_device).eval(), architecture, rules, description)
+        if any(CONFIGURATIONS[name][0] != built["appearance"] for name in description.configurations):
+            raise ValueError(f"a network for {built['appearance']} cannot play {', '.join(description.configurations)}")
+        check_numbers({name: rule.threshold for name, rule in rules.items()})
+        check_shapes(lambda: make_network(built), tensors, path)
+        network = make_network(built)
+    load_weights(network, tensors, path)
+    return ImitationAgent(network.to(torch_device).eval(), rules, description)

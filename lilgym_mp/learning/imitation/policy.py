@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,9 +32,6 @@ class StopRule:
     always_last: bool = True  # STOP as the last action within the horizon: anything else fails
     sampled: bool = False  # whether sampled actions did better than greedy ones
 
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
-
 
 class NetworkPolicy:
     """Action probabilities of the network for any number of statements and scenes."""
@@ -42,10 +39,7 @@ class NetworkPolicy:
     def __init__(
         self, network: ImitationNetwork, table: BoxFeatureTable, heads: ActionHeads, tokenizer: StatementTokenizer
     ) -> None:
-        self.network = network
-        self.table = table
-        self.heads = heads
-        self.tokenizer = tokenizer
+        self.network, self.table, self.heads, self.tokenizer = network, table, heads, tokenizer
         self.reduced_precision = False
 
     @property

@@ -25,7 +25,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.imitation.agent import KIND, Architecture, ImitationAgent, describe
+from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
@@ -126,8 +126,7 @@ class _Run(TimedRun[StepResult]):
         self._planner = None if self._teacher is None else self._teacher.planner(settings)
         self.files = begin_run(out, identity, resume=resume)
         self.files.remember(**budget._asdict())
-        appearance = make_appearance(settings.appearance)
-        self._dynamics = make_dynamics(appearance, settings.rules, settings.horizon)
+        self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(
             entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
         )
@@ -135,7 +134,7 @@ class _Run(TimedRun[StepResult]):
         self._played_tasks = list(played.values())
         self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
-        self._architecture = Architecture.of(settings.appearance, self._tokenizer.vocabulary, recipe)
+        self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
         self._imitation = self._new_imitation(entries)
         if resume:
@@ -143,7 +142,7 @@ class _Run(TimedRun[StepResult]):
 
     def _new_imitation(self, entries: Sequence[DatasetEntry]) -> Imitation:
         recipe, is_flipit = self._recipe, self._settings.start == FLIPIT
-        network = self._architecture.network(recipe.dropout).to(self._device)
+        network = make_network(self._architecture, recipe.dropout).to(self._device)
         rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
         empty_starts = recipe.empty_starts if is_flipit else 0.0
         collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
@@ -287,16 +286,13 @@ class _Run(TimedRun[StepResult]):
             "held_out_accuracy": accuracies,
         }
         if isinstance(imitation.collector, TaughtCollector):
-            statistics["stops"], statistics["env_steps"] = (
-                imitation.collector.played.stops,
-                imitation.collector.played.steps,
-            )
+            played = imitation.collector.played
+            statistics |= {"stops": played.stops, "env_steps": played.steps}
         description = describe(
             self._settings, self._recipe, self._architecture, rules, statistics, is_taught=self._teacher is not None
         )
-        agent = ImitationAgent(imitation.network.eval(), self._architecture, rules, description)
-        agent.save(self.files.agent_file)
-        return agent
+        self.files.save_agent(description, imitation.network.state_dict())
+        return ImitationAgent(imitation.network.eval(), rules, description)
 
 
 def distinct_starts(entries: Iterable[DatasetEntry]) -> list[Any]:

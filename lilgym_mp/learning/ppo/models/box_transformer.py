@@ -148,16 +148,14 @@ class BoxTransformer(Model):
             nn.init.orthogonal_(layer.weight, SMALL_GAIN)
             nn.init.zeros_(layer.bias)
         self._cached_statements: dict[str, list[Tensor]] = {}
-        self._box_rows: dict[int, int] = {}  # box hash -> row in the cache
-        self._cached_boxes: EncodedBoxes | None = None  # with spare capacity
+        self._cached_boxes: dict[int, tuple[Tensor, Tensor]] = {}  # by hash: vector and patches
 
     def details(self) -> Mapping[str, Any]:
         return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def clear_cache(self) -> None:
         self._cached_statements.clear()
-        self._box_rows.clear()
-        self._cached_boxes = None
+        self._cached_boxes.clear()
 
     def forward(self, states: States) -> Prediction:
         encoded = self.encode(states)
@@ -208,21 +206,17 @@ class BoxTransformer(Model):
         device = self.value.weight.device
         if torch.is_grad_enabled():
             return self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches, states.patches_of)))
-        if len(self._box_rows) > MAX_CACHED:
+        if len(self._cached_boxes) > MAX_CACHED:
             self.clear_cache()
         hashes = states.box_hashes.tolist()
-        new = [position for position, box_hash in enumerate(hashes) if box_hash not in self._box_rows]
+        new = [position for position, box_hash in enumerate(hashes) if box_hash not in self._cached_boxes]
         if new:
             used, patches_of = distinct(states.patches_of[new], len(states.patches))
             encoded = self.boxes(*(torch.from_numpy(part).to(device) for part in (states.patches[used], patches_of)))
-            first, last = len(self._box_rows), len(self._box_rows) + len(new)
-            self._cached_boxes = cache = _with_capacity(self._cached_boxes, last, encoded)
-            for cached, part in zip(cache, encoded, strict=True):
-                cached[first:last] = part
-            self._box_rows.update(zip([hashes[position] for position in new], range(first, last), strict=True))
-        assert self._cached_boxes is not None
-        rows = torch.tensor([self._box_rows[box_hash] for box_hash in hashes], device=device)
-        return EncodedBoxes(*(part.index_select(0, rows) for part in self._cached_boxes))
+            rows = zip(encoded.vectors, encoded.patches, strict=True)
+            self._cached_boxes.update(zip([hashes[position] for position in new], rows, strict=True))
+        columns = zip(*[self._cached_boxes[box_hash] for box_hash in hashes], strict=True)
+        return EncodedBoxes(*map(torch.stack, columns))
 
     def _encode_statements(self, statements: tuple[str, ...]) -> network.StatementEncodings:
         """The statements encoded; without gradients, encodings are cached until `clear_cache`."""
@@ -257,17 +251,6 @@ def _packing(rows: GroupedRows, device: torch.device) -> network.Packing:
 def _gather(rows: Tensor, indices: Tensor) -> Tensor:
     """(N, 3, d) from (R, d) rows and (N, 3) indices."""
     return rows.index_select(0, indices.flatten()).unflatten(0, indices.shape)
-
-
-def _with_capacity(cache: EncodedBoxes | None, count: int, like: EncodedBoxes) -> EncodedBoxes:
-    """The cache if it has capacity for `count` boxes, else a copy with twice that capacity."""
-    if cache is not None and len(cache.vectors) >= count:
-        return cache
-    grown = EncodedBoxes(*(part.new_empty(2 * count, *part.shape[1:]) for part in like))
-    if cache is not None:
-        for new, old in zip(grown, cache, strict=True):
-            new[: len(old)] = old
-    return grown
 
 
 class BoxEncoder(nn.Module):

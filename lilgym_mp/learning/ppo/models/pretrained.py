@@ -165,7 +165,8 @@ class PretrainedModel(Model):
             values = torch.tanh(self.critic(features).float().squeeze(1))
         if self.heads is None:
             return Prediction(features.new_zeros(len(features), 0), (), values)
-        return Prediction(*self.heads(self.acting(features)), values)
+        types, arguments = self.heads(self.acting(features))
+        return Prediction(types, arguments, values)
 
 
 class Heads(nn.Module):
