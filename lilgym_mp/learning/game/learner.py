@@ -14,7 +14,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.commands import add_recipe
+from lilgym_mp.learning.commands import add_recipe, interrupted
 from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.options import (
@@ -121,8 +121,7 @@ def train(args: argparse.Namespace) -> int:
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} turns, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
-        print(f"interrupted; resume with: lilgym-mp train {NAME} --resume --out {directory}")
-        return INTERRUPTED
+        return interrupted(NAME, directory)
     print(f"evaluate it with: lilgym-mp evaluate-game {directory} --corpus {agent.settings.corpus}")
     return 0
 
@@ -135,15 +134,14 @@ def _train_rounds(args: argparse.Namespace) -> int:
         raise CommandError("--rounds begins with trained proposers: name their runs with --proposers")
     directory, arguments = _new_arguments(args)
     first = arguments.pop("partners")[Role.PROPOSER]
-    arguments.pop("start_from")
 
     def report(index: int, verifier: Path) -> None:
         print(f"round {index}: {verifier} and its sneaky best response are trained", flush=True)
         shutil.copyfile(verifier / AGENT_FILE, directory / AGENT_FILE)
 
     proposers = train_rounds(
-        arguments.pop("settings"),
-        arguments.pop("recipe"),
+        arguments["settings"],
+        arguments["recipe"],
         directory,
         first,
         rounds=args.rounds,
@@ -164,11 +162,13 @@ def _budget(args: argparse.Namespace) -> dict[str, Any]:
 
 def _given_game(args: argparse.Namespace) -> dict[str, Any]:
     """The fields of `GameSettings` that were given."""
-    given = given_options(args, _SETTINGS)
-    if args.configuration is not None:
-        appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
-        given |= {"appearance": appearance, "start": start}
-    return _with_rewards(given)
+    names = {} if args.configuration is None else _names(args.configuration)
+    return _with_rewards({**given_options(args, _SETTINGS), **names})
+
+
+def _names(configuration: str) -> dict[str, str]:
+    """Appearance and start."""
+    return dict(zip(("appearance", "start"), choose("configuration", configuration, CONFIGURATIONS), strict=True))
 
 
 def _with_rewards(given: dict[str, Any]) -> dict[str, Any]:
@@ -214,9 +214,8 @@ def _introduce(run: Run) -> None:
 
 def _planned_recipe(configuration: str, options: dict[str, Any]) -> GameRecipe:
     """The recipe of an experiment's run, whose game is checked too. Raises ValueError."""
-    appearance, start = choose("configuration", configuration, CONFIGURATIONS)
     game = {name: options[name] for name in _GAME if name in options}
-    GameSettings.of(appearance=appearance, start=start, **_with_rewards(game)).setup()
+    GameSettings.of(**_names(configuration), **_with_rewards(game)).setup()
     return make_recipe(configuration, **{name: options[name] for name in GameRecipe.names() if name in options})
 
 

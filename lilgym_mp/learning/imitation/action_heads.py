@@ -12,7 +12,7 @@ from itertools import permutations, product
 
 import numpy as np
 
-from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.appearances.scatter import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
@@ -50,28 +50,23 @@ class ActionHeads:
 @cache
 def action_heads(appearance: Appearance) -> ActionHeads:
     """The heads for Tower, or for Scatter on the released grid."""
-    adds, removes = _tower_edits() if appearance.grid is None else _scatter_edits()
-    indices = [0, *(appearance.encode(action) for action in (*adds, *removes))]
-    action_of = np.array(indices, np.int64)
+    boxes = range(BOX_COUNT)
+    if appearance.grid is None:
+        adds: list[Action] = [AddBlock(box, colour) for box in boxes for colour in Colour]
+        removes: list[Action] = [RemoveBlock(box) for box in boxes]
+    else:
+        cells = [(box * COLUMN_STEP + x, y) for box, x, y in product(boxes, range(CELLS), range(CELLS))]
+        adds = [AddItem(*cell, *item_type) for cell in cells for item_type in ITEM_TYPES]
+        removes = [RemoveItem(*cell) for cell in cells]
+    actions = [STOP, *adds, *removes]
+    action_of = np.array([appearance.encode(action) for action in actions], np.int64)
     index_of = np.full(appearance.action_count, -1, np.int64)
     index_of[action_of] = np.arange(len(action_of))
-    actions = [appearance.decode(index) for index in indices]
     recoloured = [
         [index_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
     ]
-    cells = len(removes) // BOX_COUNT
-    return ActionHeads(cells, len(adds) // len(removes), action_of, index_of, np.array(recoloured, np.int64))
-
-
-def _tower_edits() -> tuple[list[Action], list[Action]]:
-    boxes = range(BOX_COUNT)
-    return [AddBlock(box, colour) for box in boxes for colour in Colour], [RemoveBlock(box) for box in boxes]
-
-
-def _scatter_edits() -> tuple[list[Action], list[Action]]:
-    cells = [(box * COLUMN_STEP + x, y) for box, x, y in product(range(BOX_COUNT), range(CELLS), range(CELLS))]
-    adds: list[Action] = [AddItem(*cell, *item_type) for cell in cells for item_type in ITEM_TYPES]
-    return adds, [RemoveItem(*cell) for cell in cells]
+    per_box, item_types = len(removes) // BOX_COUNT, len(adds) // len(removes)
+    return ActionHeads(per_box, item_types, action_of, index_of, np.array(recoloured, np.int64))
 
 
 def _recoloured(action: Action, order: tuple[int, ...]) -> Action:

@@ -18,6 +18,7 @@ from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, ActionHeads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDED_WORDS, Inputs
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene import BOX_COUNT, Colour
 
 CACHED_STATEMENTS = 20_000
@@ -158,19 +159,10 @@ class BatchSampler:
         heads: ActionHeads,
         tokenizer: StatementTokenizer,
         device: torch.device,
-        *,
-        recolours: bool = True,
-        word_dropout: float = 0.0,
-        single_action: bool = False,
+        recipe: ImitationRecipe,
     ) -> None:
-        """`word_dropout`: the fraction of words replaced by UNKNOWN; `single_action`: mark only one optimal action."""
-        self._table = table
-        self._heads = heads
-        self._tokenizer = tokenizer
-        self._device = device
-        self._recolours = recolours
-        self._word_dropout = word_dropout
-        self._single_action = single_action
+        self._table, self._heads, self._tokenizer = table, heads, tokenizer
+        self._device, self._recipe = device, recipe
 
     def batch(self, entries: Sequence[DatasetEntry], solved: int, truth_only: int, rng: Rng) -> Batch:
         """`solved` scenes with optimal actions and `truth_only` scenes of any kind from each entry.
@@ -178,20 +170,15 @@ class BatchSampler:
         Every entry must have a scene with optimal actions.
         """
         rows = [_sample_scenes(entry, solved, truth_only, rng) for entry in entries]
-        scenes = np.array(
-            [[entry.scenes[index] for index in row] for entry, row in zip(entries, rows, strict=True)], np.int64
-        )
-        truths = np.array(
-            [[entry.truths[index] for index in row] for entry, row in zip(entries, rows, strict=True)], np.float32
-        )
-        steps = np.array(
-            [[entry.steps[index] for index in row[:solved]] for entry, row in zip(entries, rows, strict=True)]
-        )
+
+        def column(name: str, count: int | None = None) -> np.ndarray:
+            pairs = zip(entries, rows, strict=True)
+            return np.array([[getattr(entry, name)[index] for index in row[:count]] for entry, row in pairs])
+
+        scenes, truths, steps = column("scenes"), column("truths").astype(np.float32), column("steps", solved)
+        recolours = self._recipe.recolour
         orders = np.array(
-            [
-                rng.integers(len(COLOUR_ORDERS)) if self._recolours and entry.exchanges_colours else 0
-                for entry in entries
-            ]
+            [rng.integers(len(COLOUR_ORDERS)) if recolours and entry.exchanges_colours else 0 for entry in entries]
         )
         words = pad_rows(
             [self._words(entry, order, rng) for entry, order in zip(entries, orders.tolist(), strict=True)],
@@ -200,26 +187,23 @@ class BatchSampler:
         boxes = DistinctBoxes.of(scenes, solved)
         self._table.update_features()
         device = self._device
-        inputs = Inputs(
-            words=torch.from_numpy(words).to(device),
-            **box_inputs(self._table, boxes, orders, device),
-        )
+        inputs = Inputs(words=torch.from_numpy(words).to(device), **box_inputs(self._table, boxes, orders, device))
         acting = boxes.indices[:, : boxes.acting]
         legal = self._table.legal[acting] if self._heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
-        return Batch(
-            inputs,
-            torch.from_numpy((1 - truths[:, :solved]).astype(np.int64)).to(device),
-            torch.from_numpy(truths).to(device),
-            torch.from_numpy((steps - 2).clip(0, MAX_STEPS - 1)).to(device),
-            torch.from_numpy(self._optimal(entries, rows, orders, solved)).to(device),
-            torch.from_numpy(legal).to(device),
-            torch.from_numpy(boxes.present[:, : boxes.acting]).to(device),
+        arrays = (
+            (1 - truths[:, :solved]).astype(np.int64),
+            truths,
+            (steps - 2).clip(0, MAX_STEPS - 1),
+            self._optimal(entries, rows, orders, solved),
+            legal,
+            boxes.present[:, : boxes.acting],
         )
+        return Batch(inputs, *(torch.from_numpy(array).to(device) for array in arrays))
 
     def _words(self, entry: DatasetEntry, order: int, rng: Rng) -> Int64Array:
         indices = self._tokenizer.recoloured(self._tokenizer.encode(entry.statement), order)
-        if self._word_dropout:
-            indices = np.where(rng.random(len(indices)) < self._word_dropout, UNKNOWN, indices)
+        if self._recipe.unknown_words:
+            indices = np.where(rng.random(len(indices)) < self._recipe.unknown_words, UNKNOWN, indices)
         return indices
 
     def _optimal(
@@ -231,9 +215,7 @@ class BatchSampler:
             for index, mask in zip(row[:solved].tolist(), masks, strict=True):
                 actions = entry.actions[index]
                 assert actions is not None
-                if self._single_action:
-                    actions = actions[:1]
-                mask[recoloured[actions]] = True
+                mask[recoloured[actions[:1] if self._recipe.single_action else actions]] = True
         return optimal
 
 

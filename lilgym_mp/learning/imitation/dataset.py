@@ -82,13 +82,10 @@ class DataCollector:
         empty_start_fraction: float = 0.0,
     ) -> None:
         """`budget`: scenes the solver expands per query, at most."""
-        appearance = dynamics.appearance
-        self.table = table
-        self.heads: ActionHeads = action_heads(appearance)
-        self.rng = rng
+        self.table, self.rng = table, rng
+        self.heads: ActionHeads = action_heads(dynamics.appearance)
         self.expert_queries = 0
-        self._dynamics = dynamics
-        self._appearance = appearance
+        self._dynamics, self._appearance = dynamics, dynamics.appearance
         self._solver = Solver(dynamics, budget)
         self._empty_start_fraction = empty_start_fraction
 
@@ -183,16 +180,12 @@ class DataCollector:
 
     def edited(self, scene: Scene) -> Scene:
         """The scene after a random legal edit: ADD or REMOVE with equal probability where both are possible."""
-        rng = self.rng
-        placement = self._dynamics.rules.placement
-        heads = self.heads
+        rng, heads = self.rng, self.heads
         removing = rng.random() < 0.5 and any(box.items for box in scene.boxes)
+        first, count = (heads.add_count, heads.remove_count) if removing else (0, heads.add_count)
         for _ in range(100):
-            index = 1 + (
-                heads.add_count + rng.integers(heads.remove_count) if removing else rng.integers(heads.add_count)
-            )
-            action = self._appearance.decode(int(heads.action_of[index]))
-            after, invalid = self._appearance.apply(scene, action, placement)
+            action = self._appearance.decode(int(heads.action_of[1 + first + rng.integers(count)]))
+            after, invalid = self._appearance.apply(scene, action, self._dynamics.rules.placement)
             if invalid is None:
                 return after
         return scene

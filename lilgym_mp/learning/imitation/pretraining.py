@@ -55,9 +55,8 @@ class TextPretraining:
         seed: int,
     ) -> None:
         """`excluded`: digests of dev and test statements, which are dropped from the generated ones."""
-        self._tokenizer = tokenizer
+        self._tokenizer, self._recipe = tokenizer, recipe
         self._rng = random.Random(f"text {seed}")
-        self._recipe = recipe
         self._done = 0.0
         device = next(network.parameters()).device
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=MAX_WORDS)
@@ -100,10 +99,7 @@ class GeometryPretraining:
     """Trains `CellGeometry` to predict the legal edits of the boxes collected so far."""
 
     def __init__(self, geometry: CellGeometry, table: BoxFeatureTable, warmup: float, rng: np.random.Generator) -> None:
-        self._geometry = geometry
-        self._table = table
-        self._warmup = warmup
-        self._rng = rng
+        self._geometry, self._table, self._warmup, self._rng = geometry, table, warmup, rng
         self._device = geometry.cells.device
         self._optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)
 

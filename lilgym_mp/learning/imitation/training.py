@@ -150,22 +150,13 @@ class _Run(TimedRun[StepResult]):
             collector = TaughtCollector(self._planner, self._played_tasks, table, rng)
         policy = NetworkPolicy(network, table, collector.heads, self._tokenizer)
         policy.reduced_precision = recipe.reduced_precision
-        batches = BatchSampler(
-            table,
-            collector.heads,
-            self._tokenizer,
-            self._device,
-            recolours=recipe.recolour,
-            word_dropout=recipe.unknown_words,
-            single_action=recipe.single_action,
-        )
         return Imitation(
             recipe,
             network,
             entries,
             distinct_starts(entries) if is_flipit else [],
             collector,
-            batches,
+            BatchSampler(table, collector.heads, self._tokenizer, self._device, recipe),
             policy,
             self._dynamics,
             stops_first=not is_flipit,

@@ -10,7 +10,7 @@ from lilgym_mp import options
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.learning.commands import add_recipe, interrupted, new_run, resumed_run
 from lilgym_mp.learning.learners import Learner
-from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, REPORTED_PARAMETERS, PPORecipe, make_recipe
 from lilgym_mp.options import given_options
 from lilgym_mp.terminal import Progress
 
@@ -57,19 +57,14 @@ def train(args: argparse.Namespace) -> int:
     options.check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
     options.fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "evaluate_every": None})
-    with _Display(args.steps, directory) as display:
-        agent = train_ppo(
-            out=directory,
-            steps=args.steps,
-            device=args.device,
-            resume=args.resume,
-            save_every=args.save_every,
-            evaluate_every=args.evaluate_every,
-            threads=args.threads,
-            on_begin=display.begin,
-            on_progress=display,
-            **arguments,
-        )
+    with Progress(args.steps, "steps", done=None) as bar:
+
+        def show(update: TrainingProgress) -> None:
+            accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
+            bar.reach(update.steps, f"{update.steps_per_second:,.0f} steps/s, training accuracy {accuracy}")
+
+        shared = given_options(args, ["steps", "device", "resume", "save_every", "evaluate_every", "threads"])
+        agent = train_ppo(out=directory, on_begin=_introduce, on_progress=show, **shared, **arguments)
     details = agent.description.details
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} steps, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
@@ -92,51 +87,26 @@ def _resume_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
     given = {"recipe_name": args.recipe, "weights": args.weights and str(args.weights)}
     required = {name: value for name, value in given.items() if value}
     run, settings, recipe = resumed_run(args, "ppo", PPORecipe, **required)
-    weights = run.identity["weights"]
-    return run.path, {
-        "settings": settings,
-        "recipe": recipe,
-        "recipe_name": run.identity["recipe_name"],
-        "weights": weights and Path(weights),
-        "options": run.options,
-    }
+    name, weights = run.identity["recipe_name"], run.identity["weights"]
+    arguments = {"settings": settings, "recipe": recipe, "recipe_name": name, "weights": weights and Path(weights)}
+    return run.path, {**arguments, "options": run.options}
 
 
-class _Display:
-    """Prints the run's settings when it begins, then shows its progress. A context manager."""
-
-    def __init__(self, steps: int, directory: Path) -> None:
-        self._steps, self._directory = steps, directory
-        self._progress: Progress | None = None
-
-    def __enter__(self) -> _Display:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._progress is not None:
-            self._progress.__exit__(*exception)
-
-    def begin(self, run: Run) -> None:
-        recipe, model = run.recipe, run.model
-        steps = run.counters.steps
-        resumed = f", resumed after {steps:,}" if steps else ""
-        frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
-        print(
-            f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
-            f" tasks, {len(run.tasks.validation):,} for validation; {self._steps:,} steps{resumed}\n"
-            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}{run.reported_parameters()};"
-            f" {'PPO+SF' if recipe.stop_forcing else 'PPO'}, {'a' if recipe.mask else 'no'} mask of legal actions,"
-            f" seed {recipe.seed}\n"
-            f"run directory: {self._directory}",
-            flush=True,
-        )
-        self._progress = Progress(self._steps, "steps", steps)
-
-    def __call__(self, update: TrainingProgress) -> None:
-        if self._progress is not None:
-            accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
-            note = f"{update.steps_per_second:,.0f} steps/s, training accuracy {accuracy}"
-            self._progress.reach(update.steps, note)
+def _introduce(run: Run) -> None:
+    """Prints the run's settings."""
+    recipe, model, steps = run.recipe, run.model, run.counters.steps
+    resumed = f", resumed after {steps:,}" if steps else ""
+    frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
+    reported = REPORTED_PARAMETERS.get(recipe.model)
+    print(
+        f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
+        f" tasks, {len(run.tasks.validation):,} for validation; {run.budget.steps:,} steps{resumed}\n"
+        f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}"
+        f"{'' if reported is None else f' ({reported})'}; {'PPO+SF' if recipe.stop_forcing else 'PPO'},"
+        f" {'a' if recipe.mask else 'no'} mask of legal actions, seed {recipe.seed}\n"
+        f"run directory: {run.files.path}",
+        flush=True,
+    )
 
 
 def _recipe(configuration: str, options: dict[str, Any]) -> PPORecipe:

@@ -29,7 +29,7 @@ from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
-from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, PPORecipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, plays_empty_starts, training_tasks
 from lilgym_mp.learning.ppo.update import (
@@ -164,11 +164,6 @@ class Run(TimedRun["Progress"]):
         if not plays_empty_starts(self.tasks):
             return (own,)
         return own, configuration_name(self._settings.appearance, SCRATCH)
-
-    def reported_parameters(self) -> str:
-        """The parameter count reported for this model by the paper or release, in parentheses; empty without one."""
-        count = REPORTED_PARAMETERS.get(self.recipe.model)
-        return "" if count is None else f" ({count})"
 
     def is_over(self) -> bool:
         return super().is_over() or self.validation.is_out_of_patience

@@ -14,6 +14,7 @@ from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenize
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.network import Inputs
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Scene
@@ -51,7 +52,7 @@ def test_batch__labels_hold_after_recolouring(statements: str):
     vocabulary = Vocabulary.from_statements([*(entry.statement for entry in entries), "yellow black blue 2"])
     heads = action_heads(Tower())
     tokenizer = StatementTokenizer(vocabulary)
-    sampler = BatchSampler(table, heads, tokenizer, torch.device("cpu"))
+    sampler = BatchSampler(table, heads, tokenizer, torch.device("cpu"), ImitationRecipe(unknown_words=0.0))
     batch = sampler.batch(entries, 3, 4, np.random.default_rng(3))
     programs = {
         f"{start}{colour.name.lower()}{end}": program.replace(name, colour.name)
