@@ -22,7 +22,6 @@ from lilgym_mp.learning.parsing.batches import (
     Example,
     ExamplePool,
     ExampleStream,
-    PairSources,
     generated_fraction,
     sample_batches,
     training_step,
@@ -67,9 +66,8 @@ class TextPretraining:
         known = frozenset(tokenizer.vocabulary.words)
         examples = [Example(entry.statement, entry.program.source, appearance) for entry in entries]
         self._batches = sample_batches(
-            PairSources(
-                ExamplePool(examples, known), ExampleStream(generated_examples(appearance, seed, excluded), known)
-            ),
+            ExamplePool(examples, known),
+            ExampleStream(generated_examples(appearance, seed, excluded), known),
             lambda: generated_fraction(PARSER.generated, self._done),
             Variations(PARSER.shapes, PARSER.numbers),
             self._indices,

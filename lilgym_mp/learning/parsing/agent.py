@@ -24,7 +24,7 @@ from lilgym_mp.learning.model_file import (
     load_weights,
 )
 from lilgym_mp.learning.parsing.calibration import Calibration
-from lilgym_mp.learning.parsing.parser import Parser, move
+from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import Plan, Planner
 from lilgym_mp.learning.parsing.training import KIND, VERSION
 from lilgym_mp.perception import PerceptionError, read_scene
@@ -137,7 +137,7 @@ def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     details = description.details
     with described_network(path):
         check_shapes(lambda: Parser.from_details(details).network, tensors, path)
-        parser = move(Parser.from_details(details), torch_device)
+        parser = Parser.from_details(details)
         check_numbers({"temperature": parser.temperature, **asdict(Calibration(**details["calibration"]))})
-    load_weights(parser.network, tensors, path)
+    load_weights(parser.network.to(torch_device), tensors, path)
     return ParseAndPlanAgent(description, parser)

@@ -81,11 +81,6 @@ class PairSource(Protocol):
     def sample(self, rng: random.Random) -> Pair: ...
 
 
-class PairSources(NamedTuple):
-    corpus: PairSource
-    generated: PairSource | None
-
-
 class Batch(NamedTuple):
     """Index tensors, right-padded with 0."""
 
@@ -100,7 +95,8 @@ def generated_fraction(initial: float, done: float) -> float:
 
 
 def sample_batches(
-    sources: PairSources,
+    corpus: PairSource,
+    generated: PairSource | None,
     current_fraction: Callable[[], float],
     variations: Variations,
     indices: Callable[[Pair], tuple[list[int], list[int]]],
@@ -112,7 +108,6 @@ def sample_batches(
 
     `current_fraction`: the fraction of generated pairs now; `indices`: the word and token indices of a pair.
     """
-    corpus, generated = sources
     while True:
         fraction = 0.0 if generated is None else current_fraction()
         chosen = (generated if generated and rng.random() < fraction else corpus for _ in range(POOL * size))

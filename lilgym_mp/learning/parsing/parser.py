@@ -9,8 +9,6 @@ from dataclasses import asdict, dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
 
-import torch
-
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.devices import single_thread
 from lilgym_mp.learning.model_file import check_sizes
@@ -168,8 +166,3 @@ def _ranked(
         ProgramCandidate(programs[truth_vector], masses[truth_vector] / total, len(scores[truth_vector]))
         for truth_vector in ranked
     )
-
-
-def move(parser: Parser, device: torch.device) -> Parser:
-    parser.network.to(device)
-    return parser

@@ -181,15 +181,19 @@ class _Run(TimedRun[float]):
         decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
         return decay * min(1.0, (self.counters.steps + 1) / self._recipe.warm_up)
 
-    def _generated_fraction(self) -> float:
-        return batches.generated_fraction(self._recipe.generated, self.progress())
-
     def _drawn(self) -> Iterator[batches.Batch]:
         recipe, data = self._recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
-        sources = batches.PairSources(data.corpus, data.generated if len(data.generated) else None)
+        generated = data.generated if len(data.generated) else None
         return batches.sample_batches(
-            sources, self._generated_fraction, variations, self._indices, recipe.batch_size, self._rng, self._device
+            data.corpus,
+            generated,
+            lambda: batches.generated_fraction(recipe.generated, self.progress()),
+            variations,
+            self._indices,
+            recipe.batch_size,
+            self._rng,
+            self._device,
         )
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
@@ -218,8 +222,9 @@ class _Run(TimedRun[float]):
         """Calibrates the parser and saves the agent."""
         data, recipe, corpus = self._data, self._recipe, self._corpus
         parser = Parser(self._network.eval(), data.vocabulary)
-        parser.temperature = calibrated_temperature(parser, data.held_out)
-        coverage = beam_coverage(parser, data.held_out)
+        predictions = [_prediction(parser, example) for example in data.held_out]
+        covered = [correct is not None for _, correct in predictions]
+        parser.temperature = calibrated_temperature(predictions)
         calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
         configurations = tuple(
             name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
@@ -227,7 +232,7 @@ class _Run(TimedRun[float]):
         supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
         details = {
             **parser.to_details(),
-            "coverage": coverage,
+            "coverage": sum(covered) / len(covered) if covered else 1.0,
             "calibration": asdict(calibration),
             "cpu_seconds": round(self.seconds(), 1),
         }
@@ -239,21 +244,7 @@ class _Run(TimedRun[float]):
 # Calibration on held-out statements
 
 
-def calibrated_temperature(parser: Parser, examples: Sequence[batches.Example]) -> float:
-    """The temperature that maximises the likelihood of the examples' programs; 1 without examples."""
-    if not examples:
-        return 1.0
-    predictions = [_candidate_probabilities(parser, example) for example in examples]
-    scores = {
-        temperature: sum(
-            math.log(max(MIN_PROBABILITY, _tempered(*prediction, temperature))) for prediction in predictions
-        )
-        for temperature in TEMPERATURES
-    }
-    return max(scores, key=lambda temperature: scores[temperature])
-
-
-def _candidate_probabilities(parser: Parser, example: batches.Example) -> tuple[list[float], int | None]:
+def _prediction(parser: Parser, example: batches.Example) -> tuple[list[float], int | None]:
     """The candidates' probabilities, and the index of the one equivalent to the example's program."""
     candidates = parser.parse(example.statement, example.appearance).candidates
     right = truths(example.program, example.appearance)
@@ -261,19 +252,17 @@ def _candidate_probabilities(parser: Parser, example: batches.Example) -> tuple[
     return [candidate.probability for candidate in candidates], correct[0] if correct else None
 
 
-def _tempered(probabilities: Sequence[float], index: int | None, temperature: float) -> float:
-    """The probability at `index` after scaling by the temperature; 0 for None."""
-    if index is None:
-        return 0.0
-    powers = [probability ** (1 / temperature) for probability in probabilities]
-    return powers[index] / sum(powers)
+def calibrated_temperature(predictions: Sequence[tuple[list[float], int | None]]) -> float:
+    """The temperature that maximises the likelihood of the correct programs; 1 without predictions."""
 
+    def likelihood(temperature: float) -> float:
+        total = 0.0
+        for probabilities, correct in predictions:
+            powers = [probability ** (1 / temperature) for probability in probabilities]
+            total += math.log(max(MIN_PROBABILITY, 0.0 if correct is None else powers[correct] / sum(powers)))
+        return total
 
-def beam_coverage(parser: Parser, examples: Sequence[batches.Example]) -> float:
-    """The fraction of examples with a correct program among the candidates; 1 without examples."""
-    if not examples:
-        return 1.0
-    return sum(_candidate_probabilities(parser, example)[1] is not None for example in examples) / len(examples)
+    return max(TEMPERATURES, key=likelihood) if predictions else 1.0
 
 
 def forecasts(parser: Parser, corpus: str, examples: Sequence[batches.Example], objective: str) -> list[Forecast]:
