@@ -117,14 +117,8 @@ def action_cells(appearance: Appearance) -> ActionCells:
     """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
     actions = [appearance.decode(index) for index in range(appearance.action_count)]
     grid = appearance.grid or (BOX_COUNT, 1)
-    types = np.array([_type(action) for action in actions], np.int64)
+    types = np.array([appearance.to_array(action)[0] for action in actions], np.int64)
     return ActionCells(types, np.array([_cell(action, grid[1]) for action in actions], np.int64), grid[0] * grid[1])
-
-
-def _type(action: Action) -> ActionType:
-    if isinstance(action, AddBlock | AddItem):
-        return ActionType.ADD
-    return ActionType.REMOVE if isinstance(action, RemoveBlock | RemoveItem) else ActionType.STOP
 
 
 def _cell(action: Action, rows: int) -> int:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from lilgym_mp.actions import STOP, Action, ActionType
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
+from lilgym_mp.evaluation.decisions import PolicyOutput, action_cells, one_hot
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 
@@ -120,11 +119,10 @@ class RandomType:
         return PolicyOutput(probabilities)
 
 
-@cache
-def _indices_by_type(appearance: Appearance) -> list[list[int]]:
+def _indices_by_type(appearance: Appearance) -> list[Int64Array]:
     """The action indices of each type."""
-    types = [appearance.to_array(appearance.decode(index))[0] for index in range(appearance.action_count)]
-    return [[index for index, found in enumerate(types) if found == action_type] for action_type in ActionType]
+    types = action_cells(appearance).types
+    return [np.flatnonzero(types == action_type) for action_type in ActionType]
 
 
 class ExpertPolicy:

@@ -13,8 +13,7 @@ from typing import Protocol
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.agent_files import AGENT_FILE, shipped_agents
-from lilgym_mp.learning.learners import PACKAGES, find_learner
+from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, find_learner, shipped_agents
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
 
 __all__ = [

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp import options
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.learning.agent_files import AGENT_FILE
-from lilgym_mp.learning.recipes import Recipe, option
-from lilgym_mp.options import CommandError, given_options, given_settings
+from lilgym_mp.learning.learners import AGENT_FILE
+from lilgym_mp.learning.recipes import Recipe
+from lilgym_mp.options import CommandError, flag_name, given_options, given_settings
 from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def add_recipe(parser: argparse.ArgumentParser, recipe: type[Recipe], *, default
         elif isinstance(default, str):
             kind = {"choices": setting.metadata["choices"]}
         description = f"{setting.metadata['description']} (default: {shown}{origin})"
-        group.add_argument(f"--{option(setting.name)}", help=description, **kind)
+        group.add_argument(f"--{flag_name(setting.name)}", help=description, **kind)
 
 
 def new_run(args: argparse.Namespace, prefix: str = "") -> tuple[Path, Settings]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 
 import torch
 
@@ -29,15 +29,8 @@ def select_device(name: str) -> torch.device:
 def torch_threads(count: int) -> Iterator[None]:
     """Within the block torch uses `count` threads."""
     before = torch.get_num_threads()
-    if before != count:
-        torch.set_num_threads(count)
+    torch.set_num_threads(count)
     try:
         yield
     finally:
-        if before != count:
-            torch.set_num_threads(before)
-
-
-def single_thread() -> AbstractContextManager[None]:
-    """Limits torch to one thread; networks as small as the parser's run slower on several."""
-    return torch_threads(1)
+        torch.set_num_threads(before)

@@ -7,9 +7,11 @@ in PACKAGES.
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.resources import files
 from typing import Any
 
 from lilgym_mp.choices import choose
@@ -42,6 +44,16 @@ class Learner:
     plays_everything: bool = False  # one agent plays all configurations, so the command takes none
     evaluate: str = "evaluate"  # the command that evaluates its runs
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
+
+
+AGENT_FILE = "agent.safetensors"  # file name in a run directory
+SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
+
+
+def shipped_agents() -> tuple[str, ...]:
+    """The names of the agents shipped with the package, all trained on the builtin corpus alone."""
+    names = (SHIPPED.fullmatch(file.name) for file in files("lilgym_mp.data").iterdir())
+    return tuple(sorted(found[1] for found in names if found is not None))
 
 
 def find_learner(name: str) -> Learner:

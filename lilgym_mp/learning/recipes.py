@@ -8,6 +8,7 @@ from dataclasses import Field, asdict, field, fields
 from typing import Any, Self
 
 from lilgym_mp.choices import choose
+from lilgym_mp.options import flag_name
 
 
 def setting(
@@ -16,11 +17,6 @@ def setting(
     """A field of a recipe; `description` is its help text on the command line, `choices` are for strings."""
     metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
     return field(default=default, metadata=metadata)
-
-
-def option(name: str) -> str:
-    """A setting's name on the command line, without the leading dashes."""
-    return name.replace("_", "-")
 
 
 class Recipe:
@@ -33,10 +29,10 @@ class Recipe:
         for each in self.settings():
             value, (lowest, highest) = getattr(self, each.name), each.metadata["bounds"]
             if each.metadata["choices"]:
-                choose(option(each.name), value, dict.fromkeys(each.metadata["choices"]))
+                choose(flag_name(each.name), value, dict.fromkeys(each.metadata["choices"]))
             elif not lowest <= value <= highest:
                 upper = "" if highest == math.inf else f" and at most {highest:g}"
-                raise ValueError(f"{option(each.name)} must be at least {lowest:g}{upper}, not {value}")
+                raise ValueError(f"{flag_name(each.name)} must be at least {lowest:g}{upper}, not {value}")
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)  # pyright: ignore[reportArgumentType]

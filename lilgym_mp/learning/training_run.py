@@ -15,7 +15,7 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -47,20 +47,14 @@ class NotFiniteError(TrainingError):
     """A loss that is not finite; the message has the losses that it adds up."""
 
 
+@dataclass
 class TrainingRun:
     """The files of one run."""
 
-    def __init__(
-        self,
-        path: Path,
-        identity: Mapping[str, Any],
-        options: Mapping[str, Any] | None = None,
-        made: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.path = path
-        self.identity = dict(identity)
-        self.options = dict(options or {})  # what a resumed run may change, such as its budget, as last requested
-        self.made = dict(made or {})  # date, command, commit, machine and versions when it was begun
+    path: Path
+    identity: dict[str, Any]
+    options: dict[str, Any]  # what a resumed run may change, such as its budget, as last requested
+    made: dict[str, Any]  # date, command, commit, machine and versions when it was begun
 
     @property
     def agent_file(self) -> Path:
@@ -126,18 +120,18 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     identity = json.loads(json.dumps(identity))
     file = path / RUN_FILE
     if resume:
-        saved, options, made = _read_run_file(file)
-        for name, kept, requested in _differences(saved, identity):
+        run = _read_run(path)
+        for name, kept, requested in _differences(run.identity, identity):
             raise TrainingRunError(
                 f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
                 " leave the option out, or choose another directory"
             )
-        return TrainingRun(path, saved, options, made)
+        return run
     writable_directory(path)
     if file.exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    run = TrainingRun(path, identity, made={**asdict(RecordingMetadata.now(())), "command": command})
+    run = TrainingRun(path, dict(identity), {}, made={**asdict(RecordingMetadata.now(())), "command": command})
     run.write_description()
     return run
 
@@ -164,15 +158,15 @@ def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iter
             yield name, kept, value
 
 
-def _read_run_file(file: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """The run's identity, its options, and what is known of how it was begun."""
+def _read_run(path: Path) -> TrainingRun:
+    file = path / RUN_FILE
     try:
         if file.stat().st_size > LARGEST_DESCRIPTION:
             raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
             raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
-        return content["identity"], dict(content.get("options", {})), dict(content.get("made", {}))
+        return TrainingRun(path, content["identity"], content.get("options", {}), content.get("made", {}))
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:

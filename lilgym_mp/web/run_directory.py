@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
-from lilgym_mp.learning.agent_files import AGENT_FILE
+from lilgym_mp.learning.learners import AGENT_FILE
 
 MAX_FILES = 2_000  # listed per kind
 MAX_DEPTH = 6  # depth of nested directories

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.agent_files import shipped_agents
+from lilgym_mp.learning.learners import shipped_agents
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.run_directory import RunDirectory
 

@@ -27,6 +27,7 @@ from lilgym_mp.options import (
     add_settings,
     check_at_least,
     fill_options,
+    flag_name,
     given_options,
 )
 from lilgym_mp.terminal import Progress
@@ -87,7 +88,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)",
     )
     for name, (value_type, description) in _NUMBERS.items():
-        options.add_argument(f"--{name.replace('_', '-')}", type=value_type, metavar="N", help=description)
+        options.add_argument(f"--{flag_name(name)}", type=value_type, metavar="N", help=description)
     add_settings(parser)
     add_recipe(parser, GameRecipe)
 

@@ -64,14 +64,16 @@ class BoxFeatureTable:
         for row, box in zip(items, new, strict=True):
             if box.items:
                 row[: len(box.items)] = box.items
-        counts = (items[:, :, 2] >= 0).sum(1)
-        legal = np.stack([self._legal(box) for box in new])
-        self.counts = np.concatenate([self.counts, counts])
-        self.features = np.concatenate([self.features, item_features(items)])
-        self.colours = np.concatenate([self.colours, items[:, :, 3].clip(0)])
-        self.relations = np.concatenate([self.relations, item_relations(items)])
-        self.offsets = np.concatenate([self.offsets, cell_offsets(items)])
-        self.legal = np.concatenate([self.legal, legal])
+        columns = {
+            "counts": (items[:, :, 2] >= 0).sum(1),
+            "features": item_features(items),
+            "colours": items[:, :, 3].clip(0),
+            "relations": item_relations(items),
+            "offsets": cell_offsets(items),
+            "legal": np.stack([self._legal(box) for box in new]),
+        }
+        for name, rows in columns.items():
+            setattr(self, name, np.concatenate([getattr(self, name), rows]))
 
     def _legal(self, box: Box) -> NDArray[np.bool_]:
         adds = self._legality.addable(box.items).reshape(CELLS * CELLS, FOOTPRINT_COUNT)
@@ -83,10 +85,10 @@ class BoxFeatureTable:
         if extra <= 0:
             return
         self.item_capacity = most_items
-        self.features = np.pad(self.features, ((0, 0), (0, extra), (0, 0)))
-        self.colours = np.pad(self.colours, ((0, 0), (0, extra)))
-        self.relations = np.pad(self.relations, ((0, 0), (0, extra), (0, extra)))
-        self.offsets = np.pad(self.offsets, ((0, 0), (0, extra), (0, 0), (0, 0)))
+        for name, axes in (("features", 1), ("colours", 1), ("relations", 2), ("offsets", 1)):  # with items from axis 1
+            array = getattr(self, name)
+            padding = [(0, extra if 1 <= axis <= axes else 0) for axis in range(array.ndim)]
+            setattr(self, name, np.pad(array, padding))
 
 
 def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:

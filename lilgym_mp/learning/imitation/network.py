@@ -362,11 +362,15 @@ class ImitationNetwork(nn.Module):
 
     def predict(self, statements: StatementEncodings, boxes: BoxEncodings, scenes: Tensor, targets: Tensor) -> Outputs:
         """Outputs for `scenes` (S, N, 3), composed of the boxes; `targets` (S, A) as in `forward`."""
-        scene, truth = self.encode_scenes(
-            gather_boxes(boxes.scene_terms, scenes), gather_boxes(boxes.refinement_terms, scenes), statements
-        )
-        acting = scenes[:, : targets.shape[1]]
-        features = self.action_features(scene[:, : targets.shape[1]], gather_boxes(boxes.action_terms, acting), targets)
+        scene = self.scene_in(F.relu(gather_boxes(boxes.scene_terms, scenes).sum(2)))
+        scene = self.scene_feedforward(self.scene_reading(scene, statements.key_values[-1], statements.mask))
+        refinement = gather_boxes(boxes.refinement_terms, scenes) + self.scene_to_box(scene)[:, :, None]
+        scene = self.dropout(self.scene_again(scene + self.again_sum(F.relu(refinement).sum(2))))  # (S, N, d)
+        truth = self.truth(scene).squeeze(-1)
+        count = targets.shape[1]
+        acting, conditioned = scenes[:, :count], scene[:, :count] + self.target(targets).to(scene.dtype)
+        features = gather_boxes(boxes.action_terms, acting) + self.act_scene(conditioned)[:, :, None]
+        features = self.act_feedforward(features)  # (S, A, 3, d) of each box given its scene and target
         if self.scatter is not None:
             assert boxes.cells is not None
             assert boxes.legal is not None
@@ -375,32 +379,8 @@ class ImitationNetwork(nn.Module):
             assert self.tower is not None
             heads = self.tower(features)
         whole, (adds, removes) = features.sum(2), heads
-        return Outputs(
-            truth.float(),
-            self.types(whole).float(),
-            adds.float(),
-            removes.float(),
-            self.steps(whole).float(),
-            None if boxes.legal is None else boxes.legal.float(),
-        )
-
-    def encode_scenes(
-        self, scene_terms: Tensor, refinement_terms: Tensor, statements: StatementEncodings
-    ) -> tuple[Tensor, Tensor]:
-        """(S, N, d) scene vectors and (S, N) truth logits.
-
-        From their boxes' `scene_terms` (S, N, 3, 2 d) and `refinement_terms` (S, N, 3, d).
-        """
-        scene = self.scene_in(F.relu(scene_terms.sum(2)))
-        scene = self.scene_feedforward(self.scene_reading(scene, statements.key_values[-1], statements.mask))
-        scene = scene + self.again_sum(F.relu(refinement_terms + self.scene_to_box(scene)[:, :, None]).sum(2))
-        scene = self.dropout(self.scene_again(scene))
-        return scene, self.truth(scene).squeeze(-1)
-
-    def action_features(self, scene: Tensor, action_terms: Tensor, targets: Tensor) -> Tensor:
-        """(S, A, 3, d) features of each box given its scene (S, A, d) and target."""
-        conditioned = scene + self.target(targets).to(scene.dtype)
-        return self.act_feedforward(action_terms + self.act_scene(conditioned)[:, :, None])
+        outputs = Outputs(truth, self.types(whole), adds, removes, self.steps(whole), boxes.legal)
+        return Outputs._make(None if output is None else output.float() for output in outputs)
 
 
 def gather_boxes(vectors: Tensor, scenes: Tensor) -> Tensor:

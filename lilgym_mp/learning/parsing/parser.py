@@ -10,7 +10,7 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from lilgym_mp.generator import ScenePool
-from lilgym_mp.learning.devices import single_thread
+from lilgym_mp.learning.devices import torch_threads
 from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.parsing.beam import beam_search
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
@@ -99,7 +99,7 @@ class Parser:
         if found is None:
             if len(self._parses) >= MAX_CACHED_STATEMENTS:
                 self._parses.clear()
-            with single_thread():
+            with torch_threads(1):  # networks as small as this run slower on several
                 found = self._parse(statement, appearance, beam_width)
             self._parses[key] = found
         return found

@@ -14,7 +14,8 @@ from typing import Any
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.recipes import Recipe, option, setting
+from lilgym_mp.learning.recipes import Recipe, setting
+from lilgym_mp.options import flag_name
 
 MODELS = {
     "ours": "a transformer over boxes and words, nothing pretrained",
@@ -91,7 +92,7 @@ class UpdateRecipe(Recipe):
         for whole, part in (("rollout", "envs"), ("envs", "same_statement")):
             if getattr(self, whole) % getattr(self, part):
                 raise ValueError(
-                    f"{option(whole)} must be a multiple of {option(part)}:"
+                    f"{flag_name(whole)} must be a multiple of {flag_name(part)}:"
                     f" {getattr(self, whole)} is not a multiple of {getattr(self, part)}"
                 )
         if self.batch_size > self.rollout:
