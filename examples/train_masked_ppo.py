@@ -24,13 +24,13 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvObs, VecEnvStepR
 from torch import Tensor, nn
 
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play_all, training_statements
 from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy
 from lilgym_mp.evaluation.report import table
 from lilgym_mp.sb3 import make_vec_env
-from lilgym_mp.wrappers.tokens import default_length
 
 EVERY, FIRST = 5, 2  # the pixels kept of each row and column: enough for blocks of 10 x 10
 BOXES, SIDE, PITCH = 3, 10, 14  # kept pixels: a box's side, from box to box

@@ -5,11 +5,13 @@ Source: docs/spec.md, "Actions" (Wu et al. 2023, section 4).
 
 from __future__ import annotations
 
+import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, SupportsIndex, cast
 
+from lilgym_mp.arrays import BOOLEANS
 from lilgym_mp.scene import Colour, Shape, Size
 
 
@@ -23,6 +25,20 @@ class ActionType(IntEnum):
 
 class ActionError(ValueError):
     """An action that does not exist: an error of the caller, unlike an invalid action of the MDP."""
+
+
+def checked_index(action: object, count: int, agent: str = "") -> int:
+    """`action` as an int; `agent`: named in errors. Raises ActionError unless it is a whole number 0 .. `count` - 1."""
+    try:
+        index = None if isinstance(action, BOOLEANS) else operator.index(cast("SupportsIndex", action))
+    except TypeError:
+        index = None
+    whose = f" of {agent}" if agent else ""
+    if index is None:
+        raise ActionError(f"an action{whose} must be a whole number 0 .. {count - 1}, not {action!r}")
+    if not 0 <= index < count:
+        raise ActionError(f"action {action!r}{whose} is out of range; choose from 0 .. {count - 1}")
+    return index
 
 
 class Stop(NamedTuple):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
@@ -102,14 +102,6 @@ class Augmentation:
             if sorted(value) != sorted(choices):
                 raise AugmentationError(f"{name} must be a permutation of {tuple(map(int, choices))}, not {value!r}")
 
-    @property
-    def is_identity(self) -> bool:
-        return self == IDENTITY
-
-    @property
-    def moves_squares(self) -> bool:
-        return self.shapes[Shape.SQUARE] != Shape.SQUARE
-
     def keeps_shapes(self, appearance: Appearance) -> bool:
         """Whether the appearance's items have, after the exchange, shapes that it has."""
         return {self.shapes[shape] for shape in appearance.shapes} == {*appearance.shapes}
@@ -132,23 +124,18 @@ class Augmentation:
 
     def statement(self, text: str) -> str:
         """The rewritten statement; letter case is preserved."""
-        if self.colours != IDENTITY.colours:
-            text = _COLOUR.sub(lambda found: _with_case_of(found[0], self._colour(found[0])), text)
-        if self.shapes != IDENTITY.shapes:
-            text = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), text)
-        if self.mirrored:
-            text = _SIDE.sub(lambda found: _with_case_of(found[0], _SIDES[found[0].lower()]), text)
-        return text
+        return self._rewritten(text, _SIDE)
 
     def program(self, source: str) -> str:
         """The rewritten program source."""
+        return self._rewritten(source, _SIDE_VALUE)
+
+    def _rewritten(self, text: str, sides: re.Pattern[str]) -> str:
         if self.colours != IDENTITY.colours:
-            source = _COLOUR.sub(lambda found: _with_case_of(found[0], self._colour(found[0])), source)
+            text = _exchanged(text, _COLOUR, lambda name: self.colours[_COLOURS[name]].name)
         if self.shapes != IDENTITY.shapes:
-            source = _SHAPE.sub(lambda found: _with_case_of(found[0], self._shape(found[0])), source)
-        if self.mirrored:
-            source = _SIDE_VALUE.sub(lambda found: _SIDES[found[0].lower()].upper(), source)
-        return source
+            text = _exchanged(text, _SHAPE, lambda name: self.shapes[_SHAPES[name]].name)
+        return _exchanged(text, sides, _SIDES.__getitem__) if self.mirrored else text
 
     def pair(self, statement: str, program: str) -> tuple[str, str] | None:
         """Statement and program rewritten, or None when the results might no longer have the same meaning.
@@ -161,18 +148,13 @@ class Augmentation:
         return self.statement(statement), self.program(program)
 
     def _is_allowed(self, allowed: Symmetries) -> bool:
+        shapes = allowed.shapes if self.shapes[Shape.SQUARE] == Shape.SQUARE else allowed.squares
         return (
             (self.colours == IDENTITY.colours or allowed.colours)
-            and (self.shapes == IDENTITY.shapes or (allowed.squares if self.moves_squares else allowed.shapes))
+            and (self.shapes == IDENTITY.shapes or shapes)
             and (not self.mirrored or allowed.sides)
             and (self.boxes == IDENTITY.boxes or allowed.boxes)
         )
-
-    def _colour(self, name: str) -> str:
-        return self.colours[_COLOURS[name.lower()]].name.lower()
-
-    def _shape(self, name: str) -> str:
-        return self.shapes[_SHAPES[name.lower()]].name.lower()
 
     # Scenes and images
 
@@ -274,9 +256,15 @@ def _action_indices(augmentation: Augmentation, appearance: Appearance) -> NDArr
     return indices
 
 
-def _with_case_of(old: str, new: str) -> str:
-    """`new` in the letter case of `old`."""
-    return new.upper() if old.isupper() else new.capitalize() if old[0].isupper() else new.lower()
+def _exchanged(text: str, pattern: re.Pattern[str], new_name: Callable[[str], str]) -> str:
+    """The text with new names, in the letter case of the old ones."""
+
+    def renamed(found: re.Match[str]) -> str:
+        old = found[0]
+        new = new_name(old.lower())
+        return new.upper() if old.isupper() else new.capitalize() if old[0].isupper() else new.lower()
+
+    return pattern.sub(renamed, text)
 
 
 # Allowed permutations

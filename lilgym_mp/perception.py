@@ -8,7 +8,7 @@ and then under the released rules, are not read.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
 from typing import NamedTuple, cast
 
@@ -36,7 +36,7 @@ from lilgym_mp.scene import (
     Size,
 )
 
-__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene", "read_scenes"]
+__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
 CACHED_BOXES = 2048  # about 10 kB each at half size, 40 kB at native size
@@ -62,17 +62,6 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
     return Scene((left, middle, right))
 
 
-def read_scenes(images: Iterable[UInt8Array], appearance: str) -> list[Scene]:
-    """`read_scene` of each image. Errors name the index of the image."""
-    scenes: list[Scene] = []
-    for index, image in enumerate(images):
-        try:
-            scenes.append(read_scene(image, appearance))
-        except PerceptionError as fault:
-            raise PerceptionError(f"image {index}: {fault}") from None
-    return scenes
-
-
 def image_size_of(image: object) -> str:
     """The image size, "half" or "native". Raises PerceptionError for any other array."""
     sizes = {image_shape(name): name for name in SHRINKS}
@@ -82,8 +71,7 @@ def image_size_of(image: object) -> str:
         if array.dtype == np.uint8 and array.shape in sizes:
             return sizes[array.shape]
         got = f"{array.dtype} {array.shape}"
-    shapes = " or ".join(map(str, sorted(sizes)))
-    raise PerceptionError(f"an image must be a uint8 array of shape {shapes}, not {got}")
+    raise PerceptionError(f"an image must be a uint8 array of shape {' or '.join(map(str, sorted(sizes)))}, not {got}")
 
 
 @cache

@@ -72,9 +72,7 @@ _RELEASE = RuleSet(
     horizon=11,
     placement=PlacementRules(searches_cell=False, keeps_unfit_snaps=True, rounds_in_image=True),
     signals={
-        Outcome.CONTINUES: OutcomeSignal(-STEP_COST, terminated=False, truncated=False),
-        Outcome.SUCCESS: OutcomeSignal(1.0, terminated=True, truncated=False),
-        Outcome.WRONG_STOP: OutcomeSignal(-1.0, terminated=True, truncated=False),
+        **_PAPER.signals,
         Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=False, truncated=True),
         Outcome.HORIZON: OutcomeSignal(-STEP_COST, terminated=False, truncated=True),
     },

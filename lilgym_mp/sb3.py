@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
@@ -27,7 +26,8 @@ from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs import preload
-from lilgym_mp.envs.workers import AUTO, WorkerVectorEnv
+from lilgym_mp.envs.checks import checked_count
+from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.observation import ARRAYS
 from lilgym_mp.terminal import note_after
 
@@ -121,27 +121,6 @@ class BatchVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-class BatchMonitor(VecMonitor):
-    """SB3's `VecMonitor` with the same results, but faster: it loops only over environments that are done."""
-
-    def __init__(self, venv: BatchVecEnv) -> None:
-        super().__init__(venv)
-
-    def step_wait(self) -> VecEnvStepReturn:
-        observations, rewards, dones, infos = self.venv.step_wait()
-        self.episode_returns += rewards
-        self.episode_lengths += 1
-        ended = dones.nonzero()[0].tolist()
-        if ended:
-            returns, lengths = self.episode_returns, self.episode_lengths
-            seconds = round(time.time() - self.t_start, 6)
-            for env_id in ended:
-                infos[env_id]["episode"] = {"r": returns[env_id], "l": lengths[env_id], "t": seconds}
-                returns[env_id] = lengths[env_id] = 0
-            self.episode_count += len(ended)
-        return observations, rewards, dones, infos
-
-
 def _split_infos(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
     """Splits vector infos into one dict per environment, converting NumPy scalars to Python numbers."""
     for name, column in infos.items():
@@ -157,15 +136,7 @@ def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
 
 
 def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
-    venv = WorkerVectorEnv(
-        id,
-        n_envs,
-        options.get("num_workers", AUTO),
-        start_method=options.get("start_method"),
-        autoreset_mode=AutoresetMode.SAME_STEP,
-        **kwargs,
-    )
-    return _adapted(venv, wrap)
+    return _adapted(WorkerVectorEnv(id, n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options, **kwargs), wrap)
 
 
 def _adapted(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> BatchVecEnv:
@@ -194,7 +165,7 @@ def _wrapped(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> VectorEnv[Any, Any, 
 
 
 def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
-    makers = _makers(id, n_envs, wrap, kwargs)
+    makers = [partial(_make, id, wrap, kwargs)] * n_envs
     first = makers[0]()  # fails here with a clear error, whereas SB3's processes would just break the pipe
     origin = first.unwrapped.tasks.provenance  # pyright: ignore[reportAttributeAccessIssue]
     first.close()
@@ -208,11 +179,7 @@ def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
 
 
 def _dummy(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
-    return DummyVecEnv(_makers(id, n_envs, wrap, kwargs))
-
-
-def _makers(id: str, n_envs: int, wrap: Wrap, kwargs: Mapping[str, Any]) -> list[Callable[[], gym.Env[Any, Any]]]:
-    return [partial(_make, id, wrap, kwargs)] * n_envs
+    return DummyVecEnv([partial(_make, id, wrap, kwargs)] * n_envs)
 
 
 def _make(id: str, wrap: Wrap, kwargs: Mapping[str, Any]) -> gym.Env[Any, Any]:
@@ -255,13 +222,9 @@ def make_vec_env(
     """
     build = choose("backend", backend, BACKENDS)
     options = {name: kwargs.pop(name) for name in BACKEND_OPTIONS[backend] if name in kwargs}
-
-    if isinstance(n_envs, bool) or not isinstance(n_envs, int | np.integer) or n_envs < 1:
-        raise ValueError(f"n_envs must be a positive whole number, not {n_envs!r}")
+    count = checked_count("n_envs", n_envs)
     kwargs = {"observation": ARRAYS, "vocabulary": vocabulary, "length": length, **kwargs}
-    env = build(id, int(n_envs), wrap or (lambda env: env), options, kwargs)
+    env = build(id, count, wrap or (lambda env: env), options, kwargs)
     if seed is not None:
         env.seed(seed)
-    if not monitor:
-        return env
-    return BatchMonitor(env) if isinstance(env, BatchVecEnv) else VecMonitor(env)
+    return VecMonitor(env) if monitor else env

@@ -317,7 +317,7 @@ def _keywords(settings: Settings) -> Iterator[str]:
     yield "## Arguments of `gym.make`"
     single = _parameters(LilGymEnv.__init__)
     yield _table(("argument", "default", "meaning"), _keyword_rows(single))
-    batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchSettings.of)}
+    batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchSettings)}
     more = {name: default for name, default in batch.items() if name not in single}
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
     yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"

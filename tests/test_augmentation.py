@@ -185,7 +185,7 @@ def check_truths(programs: list[tuple[str, str]], scenes: list[Scene]) -> int:
                     augmentation,
                     program,
                 )
-                count += not augmentation.is_identity
+                count += augmentation != IDENTITY
     return count
 
 
@@ -346,4 +346,4 @@ def test_mirror__the_geometry_of_items_is_symmetric():
 
 
 def test_permutations__begin_with_the_identity():
-    assert COLOUR_PERMUTATIONS[0].is_identity
+    assert COLOUR_PERMUTATIONS[0] == IDENTITY

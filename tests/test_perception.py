@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.appearances.placement import clear_templates
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.perception import PerceptionError, read_scene, read_scenes
+from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.render import draw
 from lilgym_mp.render.drawing import stamp
 from lilgym_mp.rules import RULE_SETS
@@ -29,7 +29,7 @@ def as_sets(shown: Scene) -> list[list[Item]]:
 
 
 def check_recovered(scenes: list[Scene], appearance: str, image_size: str) -> None:
-    read = read_scenes([draw(shown, image_size) for shown in scenes], appearance)
+    read = [read_scene(draw(shown, image_size), appearance) for shown in scenes]
     assert [as_sets(shown) for shown in read] == [as_sets(shown) for shown in scenes]
 
 
@@ -194,19 +194,7 @@ def test_play__every_scene_is_recovered(appearance: str, rules: str):
     check_recovered(random_play_scenes(appearance, rules, [Scene.empty(), *starts[:50]], 240), appearance, "half")
 
 
-# Several images and the cache
-
-
-def test_read_scenes__accepts_an_array_of_images():
-    scenes = [scene([circle(10, 10)]), scene([], [square(30, 30, colour=B)]), Scene.empty()]
-    assert read_scenes(np.stack([draw(shown, "half") for shown in scenes]), "scatter") == scenes
-
-
-def test_read_scenes__errors_name_the_image():
-    images = np.stack([draw(Scene.empty(), "half")] * 3)
-    images[1, 3, 4] = 1
-    with pytest.raises(PerceptionError, match=r"image 1: pixel \(row 3, column 4\) is \[1, 1, 1\]"):
-        read_scenes(images, "scatter")
+# The cache
 
 
 def test_boxes_with_equal_pixels__are_the_same_object():

@@ -5,7 +5,6 @@ import multiprocessing
 import os
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -190,22 +189,6 @@ def test_batch__reports_sb3s_info_keys_at_the_end_of_an_episode(made: Any) -> No
 def test_batch__must_have_same_step_autoreset() -> None:
     with pytest.raises(ValueError, match=r"SB3 needs autoreset_mode=.*SAME_STEP.*, not .*NEXT_STEP"):
         BatchVecEnv(gym.make_vec(TOWER, num_envs=2, autoreset_mode=AutoresetMode.NEXT_STEP))
-
-
-def test_batch_monitor__reports_the_same_as_vec_monitor(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(time, "time", lambda: 1.25)
-    ours, theirs = made(TOWER, "batched", seed=3), VecMonitor(made(TOWER, "batched", seed=3, monitor=False))
-    ours.reset()
-    theirs.reset()
-    generator = np.random.default_rng(2)
-    for step in range(60):
-        if step == 30:  # in the middle of episodes
-            ours.reset()
-            theirs.reset()
-        actions = random_actions(masks_of(theirs), generator)
-        infos, their_infos = ours.step(actions)[3], theirs.step(actions)[3]
-        assert_same(infos, their_infos, f"step {step}")
-    assert ours.episode_count == theirs.episode_count > COUNT
 
 
 @pytest.mark.parametrize("backend", ["batched", "workers"])

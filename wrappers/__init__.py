@@ -8,7 +8,6 @@ from lilgym_mp.wrappers.action_mask import ActionMask, action_mask_v0
 from lilgym_mp.wrappers.box_permutation import BoxPermutation, box_permutation_v0
 from lilgym_mp.wrappers.channels_first import ChannelsFirst, channels_first_v0
 from lilgym_mp.wrappers.embedding import StatementEmbedding, statement_embedding_v0
-from lilgym_mp.wrappers.env_state import WrongEnvironment
 from lilgym_mp.wrappers.flat import FlatObservation, flat_observation_v0
 from lilgym_mp.wrappers.grid_planes import GridPlanes, grid_planes_v0
 from lilgym_mp.wrappers.image import ImageObservation, image_observation_v0
@@ -23,6 +22,7 @@ from lilgym_mp.wrappers.stop_forcing import StopForcing, stop_forcing_v0
 from lilgym_mp.wrappers.structured import StructuredObservation, structured_observation_v0
 from lilgym_mp.wrappers.text import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.tokens import TokenizedStatement, tokenized_statement_v0
+from lilgym_mp.wrappers.transformation import WrongEnvironment
 
 __all__ = [
     "ActionMask",

@@ -5,13 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 
-from lilgym_mp.wrappers.env_state import EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvState, Transformation
 
 MASK = "action_mask"  # the info's key
 
@@ -33,9 +30,6 @@ class ActionMask(EnvWrapper[MaskInfo]):
     """
 
     transformation_class = MaskInfo
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 action_mask_v0 = factory(ActionMask)

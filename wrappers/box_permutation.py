@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import gymnasium as gym
-
 from lilgym_mp.corpus.permutation import with_permuted_boxes
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -29,9 +24,6 @@ class BoxPermutation(EnvWrapper[PermutedTasks]):
     """
 
     transformation_class = PermutedTasks
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 box_permutation_v0 = factory(BoxPermutation)

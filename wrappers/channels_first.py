@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Format
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, Format
 
 
 class Channels(Format):
@@ -33,9 +30,6 @@ class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
 
     transformation_class = Channels
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 channels_first_v0 = factory(ChannelsFirst)

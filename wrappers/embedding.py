@@ -2,32 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import ArrayLike
 
 from lilgym_mp.arrays import Float32Array, Int64Array
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.tokens import STATEMENT
-from lilgym_mp.wrappers.transformation import Batch, Format
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
 
-
-@runtime_checkable
-class SentenceEncoder(Protocol):
-    """The interface of sentence-transformers' models."""
-
-    def encode(self, sentences: Sequence[str], /) -> ArrayLike:
-        """(sentences, D)"""
-        ...
-
-
-Encoder = Callable[[str], ArrayLike] | SentenceEncoder
+Encoder = Any  # a function of a statement that returns D numbers, or an object with sentence-transformers' `encode`
 
 
 class Embedding(Format):
@@ -39,7 +26,7 @@ class Embedding(Format):
         super().__init__(description)
         self._limit = limit
         description.part(STATEMENT)
-        if isinstance(encoder, str) or not (isinstance(encoder, SentenceEncoder) or callable(encoder)):
+        if isinstance(encoder, str) or not (hasattr(encoder, "encode") or callable(encoder)):
             raise ValueError(f"encoder must be a function of a statement or have an encode method, not {encoder!r}")
         self._encoder = encoder
         self._by_statement: dict[str, Float32Array] = {}
@@ -78,9 +65,7 @@ class Embedding(Format):
 
     def _encode(self, statement: str) -> Float32Array:
         encoder = self._encoder
-        vector = (
-            np.asarray(encoder.encode([statement]))[0] if isinstance(encoder, SentenceEncoder) else encoder(statement)
-        )
+        vector = encoder.encode([statement])[0] if hasattr(encoder, "encode") else encoder(statement)
         return np.asarray(vector, np.float32)
 
 

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.spaces.utils import flatten_space
 
 from lilgym_mp.arrays import Float32Array
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, WrongEnvironment
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation, WrongEnvironment
 
 
 class Flattening(Transformation):
@@ -32,19 +30,12 @@ class Flattening(Transformation):
                 )
 
     def observation_space(self) -> spaces.Box:
-        bounds = [_bounds(space) for space in self._parts.values()]
-        low, high = (np.concatenate([bound[side] for bound in bounds]) for side in (0, 1))
-        return spaces.Box(low, high, dtype=np.float32)
+        flat = flatten_space(self.env_description.observation_space)
+        assert isinstance(flat, spaces.Box)
+        return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
 
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
         return np.concatenate([_rows(space, observations[name]) for name, space in self._parts.items()], axis=1)
-
-
-def _bounds(space: spaces.Space[Any]) -> tuple[Float32Array, Float32Array]:
-    if isinstance(space, spaces.Discrete):
-        return np.zeros(space.n, np.float32), np.ones(space.n, np.float32)
-    assert isinstance(space, spaces.Box)
-    return space.low.ravel().astype(np.float32), space.high.ravel().astype(np.float32)
 
 
 def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
@@ -62,9 +53,6 @@ class FlatObservation(EnvWrapper[Flattening]):
     """
 
     transformation_class = Flattening
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 flat_observation_v0 = factory(FlatObservation)

@@ -23,11 +23,8 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.wrappers.env_state import PLANES, EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.scene_format import SceneFormat
-from lilgym_mp.wrappers.transformation import Batch
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import PLANES, Batch, EnvDescription, EnvState, SceneFormat
 
 OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # index of the last plane
 PLANE_COUNT = OCCUPANCY + 1

@@ -1,27 +1,38 @@
-"""Applies a transformation to one Gymnasium environment, as a batch of one."""
+"""The base class of wrappers, which applies a transformation to one Gymnasium environment as a batch of one, and the
+SuperSuit-style factories for any kind of environment."""
 
 from __future__ import annotations
 
+import inspect
+import re
+import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Generic, SupportsFloat, TypeVar, cast
+from typing import Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
-from gymnasium import spaces
 from gymnasium.utils import RecordConstructorArgs
 
 from lilgym_mp.arrays import BoolArray
+from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.env_state import BaseEnvState, EnvDescription, WrongEnvironment
 from lilgym_mp.wrappers.transformation import (
     Batch,
-    TaskChange,
+    EnvDescription,
+    EnvState,
     Transformation,
-    require_innermost,
+    WrongEnvironment,
+    change_tasks,
+    stacked,
+    to_python,
+    unstacked,
 )
+from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 TransformationT = TypeVar("TransformationT", bound=Transformation)
+Settings = ParamSpec("Settings")
+AnyEnv = Any  # a Gymnasium environment or vector environment, or a PettingZoo AEC or parallel environment
 
 
 class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic[TransformationT]):
@@ -30,14 +41,12 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
 
     def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
-        """`settings`: the constructor's arguments, recorded in the spec and passed to the transformation."""
+        """`settings`: recorded in the spec and passed to the transformation."""
         RecordConstructorArgs.__init__(self, **settings)
         gym.Wrapper.__init__(self, env)
-        description = description_of(env, type(self).__name__)
+        description = _description_of(env, type(self).__name__)
         self.transformation = cast("TransformationT", type(self).transformation_class(description, **settings))
-        if isinstance(self.transformation, TaskChange):
-            require_innermost(description.wrapper, env)
-            self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
+        change_tasks(env, self.transformation)
         self.observation_space = self.transformation.observation_space()
         self.action_space = self.transformation.action_space()
         self._state = SingleEnvState(description, env)
@@ -52,7 +61,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         entries: Mapping[str, Batch] = {}
         if self.transformation.changes_actions:
-            actions, entries = self.transformation.actions(as_batch(action), self._state)
+            actions, entries = self.transformation.actions(stacked([action]), self._state)
             action = actions[0]
         observation, reward, terminated, truncated, info = self.env.step(action)
         if self.transformation.changes_rewards:
@@ -72,7 +81,8 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     def _transformed(self, observation: Any) -> Any:
         if not self.transformation.changes_observations:
             return observation
-        return unbatched(self.observation_space, self.transformation.observations(as_batch(observation), self._state))
+        batch = self.transformation.observations(stacked([observation]), self._state)
+        return unstacked(self.observation_space, batch)[0]
 
     def _extended_info(self, info: dict[str, Any], entries: Mapping[str, Batch]) -> dict[str, Any]:
         if self.transformation.adds_infos:
@@ -80,8 +90,8 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         return {**info, **{name: to_python(value[0]) for name, value in entries.items()}} if entries else info
 
 
-class SingleEnvState(BaseEnvState):
-    """The `EnvState` of one environment, with the masks of its wrappers up to `env`."""
+class SingleEnvState(EnvState):
+    """The state of one environment, with the masks of its wrappers up to `env`."""
 
     def __init__(self, description: EnvDescription, env: gym.Env[Any, Any]) -> None:
         super().__init__(description)
@@ -91,14 +101,11 @@ class SingleEnvState(BaseEnvState):
         return (self._env.unwrapped.state,)  # pyright: ignore[reportAttributeAccessIssue]
 
     def action_masks(self) -> BoolArray:
-        return self._env.get_wrapper_attr("action_masks")()[None]
-
-    def goal_reached(self) -> BoolArray:
-        return np.array([self._env.get_wrapper_attr("goal_reached")()])
+        return action_masks(self._env)[None]
 
 
-def description_of(env: gym.Env[Any, Any], wrapper: str) -> EnvDescription:
-    """The description of `env` for `wrapper`. Raises WrongEnvironment for another package's environment."""
+def _description_of(env: gym.Env[Any, Any], wrapper: str) -> EnvDescription:
+    """Raises WrongEnvironment for another package's environment."""
     base = env.unwrapped if isinstance(env, gym.Env) else env
     tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
     if not isinstance(env, gym.Env) or tasks is None or dynamics is None:
@@ -109,22 +116,40 @@ def description_of(env: gym.Env[Any, Any], wrapper: str) -> EnvDescription:
     return EnvDescription(wrapper, tasks, dynamics, env.observation_space, env.action_space)
 
 
-def as_batch(value: Any) -> Batch:
-    """One value of a space as a batch of size 1."""
-    if isinstance(value, dict):
-        return {name: as_batch(part) for name, part in value.items()}
-    if isinstance(value, str):
-        return (value,)
-    return np.asarray(value)[None]
+def factory(
+    wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]],
+) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
+    """A function that applies `wrapper` to any kind of environment and returns the same kind."""
+    assert isinstance(wrapper, type)
+    signature = inspect.signature(wrapper)
+
+    def wrap(env: AnyEnv, *args: Settings.args, **kwargs: Settings.kwargs) -> AnyEnv:
+        if isinstance(env, gym.Env):
+            return wrapper(env, *args, **kwargs)
+        bound = signature.bind(env, *args, **kwargs)
+        bound.apply_defaults()
+        settings = dict(bound.arguments)
+        del settings["env"]
+        settings |= settings.pop("settings", {})  # of a wrapper that defines none
+        if isinstance(env, gym.vector.VectorEnv):
+            return VectorEnvWrapper(env, wrapper.__name__, wrapper.transformation_class, settings)
+        if "pettingzoo" in sys.modules and hasattr(env, "possible_agents"):
+            from lilgym_mp.wrappers.pettingzoo_adapter import is_game, wrap_game
+
+            if is_game(env):
+                return wrap_game(env, wrapper.__name__, wrapper.transformation_class, settings)
+        raise WrongEnvironment(
+            f"{wrapper.__name__} wraps this package's Gymnasium environments, vector environments, and PettingZoo"
+            f" environments of the proposer-verifier game, not {env!r}"
+        )
+
+    wrap.__name__ = wrap.__qualname__ = factory_name(wrapper.__name__)
+    wrap.__module__ = wrapper.__module__
+    wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
+    wrap.__signature__ = signature.replace(return_annotation="AnyEnv")  # pyright: ignore[reportFunctionMemberAccess]
+    return wrap
 
 
-def unbatched(space: spaces.Space[Any], batch: Batch) -> Any:
-    """The single value of `space` in a batch of size 1."""
-    if isinstance(space, spaces.Dict):
-        return {name: unbatched(part, batch[name]) for name, part in space.spaces.items()}
-    return int(batch[0]) if isinstance(space, spaces.Discrete) else batch[0]
-
-
-def to_python(value: Any) -> Any:
-    """Converts NumPy scalars to Python numbers; returns anything else unchanged."""
-    return value.item() if isinstance(value, np.generic) else value
+def factory_name(wrapper: str) -> str:
+    """The name of a wrapper's factory: `NLVRReward` has `nlvr_reward_v0`."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper).lower() + "_v0"

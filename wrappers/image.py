@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import cast
 
-import gymnasium as gym
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, Transformation
 
 
 class Image(Transformation):
@@ -37,9 +34,6 @@ class ImageObservation(EnvWrapper[Image]):
     """
 
     transformation_class = Image
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 image_observation_v0 = factory(ImageObservation)

@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import STOP, ActionType
-from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.choices import choose
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
 MASKS = {form: form for form in (NUMBERS, SLOTS)}
@@ -31,11 +28,17 @@ class ArrayDecoding(Transformation):
 
     def __init__(self, description: EnvDescription, *, masks: str) -> None:
         super().__init__(description)
-        description.discrete_actions()
+        description.require_discrete_actions()
         self._by_slots = choose("masks", masks, MASKS) == SLOTS
         self._appearance = description.dynamics.appearance
-        self._blocks = _action_blocks(self._appearance)
-        self._sizes = 1 + np.max([block.last for block in self._blocks], axis=0)
+        # Each action type has consecutive indices, last slot fastest (docs/spec.md, "Actions"): the first of them, and
+        # the array form of the last action, which has the largest value of each slot, -1 if unused.
+        unused = [0] * (len(self._appearance.to_array(STOP)) - 1)
+        arrays = ([int(action_type), *unused] for action_type in ActionType)
+        self._firsts = [self._appearance.encode(self._appearance.from_array(array)) for array in arrays]
+        ends = [*self._firsts[1:], self._appearance.action_count]
+        self._lasts = np.array([self._appearance.to_array(self._appearance.decode(end - 1)) for end in ends])
+        self._sizes = 1 + self._lasts.max(axis=0)
 
     def action_space(self) -> spaces.MultiDiscrete:
         return spaces.MultiDiscrete(self._sizes)
@@ -47,7 +50,7 @@ class ArrayDecoding(Transformation):
             return self._decode_one_by_one(actions), {}
         indices = np.zeros(len(arrays), np.int64)
         is_valid = np.zeros(len(arrays), np.bool_)
-        for action_type, (last, first_index) in enumerate(self._blocks):
+        for action_type, (last, first_index) in enumerate(zip(self._lasts, self._firsts, strict=True)):
             rows = arrays[:, 0] == action_type
             slots = np.flatnonzero(last[1:] >= 0) + 1
             values = arrays[np.ix_(rows, slots)]
@@ -80,15 +83,6 @@ class ArrayDecoding(Transformation):
         return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
 
 
-def _action_blocks(appearance: Appearance) -> list[_ActionBlock]:
-    """The block of each ActionType."""
-    unused = [0] * (len(appearance.to_array(STOP)) - 1)
-    firsts = [appearance.encode(appearance.from_array([int(action_type), *unused])) for action_type in ActionType]
-    ends = [*firsts[1:], appearance.action_count]
-    lasts = [np.array(appearance.to_array(appearance.decode(end - 1))) for end in ends]
-    return [_ActionBlock(last, first) for last, first in zip(lasts, firsts, strict=True)]
-
-
 class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
     """Takes actions in the released array form, MultiDiscrete: [type, box, colour] for Tower, [type, x, y, shape,
     colour, size] for Scatter. Slots that an action type does not use may have any value, such as the release's -1.
@@ -106,10 +100,3 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
 
 
 multi_discrete_actions_v0 = factory(MultiDiscreteActions)
-
-
-class _ActionBlock(NamedTuple):
-    """The consecutive indices of one action type, last slot fastest (docs/spec.md, "Actions")."""
-
-    last: Int64Array  # (slots,) array form of the last action: the largest value of each slot, -1 if unused
-    first_index: int

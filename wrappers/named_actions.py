@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 
 class ActionNames(spaces.Space[str]):
@@ -63,7 +60,7 @@ class NameDecoding(Transformation):
 
     def __init__(self, description: EnvDescription) -> None:
         super().__init__(description)
-        description.discrete_actions()
+        description.require_discrete_actions()
         self._space = ActionNames(description.dynamics.appearance)
 
     def action_space(self) -> ActionNames:
@@ -82,9 +79,6 @@ class NamedActions(EnvWrapper[NameDecoding]):
     """
 
     transformation_class = NameDecoding
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 named_actions_v0 = factory(NamedActions)

@@ -5,17 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
-from lilgym_mp.wrappers.env_state import IMAGE, EnvDescription, EnvState, scene_of
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.scene_format import SceneFormat
-from lilgym_mp.wrappers.transformation import Batch
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, SceneFormat, scene_of
 
 SIZE = "native"
 
@@ -41,9 +37,6 @@ class NativeImage(EnvWrapper[NativeDrawing]):
     """
 
     transformation_class = NativeDrawing
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 native_image_v0 = factory(NativeImage)

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import gymnasium as gym
-
 from lilgym_mp.corpus.matching import matching_corpus
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -29,9 +24,6 @@ class NLVRReward(EnvWrapper[MatchingTasks]):
     """
 
     transformation_class = MatchingTasks
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 nlvr_reward_v0 = factory(NLVRReward)

@@ -16,20 +16,20 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
 from lilgym_mp.arrays import BoolArray, Int8Array
-from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.engine import MASK, PARTS, BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.env_state import BaseEnvState, EnvDescription, WrongEnvironment
-from lilgym_mp.wrappers.gymnasium_adapter import as_batch, to_python
 from lilgym_mp.wrappers.transformation import (
     Batch,
-    TaskChange,
+    EnvDescription,
+    EnvState,
     Transformation,
-    require_innermost,
+    WrongEnvironment,
+    change_tasks,
+    stacked,
+    to_python,
 )
-
-PARTS, MASK = "observation", "action_mask"  # keys of an agent's observation
 
 AgentObservation = Mapping[str, Any]
 Info = dict[str, Any]
@@ -44,10 +44,7 @@ def is_game(env: object) -> bool:
 def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]) -> Any:
     """Wraps the game `env` in the wrapper called `name`."""
     adapters = {agent: TransformedAgent(env, agent, name, transformation_class, settings) for agent in AGENTS}
-    transformation = adapters[AGENTS[Role.PROPOSER]].transformation
-    if isinstance(transformation, TaskChange):
-        require_innermost(name, env)
-        env.unwrapped.change_tasks(transformation.change)
+    change_tasks(env, adapters[AGENTS[Role.PROPOSER]].transformation)
     return AECGameWrapper(env, name, adapters) if isinstance(env, AECEnv) else ParallelGameWrapper(env, name, adapters)
 
 
@@ -60,7 +57,7 @@ class TransformedAgent:
         """Raises WrongEnvironment for array observations and for transformations that use MDP actions."""
         base: BaseGameEnv = env.unwrapped
         nested, actions = env.observation_space(agent), env.action_space(agent)
-        if not isinstance(nested, spaces.Dict):
+        if not isinstance(nested, spaces.Dict) or MASK not in nested.spaces:
             raise WrongEnvironment(f'{name} needs the game with observations="nested", not {nested}')
         description = EnvDescription(name, base.tasks, base.dynamics, nested[PARTS], actions)
         self.transformation = transformation_class(description, **settings)
@@ -98,7 +95,7 @@ class TransformedAgent:
         parts, mask = observation[PARTS], observation[MASK]
         state = self._state(mask)
         if self.transformation.changes_observations:
-            parts = _first(self.transformation.observations(as_batch(parts), state))
+            parts = _first(self.transformation.observations(stacked([parts]), state))
         if self._proposes:
             narrowed = mask * self.transformation.action_masks(state)[0]
             mask = narrowed if narrowed.any() else mask
@@ -139,7 +136,7 @@ def _first(batch: Batch) -> Any:
     return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
 
 
-class GameEnvState(BaseEnvState):
+class GameEnvState(EnvState):
     """The `EnvState` of a game for one agent; `mask`: its legal actions, None if not needed."""
 
     def __init__(self, description: EnvDescription, engine: Any, mask: Int8Array | None) -> None:
@@ -158,7 +155,7 @@ class AECGameWrapper(BaseWrapper[str, Any, Any]):
         super().__init__(env)
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
-        self.adapters = adapters  # by agent; SingleAgentView plays through them
+        self.adapters = adapters  # by agent
         self._infos: dict[str, Info] | None = None  # cache for this turn
         self._reward_change: dict[str, float] = {}  # added to each agent's reward of this turn
         self._cumulative_change: dict[str, float] = {}  # added to each agent's rewards since it last acted
@@ -224,7 +221,7 @@ class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
         super().__init__(env)
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
-        self.adapters = adapters  # by agent; SingleAgentView plays through them
+        self.adapters = adapters  # by agent
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.adapters[agent].observation_space

@@ -12,10 +12,8 @@ from lilgym_mp.arrays import Float64Array
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.value import value
-from lilgym_mp.wrappers.env_state import EnvDescription
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import EnvDescription, Transformation
 
 
 class Shaping(Transformation):

@@ -7,7 +7,7 @@ The answer stands on a line of its own, as `describe` names it, "ADD(LEFT, BLUE)
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Iterator
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -55,18 +55,20 @@ _FILLERS = frozenset(
 _TOWER_FILLERS = frozenset(("MEDIUM", "SQUARE"))  # properties of every block
 
 
-def parse_reply(reply: str, appearance: Appearance, default: int, shown: Collection[int] | None = None) -> Reply:
+def parse_reply(
+    reply: str, appearance: Appearance, default: int, is_shown: Callable[[int], bool] = lambda index: True
+) -> Reply:
     """The action that `reply` chooses; `default`, not understood, if there is none or several.
 
     Text up to the end of a thought ("</think>") is ignored; a reply whose thought does not end is not understood. If
     answers are marked ("Action: ...", "Answer: ...", "<answer>...</answer>", "\\boxed{...}"), only they count,
     otherwise every line that consists of one action; all of them must name the same. A number counts only if marked or
-    on the last line. `shown`: the action numbers that the agent was shown; None: all.
+    on the last line, and if the agent was shown it (`is_shown`).
     """
     text = without_thought(reply)
     if text is None:
         return Reply(default, understood=False)
-    named = _named(text, appearance, range(appearance.action_count) if shown is None else shown)
+    named = _named(text, appearance, is_shown)
     (action,) = named if len(named) == 1 else (None,)
     return Reply(default, understood=False) if action is None else Reply(action, understood=True)
 
@@ -88,24 +90,24 @@ def marked_answers(text: str) -> list[str]:
     return [answer for answer in (each.strip(_DECORATION) for each in found) if answer]
 
 
-def _named(text: str, appearance: Appearance, shown: Collection[int]) -> set[int | None]:
+def _named(text: str, appearance: Appearance, is_shown: Callable[[int], bool]) -> set[int | None]:
     """The actions that the reply names; None stands for a marked answer that is no action."""
     if marked := marked_answers(text):
-        return {action_on(answer, appearance, shown) for answer in marked}
+        return {action_on(answer, appearance, is_shown) for answer in marked}
     lines = [line for line in text.splitlines() if line.strip(_DECORATION + ".")]
-    actions = {action_on(line, appearance, ()) for line in lines[:-1]}
-    return {*actions, *(action_on(line, appearance, shown) for line in lines[-1:])} - {None}
+    actions = {action_on(line, appearance) for line in lines[:-1]}
+    return {*actions, *(action_on(line, appearance, is_shown) for line in lines[-1:])} - {None}
 
 
-def action_on(line: str, appearance: Appearance, shown: Collection[int]) -> int | None:
-    """The action if the line consists of exactly one."""
+def action_on(line: str, appearance: Appearance, is_shown: Callable[[int], bool] = lambda index: False) -> int | None:
+    """The action if the line consists of exactly one; its number alone counts only if it `is_shown`."""
     if len(line) > MAX_LINE:
         return None
     bare = _LEAD_IN.sub("", line.strip(_DECORATION).removeprefix("- ")).strip(_DECORATION)
     bare = bare.removesuffix(".").strip(_DECORATION)
     if alone := _NUMBER.fullmatch(bare):
         number = int(alone["number"])
-        return number if number < appearance.action_count and number in shown else None
+        return number if number < appearance.action_count and is_shown(number) else None
     numbered = _NUMBERED.match(bare)
     name = bare[numbered.end() :] if numbered else bare
     if name.startswith("(") and name.endswith(")"):

@@ -8,10 +8,8 @@ from typing import Any
 import gymnasium as gym
 
 from lilgym_mp.solver.curriculum import tasks_near_success
-from lilgym_mp.wrappers.env_state import EnvDescription, WrongEnvironment
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import TaskChange
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import EnvDescription, TaskChange, WrongEnvironment
 
 
 class NearSuccess(TaskChange):

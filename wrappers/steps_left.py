@@ -5,23 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import gymnasium as gym
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Format
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvState, Format
 
 STEPS_LEFT = "steps_left"  # observation key
 
 
 class Countdown(Format):
     """The horizon minus the steps taken."""
-
-    def __init__(self, description: EnvDescription) -> None:
-        super().__init__(description)
-        description.parts()
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STEPS_LEFT: spaces.Discrete(self.env_description.dynamics.horizon + 1)}
@@ -34,9 +27,6 @@ class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
 
     transformation_class = Countdown
-
-    def __init__(self, env: gym.Env[Any, Any]) -> None:
-        super().__init__(env)
 
 
 steps_left_v0 = factory(StepsLeft)

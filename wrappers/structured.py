@@ -12,11 +12,8 @@ from gymnasium import spaces
 from lilgym_mp.arrays import Int16Array
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Shape, Size
-from lilgym_mp.wrappers.env_state import ITEMS, EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.scene_format import SceneFormat
-from lilgym_mp.wrappers.transformation import Batch
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import ITEMS, Batch, EnvDescription, EnvState, SceneFormat
 
 PRESENT = "present"  # observation key
 MARGIN = 10  # pixels; the release's snapping may move an item slightly out of its box

@@ -1,11 +1,11 @@
-"""Observations as text, and the parsing of replies, for language models."""
+"""Observations and rules as text, and the parsing of replies, for language models."""
 
 from __future__ import annotations
 
 import itertools
 import string
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -13,31 +13,35 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
-from lilgym_mp.appearances import Appearance
+from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
 from lilgym_mp.render import text as drawing
 from lilgym_mp.render.characters import ruled
-from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, scene_of
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.instructions import (
-    answer_line,
-    box_columns,
-    cell_lines,
-    cell_size,
-    instructions,
-    reward_line,
-    scale_line,
+from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    BOX_PITCH,
+    BOX_SIDE,
+    IMAGE_HEIGHT,
+    IMAGE_WIDTH,
+    Colour,
+    Item,
+    Scene,
+    Shape,
 )
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
-from lilgym_mp.wrappers.transformation import Batch, Transformation
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation, scene_of
 
 TARGET = "target"  # observation key
+ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
+ANSWER_RULES = (
+    "Actions within sentences do not count. If several lines are actions, write your choice as Action: {example}."
+)
+
 MAX_LISTED = 64  # more legal actions than this are listed by cell instead of one by one with their numbers
 MAX_DESCRIBED = 50_000  # in larger action spaces legal actions are only counted
 
@@ -96,7 +100,8 @@ class TextFormat(Transformation):
 
     def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""
-        return parse_reply(reply, self._appearance, self.default, ShownActions(self._appearance, legal))
+        appearance = self._appearance
+        return parse_reply(reply, appearance, self.default, lambda index: is_shown(index, legal, appearance))
 
 
 def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None, is_drawn: bool = False) -> str:
@@ -115,27 +120,15 @@ def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None,
     )
 
 
-class ShownActions(Collection[int]):
-    """The indices of the actions listed in the observation, computed lazily."""
+def is_shown(index: int, legal: Callable[[], BoolArray], appearance: Appearance) -> bool:
+    """Whether the number of an action means something to the agent: if there are few actions, or it is listed.
 
-    def __init__(self, appearance: Appearance, legal: Callable[[], BoolArray]) -> None:
-        self._count = appearance.action_count
-        self._legal = legal
-
-    def __contains__(self, index: object) -> bool:
-        if self._count <= MAX_LISTED:
-            return index in range(self._count)
-        return index in self._shown()
-
-    def __iter__(self) -> Iterator[int]:
-        return iter(self._shown())
-
-    def __len__(self) -> int:
-        return len(self._shown())
-
-    def _shown(self) -> list[int]:
-        legal = np.flatnonzero(self._legal()).tolist()
-        return legal if len(legal) <= MAX_LISTED else [0]
+    `legal`: returns the current mask.
+    """
+    if appearance.action_count <= MAX_LISTED or index == 0:
+        return True
+    mask = legal()
+    return bool(mask[index] and np.count_nonzero(mask) <= MAX_LISTED)
 
 
 def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
@@ -239,6 +232,76 @@ def _ranges(numbers: Sequence[int]) -> str:
     breaks = [0, *(i for i in range(1, len(numbers)) if numbers[i] != numbers[i - 1] + 1), len(numbers)]
     runs = [(numbers[first], numbers[end - 1]) for first, end in itertools.pairwise(breaks)]
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+
+
+def instructions(dynamics: Dynamics) -> str:
+    """The task, rewards, cell grid, actions and answer format."""
+    return "\n".join(
+        [
+            "You edit a picture of three boxes, one action at a time. You are told a statement about the picture, and"
+            " whether to make it true or false. When it is as wanted, STOP.",
+            reward_line(dynamics),
+            scale_line(),
+            *cell_lines(dynamics.appearance),
+            *dynamics.appearance.explain(dynamics.rules.placement),
+            answer_line(dynamics.appearance),
+            ANSWER_RULES.format(example=describe(dynamics.appearance.example)),
+        ]
+    )
+
+
+def reward_line(dynamics: Dynamics) -> str:
+    """The rewards, and when episodes end."""
+    reward = {outcome: f"{signal.reward:+g}" for outcome, signal in dynamics.rules.signals.items()}
+    return (
+        f"Rewards: STOP {reward[Outcome.SUCCESS]} if the statement is as wanted, else {reward[Outcome.WRONG_STOP]};"
+        f" an illegal action {reward[Outcome.INVALID_ACTION]}; each of these ends the episode. Any other action"
+        f" {reward[Outcome.CONTINUES]}; the episode also ends with action {dynamics.horizon}, and if that is no STOP,"
+        f" its reward is {reward[Outcome.HORIZON]}."
+    )
+
+
+def scale_line() -> str:
+    """The coordinate system."""
+    return (
+        f"Scene: three boxes of {BOX_SIDE} x {BOX_SIDE} pixels; (x, y) is an item's top-left corner in its box,"
+        " y grows downwards."
+    )
+
+
+def cell_lines(appearance: Appearance) -> Iterator[str]:
+    """The grid of cells; nothing for appearances whose actions name only boxes."""
+    if appearance.grid is None:
+        return
+    columns, rows = appearance.grid
+    width, height = cell_size(appearance.grid)
+    places = box_columns(appearance.grid)
+    boxes = ", ".join(f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, places, strict=True))
+    used = {column for first, last in places for column in range(first, last + 1)}
+    separators = [column for column in range(columns) if column not in used]
+    half = len(separators) // (BOX_COUNT - 1)
+    between = " and ".join(f"{part[0]}-{part[-1]}" for part in (separators[:half], separators[half:]) if part)
+    yield (
+        f"Cells (column, row) of {width} x {height} pixels: columns of the boxes {boxes}; columns {between} are"
+        f" separators, where nothing can be; rows 0-{rows - 1} from the top. A box's cell covers x from {width} *"
+        f" (column - its first column) and y from {height} * row."
+    )
+
+
+def cell_size(grid: Grid) -> tuple[int, int]:
+    """Width and height of a cell in pixels."""
+    return IMAGE_WIDTH // grid[0], IMAGE_HEIGHT // grid[1]
+
+
+def box_columns(grid: Grid) -> list[tuple[int, int]]:
+    """The first and last column of each box."""
+    width, _ = cell_size(grid)
+    return [(box * BOX_PITCH // width, (box * BOX_PITCH + BOX_SIDE) // width - 1) for box in range(BOX_COUNT)]
+
+
+def answer_line(appearance: Appearance) -> str:
+    """The answer format."""
+    return ANSWER.format(example=describe(appearance.example))
 
 
 class TextObservation(EnvWrapper[TextFormat]):

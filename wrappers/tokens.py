@@ -2,29 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.corpus.statement_arrays import (
-    check_lengths,
-    checked_length,
-    default_length,
-    statement_rows,
-    statements_of,
-    training_statements,
-)
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Batch, Format
+from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
 
 STATEMENT = "statement"  # observation key
 
@@ -35,36 +23,17 @@ class Tokens(Format):
     replaces = (STATEMENT,)
 
     def __init__(
-        self,
-        description: EnvDescription,
-        *,
-        vocabulary: Vocabulary | str | os.PathLike[str] | None,
-        length: int | None,
-        truncate: bool,
+        self, description: EnvDescription, *, vocabulary: VocabularyOrPath | None, length: int | None, truncate: bool
     ) -> None:
         super().__init__(description)
         description.part(STATEMENT)
-        if isinstance(vocabulary, str | os.PathLike):
-            vocabulary = Vocabulary.load(vocabulary)
-        if vocabulary is None:
-            vocabulary = Vocabulary.from_statements(training_statements(description.tasks))
-        self.vocabulary = vocabulary
-        self.length = (
-            default_length(training_statements(description.tasks)) if length is None else checked_length(length)
-        )
-        if not truncate:
-            check_lengths(statements_of(description.tasks), self.length)
+        self.arrays = StatementArrays(description.tasks, vocabulary, length, truncate=truncate)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {STATEMENT: spaces.Box(0, len(self.vocabulary) - 1, (self.length,), np.int64)}
+        return {STATEMENT: spaces.Box(0, len(self.arrays.vocabulary) - 1, (self.arrays.length,), np.int64)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {STATEMENT: self._by_task.take(state.task_indices, axis=0)}
-
-    @cached_property
-    def _by_task(self) -> Int64Array:
-        """(tasks, length) the token ids of each task's statement."""
-        return statement_rows(self.env_description.tasks, self.vocabulary, self.length)
+        return {STATEMENT: self.arrays.rows.take(state.task_indices, axis=0)}
 
 
 class TokenizedStatement(EnvWrapper[Tokens]):
@@ -80,7 +49,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     def __init__(
         self,
         env: gym.Env[Any, Any],
-        vocabulary: Vocabulary | str | os.PathLike[str] | None = None,
+        vocabulary: VocabularyOrPath | None = None,
         length: int | None = None,
         *,
         truncate: bool = False,
@@ -89,7 +58,7 @@ class TokenizedStatement(EnvWrapper[Tokens]):
 
     @property
     def vocabulary(self) -> Vocabulary:
-        return self.transformation.vocabulary
+        return self.transformation.arrays.vocabulary
 
 
 tokenized_statement_v0 = factory(TokenizedStatement)

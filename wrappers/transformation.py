@@ -1,4 +1,5 @@
-"""Transformations: what wrappers do, written once for batches of B environments.
+"""Transformations: what wrappers do, written once for batches of B environments, and what they may read: the fixed
+`EnvDescription`, and the current `EnvState`.
 
 The adapters apply them to Gymnasium, vector and PettingZoo environments.
 """
@@ -6,27 +7,127 @@ The adapters apply them to Gymnasium, vector and PettingZoo environments.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.arrays import BoolArray, Float64Array
+from lilgym_mp.actions import STOP
+from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.rules import State
-from lilgym_mp.wrappers.env_state import EnvDescription, EnvState, WrongEnvironment
+from lilgym_mp.observation import EMPTY, item_array, item_capacity
+from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+
+IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
+SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
+
+
+class WrongEnvironment(TypeError):
+    """The environment lacks something that the wrapper needs."""
+
+
+@dataclass(frozen=True)
+class EnvDescription:
+    """The fixed properties of the environment that a wrapper wraps."""
+
+    wrapper: str  # the wrapper's name, for error messages
+    tasks: TaskSet
+    dynamics: Dynamics
+    observation_space: spaces.Space[Any]  # space of one environment
+    action_space: spaces.Space[Any]  # space of one environment
+
+    @cached_property
+    def item_capacity(self) -> int:
+        """The most items a box can have."""
+        return item_capacity(self.tasks, self.dynamics)
+
+    @property
+    def stop_index(self) -> int:
+        """The index of the action STOP."""
+        return self.dynamics.appearance.encode(STOP)
+
+    def parts(self) -> Mapping[str, spaces.Space[Any]]:
+        """The spaces of a Dict observation. Raises WrongEnvironment for other observations."""
+        space = self.observation_space
+        if not isinstance(space, spaces.Dict):
+            raise self._lacking("Dict observations", space)
+        return space.spaces
+
+    def part(self, name: str) -> spaces.Space[Any]:
+        """The space of the observation's part `name`. Raises WrongEnvironment naming the existing parts."""
+        parts = self.parts()
+        if name not in parts:
+            raise self._lacking(f"observations with a part {name!r}", ", ".join(sorted(parts)))
+        return parts[name]
+
+    def require_scene(self) -> None:
+        """Raises WrongEnvironment unless observations show the scene: formats must not reveal more."""
+        parts = self.parts()
+        if not parts.keys() & SCENE_PARTS:
+            names = " or ".join(sorted(SCENE_PARTS))
+            raise self._lacking(f"observations that show the scene (a part {names})", ", ".join(sorted(parts)))
+
+    def require_discrete_actions(self) -> None:
+        """Raises WrongEnvironment unless actions are indices."""
+        if not isinstance(self.action_space, spaces.Discrete):
+            count = self.dynamics.appearance.action_count
+            raise self._lacking(f"the action space Discrete({count})", self.action_space)
+
+    def _lacking(self, needed: str, found: object) -> WrongEnvironment:
+        return WrongEnvironment(
+            f"{self.wrapper} needs {needed}, but the wrapped environment has {found}. Apply {self.wrapper} earlier"
+        )
+
+
+class EnvState:
+    """The current state of B environments: computed from `states()`, and with the full masks, unless overridden."""
+
+    def __init__(self, description: EnvDescription, states: Sequence[State] = ()) -> None:
+        self._description = description
+        self._states = states
+
+    def states(self) -> Sequence[State]:
+        """One state per environment."""
+        return self._states
+
+    @property
+    def task_indices(self) -> Int64Array:
+        """(B,) indices of the current tasks in the description's TaskSet."""
+        return np.array([self._description.tasks.index_of(state.task.id) for state in self.states()], np.int64)
+
+    @property
+    def steps(self) -> Int64Array:
+        """(B,) actions taken."""
+        return np.array([state.steps for state in self.states()], np.int64)
+
+    @property
+    def items(self) -> Int16Array:
+        """(B, 3, capacity, 5) `item_array` of each scene."""
+        capacity = self._description.item_capacity
+        return np.stack([item_array(state.scene, capacity) for state in self.states()])
+
+    def action_masks(self) -> BoolArray:
+        """(B, actions) a new array: the legal actions after the wrapped wrappers."""
+        return np.stack([self._description.dynamics.legal_mask(state) for state in self.states()])
+
+    def goal_reached(self) -> BoolArray:
+        """(B,) whether STOP would succeed now."""
+        return np.array([self._description.dynamics.goal_reached(state) for state in self.states()], np.bool_)
 
 
 class Transformation:
     """The identity. Subclasses override what they change, with pure methods."""
 
-    changes_observations: ClassVar[bool] = False
-    changes_actions: ClassVar[bool] = False
-    uses_mdp_actions: ClassVar[bool] = False  # whether it decodes or describes MDP actions, so cannot wrap the game
-    changes_rewards: ClassVar[bool] = False
-    adds_infos: ClassVar[bool] = False  # whether `added_infos` has entries
+    changes_observations: bool = False
+    changes_actions: bool = False
+    uses_mdp_actions: bool = False  # whether it decodes or describes MDP actions, so cannot wrap the game
+    changes_rewards: bool = False
+    adds_infos: bool = False  # whether `added_infos` has entries
 
     def __init__(self, description: EnvDescription) -> None:
         """Raises WrongEnvironment for an unsuitable environment, ValueError for invalid settings."""
@@ -71,14 +172,21 @@ class TaskChange(Transformation):
     change: Callable[[TaskSet], TaskSet]  # applied to the environment's tasks
 
 
-def require_innermost(name: str, env: Any) -> None:
-    """Raises WrongEnvironment if `env` already has a wrapper that may depend on the tasks that `name` changes."""
-    while env is not None:
-        transformation = vars(env).get("transformation")
-        if transformation is not None and not isinstance(transformation, TaskChange):
-            other = transformation.env_description.wrapper
-            raise WrongEnvironment(f"{name} changes the tasks, so it must be applied before {other}")
-        env = vars(env).get("env")
+def change_tasks(env: Any, transformation: Transformation) -> None:
+    """Replaces the tasks of `env` if it is to be wrapped in a TaskChange.
+
+    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks.
+    """
+    if not isinstance(transformation, TaskChange):
+        return
+    inner = env
+    while inner is not None:
+        other = vars(inner).get("transformation")
+        if other is not None and not isinstance(other, TaskChange):
+            changing, dependent = transformation.env_description.wrapper, other.env_description.wrapper
+            raise WrongEnvironment(f"{changing} changes the tasks, so it must be applied before {dependent}")
+        inner = vars(inner).get("env")
+    env.unwrapped.change_tasks(transformation.change)
 
 
 class Format(Transformation):
@@ -99,9 +207,50 @@ class Format(Transformation):
         kept = {name: space for name, space in self.env_description.parts().items() if name not in self.replaces}
         return spaces.Dict(kept | dict(self.new_spaces()))
 
-    def kept(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The unchanged parts of one observation or a batch."""
-        return {name: value for name, value in observation.items() if name not in self.replaces}
-
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> dict[str, Batch]:
-        return self.kept(observations) | dict(self.new_values(observations, state))
+        kept = {name: values for name, values in observations.items() if name not in self.replaces}
+        return kept | dict(self.new_values(observations, state))
+
+
+class SceneFormat(Format):
+    """Another encoding of the scene, which replaces the image or is added to it."""
+
+    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+        """Raises WrongEnvironment unless observations show the scene."""
+        super().__init__(description)
+        description.require_scene()
+        if not keep_image:
+            self.replaces = (IMAGE,)
+
+
+def stacked(values: Sequence[Any]) -> Batch:
+    """Values of one space as a batch."""
+    first = values[0]
+    if isinstance(first, dict):
+        return {name: stacked([value[name] for value in values]) for name in first}
+    if isinstance(first, str):
+        return tuple(values)
+    return np.asarray(first)[None] if len(values) == 1 else np.stack(values)
+
+
+def unstacked(space: spaces.Space[Any], batch: Batch) -> list[Any]:
+    """The values of `space` in a batch."""
+    if isinstance(space, spaces.Dict):
+        parts = {name: unstacked(part, batch[name]) for name, part in space.spaces.items()}
+        return [dict(zip(parts, values, strict=True)) for values in zip(*parts.values(), strict=True)]
+    return np.asarray(batch).tolist() if isinstance(space, spaces.Discrete) else list(batch)
+
+
+def to_python(value: Any) -> Any:
+    """Converts NumPy scalars to Python numbers; returns anything else unchanged."""
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def scene_of(array: Int16Array) -> Scene:
+    """The scene whose `item_array` is `array`."""
+    return Scene.of(*([_item(row) for row in box if row[-1] != EMPTY] for box in array.tolist()))
+
+
+def _item(row: list[int]) -> Item:
+    x, y, shape, colour, size = row
+    return Item(x, y, Shape(shape), Colour(colour), Size(size))

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from gymnasium import spaces
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
+from lilgym_mp.envs.batched import batched
+from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
-from lilgym_mp.wrappers.env_state import BaseEnvState, EnvDescription, EnvState, WrongEnvironment, scene_of
-from lilgym_mp.wrappers.gymnasium_adapter import to_python
 from lilgym_mp.wrappers.transformation import (
     Batch,
-    Format,
-    TaskChange,
+    EnvDescription,
+    EnvState,
     Transformation,
-    require_innermost,
+    WrongEnvironment,
+    change_tasks,
+    scene_of,
+    stacked,
+    unstacked,
 )
 
 if TYPE_CHECKING:
@@ -47,16 +50,14 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self.name = name
         description = _description_of(env, name)
         self.transformation = transformation_class(description, **settings)
-        if isinstance(self.transformation, TaskChange):
-            require_innermost(name, env)
-            self.unwrapped.change_tasks(self.transformation.change)  # pyright: ignore[reportAttributeAccessIssue]
+        change_tasks(env, self.transformation)
         if self.transformation.changes_observations:
             self.single_observation_space = self.transformation.observation_space()
-            self.observation_space = _batched(self.single_observation_space, env)
+            self.observation_space = batched(self.single_observation_space, env.num_envs)
         if self.transformation.changes_actions:
             self.single_action_space = self.transformation.action_space()
             self.action_space = batch_space(self.single_action_space, env.num_envs)
-        self._state = VectorEnvState(env)
+        self._state = VectorEnvState(description, env)
         self._restarting = np.zeros(env.num_envs, np.bool_)  # (N,) where the next step ignores the action and resets
         self._potentials = np.zeros(env.num_envs)  # (N,) potentials of the current states, if rewards are changed
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
@@ -131,8 +132,9 @@ class VectorEnvWrapper(AnyVectorWrapper):
         changed: dict[str, Any] = {}
         if self.transformation.changes_observations:
             final_obs = changed[FINAL_OBS] = infos[FINAL_OBS].copy()
-            transformed = self._transformed_each(final_obs[env_ids].tolist(), state)
-            for env_id, observation in zip(env_ids.tolist(), transformed, strict=True):
+            transformed = self.transformation.observations(stacked(final_obs[env_ids].tolist()), state)
+            singles = unstacked(self.single_observation_space, transformed)
+            for env_id, observation in zip(env_ids.tolist(), singles, strict=True):
                 final_obs[env_id] = observation
         if self.transformation.adds_infos:
             changed[FINAL_INFO] = dict(infos[FINAL_INFO])
@@ -152,28 +154,17 @@ class VectorEnvWrapper(AnyVectorWrapper):
             infos[FINAL_INFO] = infos[FINAL_INFO] | _columns(entries, ended)
         return infos
 
-    def _transformed_each(self, observations: Sequence[Any], state: EnvState) -> list[Any]:
-        """The transformed observations of k environments, one by one."""
-        transformation = self.transformation
-        if not isinstance(transformation, Format):
-            return _unstacked(self.single_observation_space, transformation.observations(_stacked(observations), state))
-        new = transformation.new_values(_LazyBatch(observations), state)
-        return [
-            transformation.kept(observation) | {name: to_python(values[position]) for name, values in new.items()}
-            for position, observation in enumerate(observations)
-        ]
-
     def __repr__(self) -> str:
         return f"<{self.name}, {self.env}>"
 
 
-class VectorEnvState:
-    """The `EnvState` of a batched or worker environment, read lazily."""
+class VectorEnvState(EnvState):
+    """The state of a batched or worker environment, with the masks of its wrappers up to `env`, read lazily."""
 
-    def __init__(self, env: VectorEnv[Any, Any, Any]) -> None:
-        self._base: Any = env.unwrapped
-        self._action_masks: Callable[[], BoolArray] = _inherited(env, "action_masks")
-        self._goal_reached: Callable[[], BoolArray] = _inherited(env, "goal_reached")
+    def __init__(self, description: EnvDescription, env: Any) -> None:
+        super().__init__(description)
+        self._env = env
+        self._base = env.unwrapped
 
     @property
     def task_indices(self) -> Int64Array:
@@ -191,39 +182,31 @@ class VectorEnvState:
         return self._base.states()
 
     def action_masks(self) -> BoolArray:
-        return self._action_masks()
+        return action_masks(self._env)
 
     def goal_reached(self) -> BoolArray:
-        return self._goal_reached()
+        return self._base.goal_reached()
 
 
-class FinalEnvState(BaseEnvState):
-    """The final `EnvState` of episodes, after environments have been reset in autoreset mode SAME_STEP."""
+class FinalEnvState(EnvState):
+    """The final state of episodes, after environments (k,) have been reset in autoreset mode SAME_STEP."""
 
-    def __init__(
-        self,
-        description: EnvDescription,
-        env: Any,
-        env_ids: Int64Array,
-        transformations: Sequence[Transformation] | None = None,
-    ) -> None:
-        """`env_ids` (k,). `transformations`: those of the wrappers up to `env`, innermost first; None: look them up."""
+    def __init__(self, description: EnvDescription, env: Any, env_ids: Int64Array) -> None:
         super().__init__(description)
         self._env = env
-        self._env_ids = env_ids
-        self._inner = _transformations(env) if transformations is None else transformations
+        self._base, self._env_ids = env.unwrapped, env_ids
 
     @property
     def task_indices(self) -> Int64Array:
-        return self._env.unwrapped.last_task_indices[self._env_ids]
+        return self._base.last_task_indices[self._env_ids]
 
     @property
     def steps(self) -> Int64Array:
-        return self._env.unwrapped.last_steps[self._env_ids]
+        return self._base.last_steps[self._env_ids]
 
     @property
     def items(self) -> Int16Array:
-        return self._env.unwrapped.last_scene_array()[self._env_ids]
+        return self._base.last_scene_array()[self._env_ids]
 
     def states(self) -> Sequence[State]:
         """The k final states, computed lazily."""
@@ -234,35 +217,12 @@ class FinalEnvState(BaseEnvState):
         return self._states
 
     def action_masks(self) -> BoolArray:
-        if not self._inner:
+        inner = self._env
+        while isinstance(inner, VectorWrapper) and not isinstance(inner, VectorEnvWrapper):
+            inner = inner.env
+        if not isinstance(inner, VectorEnvWrapper):
             return super().action_masks()
-        *inner, outermost = self._inner
-        return outermost.action_masks(FinalEnvState(self._description, self._env, self._env_ids, inner))
-
-
-def _transformations(env: Any) -> list[Transformation]:
-    """The transformations of a stack of wrappers, innermost first."""
-    found: list[Transformation] = []
-    while isinstance(env, VectorWrapper):
-        found += [env.transformation] if isinstance(env, VectorEnvWrapper) else []
-        env = env.env
-    return found[::-1]
-
-
-class _LazyBatch(Mapping[str, Batch]):
-    """Single observations as a batch whose parts are stacked lazily, since stacking images is slow."""
-
-    def __init__(self, observations: Sequence[Mapping[str, Any]]) -> None:
-        self._observations = observations
-
-    def __getitem__(self, name: str) -> Batch:
-        return _stacked([observation[name] for observation in self._observations])
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._observations[0])
-
-    def __len__(self) -> int:
-        return len(self._observations[0])
+        return inner.transformation.action_masks(FinalEnvState(self._description, inner.env, self._env_ids))
 
 
 def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
@@ -271,45 +231,6 @@ def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
         return {}
     values = {name: value * where for name, value in entries.items()}
     return values | {f"_{name}": where.copy() for name in entries}
-
-
-def _stacked(values: Sequence[Any]) -> Batch:
-    """Stacks values of one space to a batch."""
-    first = values[0]
-    if isinstance(first, dict):
-        return {name: _stacked([value[name] for value in values]) for name in first}
-    return tuple(values) if isinstance(first, str) else np.stack(values)
-
-
-def _unstacked(space: spaces.Space[Any], batch: Batch) -> list[Any]:
-    """Splits a batch into values of `space`."""
-    if isinstance(space, spaces.Dict):
-        parts = {name: _unstacked(part, batch[name]) for name, part in space.spaces.items()}
-        return [dict(zip(parts, values, strict=True)) for values in zip(*parts.values(), strict=True)]
-    return batch.tolist() if isinstance(space, spaces.Discrete) else list(batch)
-
-
-def _batched(single: spaces.Space[Any], env: VectorEnv[Any, Any, Any]) -> spaces.Space[Any]:
-    """The batched space. Unchanged parts reuse the spaces of `env`, because a batched Text is large."""
-    count, old, old_single = env.num_envs, env.observation_space, env.single_observation_space
-    if not isinstance(single, spaces.Dict) or not isinstance(old, spaces.Dict):
-        return _batched_part(single, count)
-    assert isinstance(old_single, spaces.Dict)
-    kept = {name: old[name] for name, part in single.spaces.items() if old_single.spaces.get(name) is part}
-    return spaces.Dict(
-        {name: kept[name] if name in kept else _batched_part(part, count) for name, part in single.spaces.items()}
-    )
-
-
-def _batched_part(single: spaces.Space[Any], count: int) -> spaces.Space[Any]:
-    return spaces.Tuple([single] * count) if isinstance(single, spaces.Text) else batch_space(single, count)
-
-
-def _inherited(env: Any, name: str) -> Any:
-    """The attribute of the outermost environment in the stack whose class defines it."""
-    while isinstance(env, VectorWrapper) and not hasattr(type(env), name):
-        env = env.env
-    return getattr(env, name)
 
 
 def _description_of(env: VectorEnv[Any, Any, Any], name: str) -> EnvDescription:

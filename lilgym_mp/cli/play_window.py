@@ -15,7 +15,7 @@ from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import BOXES, COLOURS, SHAPES, SIZES
 from lilgym_mp.cli.session import Session
-from lilgym_mp.envs.window import Window
+from lilgym_mp.envs.rendering import Window
 from lilgym_mp.options import CommandError
 from lilgym_mp.render.frames import FRAME_SHAPE, INK_RGB, MARGIN, PAPER_RGB, SCALE, caption_font
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH

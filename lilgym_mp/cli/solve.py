@@ -13,7 +13,7 @@ from lilgym_mp.actions import Action, describe
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.envs.rendering import caption
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
@@ -159,7 +159,7 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
             print(ruled(text(state.scene, [], coloured=shows_colours()), dynamics.appearance.grid))
         transition = dynamics.step(state, action)
         print(f"  {step}. {describe(action)}: reward {transition.reward:+.1f}")
-        last = LastAction(dynamics.appearance.encode(action), transition.result, transition.invalid)
+        last = dynamics.appearance.encode(action), transition
         state = transition.state
         frames.append(frame(state.scene, caption(state, dynamics, last), dynamics.appearance))
     return frames

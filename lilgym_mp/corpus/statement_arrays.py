@@ -47,43 +47,37 @@ def default_length(statements: Iterable[str]) -> int:
     return LENGTH_MULTIPLE * math.ceil(longest * LENGTH_FACTOR / LENGTH_MULTIPLE)
 
 
-def checked_length(length: object) -> int:
-    """Raises ValueError unless `length` is a positive whole number."""
-    if isinstance(length, bool) or not isinstance(length, int) or length < 1:
-        raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
-    return length
-
-
-def check_lengths(statements: Iterable[str], length: int) -> None:
-    """Raises ValueError naming a statement with more than `length` words."""
-    longest = max(statements, key=lambda statement: len(words(statement)))
-    count = len(words(longest))
-    if count > length:
-        raise ValueError(
-            f"the statement {longest!r} has {count} words, but length is {length}: set length={count} or more,"
-            " or truncate=True to truncate longer statements"
-        )
-
-
-def statement_rows(tasks: TaskSet, vocabulary: Vocabulary, length: int) -> npt.NDArray[np.int64]:
-    """(tasks, length) the token ids of each task's statement."""
-    encoded = {statement: vocabulary.encode(statement, length) for statement in statements_of(tasks)}
-    return np.stack([encoded[task.statement] for task in tasks])
-
-
 class StatementArrays:
     """Token ids by task; by default, vocabulary and length come from `training_tasks`."""
 
-    def __init__(self, tasks: TaskSet, vocabulary: VocabularyOrPath | None = None, length: int | None = None) -> None:
-        """Raises ValueError when a statement of `tasks` exceeds the length."""
+    def __init__(
+        self,
+        tasks: TaskSet,
+        vocabulary: VocabularyOrPath | None = None,
+        length: int | None = None,
+        *,
+        truncate: bool = False,
+    ) -> None:
+        """`truncate`: statements that exceed the length; otherwise they are a ValueError."""
+        if length is not None and (isinstance(length, bool) or not isinstance(length, int) or length < 1):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
         training = training_statements(tasks) if vocabulary is None or length is None else []
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
         self.vocabulary = vocabulary or Vocabulary.from_statements(training)
-        self.length = default_length(training) if length is None else checked_length(length)
+        self.length = length or default_length(training)
+        self._truncates = truncate
         self.set_tasks(tasks)
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks, keeping vocabulary and length. Raises ValueError when a statement is too long."""
-        check_lengths(statements_of(tasks), self.length)
-        self.rows = statement_rows(tasks, self.vocabulary, self.length)
+        statements = statements_of(tasks)
+        longest = max(statements, key=lambda statement: len(words(statement)))
+        count = len(words(longest))
+        if count > self.length and not self._truncates:
+            raise ValueError(
+                f"the statement {longest!r} has {count} words, but length is {self.length}: set length={count} or more,"
+                " or truncate=True to truncate longer statements"
+            )
+        encoded = {statement: self.vocabulary.encode(statement, self.length) for statement in statements}
+        self.rows: npt.NDArray[np.int64] = np.stack([encoded[task.statement] for task in tasks])  # (tasks, length)

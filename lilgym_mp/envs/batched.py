@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn, cast
 
@@ -15,19 +14,15 @@ from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
-from lilgym_mp.envs.caption import LastAction, caption
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, ResetRequest
-from lilgym_mp.envs.window import RENDER_FPS
+from lilgym_mp.envs.rendering import RENDER_FPS, Renderer, caption
 from lilgym_mp.observation import Observation, observation_space, statement_arrays
-from lilgym_mp.render import text
-from lilgym_mp.render.frames import frame
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 
-RENDER_MODES = {mode: mode for mode in ("rgb_array", "ansi")}
+RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
 _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
 
@@ -60,7 +55,7 @@ class ResultTable(NamedTuple):
 
 
 class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
-    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which differ in how they step environments."""
+    """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too."""
 
     metadata: dict[str, Any] = {
         "render_modes": list(RENDER_MODES),
@@ -70,21 +65,23 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     dynamics: Dynamics
     tasks: TaskSet
+    _engine: Engine  # of the environments in this process
     single_action_space: spaces.Discrete
     single_observation_space: spaces.Dict
 
     def __init__(self, settings: BatchSettings, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
         self.num_envs = settings.num_envs
-        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
-        self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset}
+        self._renderer = Renderer(render_mode, RENDER_MODES)
+        self.render_mode = self._renderer.mode
+        self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset_mode}
         self.copy = checked_flag("copy", copy)
         self.dynamics = settings.dynamics()
         self.single_action_space = spaces.Discrete(self.dynamics.appearance.action_count)
         self._arrays = statement_arrays(settings.observation, settings.tasks(), settings.vocabulary, settings.length)
         self.single_observation_space = observation_space(settings.image_size, settings.tasks(), self._arrays)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
-        self.observation_space = _batched_observations(self.single_observation_space, self.num_envs)
-        self.autoreset_mode = settings.autoreset
+        self.observation_space = batched(self.single_observation_space, self.num_envs)
+        self.autoreset_mode = settings.autoreset_mode
         self._evaluation = settings.evaluation
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
@@ -98,22 +95,22 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """Raises ClosedEnvironmentError if the environment is closed."""
         check_open(closed=self.closed)
 
-    @abstractmethod
-    def _reset(self, request: ResetRequest) -> None: ...
+    def _reset(self, request: ResetRequest) -> None:
+        self._engine.reset(request)
 
-    @abstractmethod
-    def _step(self) -> None: ...
+    def _step(self) -> None:
+        self._engine.step()
 
-    @abstractmethod
     def _write(self, what: str) -> None:
         """Updates the buffers' "mask", "goal" or "items"."""
+        self._engine.write(what)
 
-    @abstractmethod
-    def _states(self) -> list[State]: ...
+    def _states(self) -> list[State]:
+        return self._engine.states()
 
-    @abstractmethod
     def _change_tasks(self, change: TaskOperation) -> None:
         """Applies `change` to the tasks that environments draw from; `self.tasks` has changed already."""
+        self._engine.set_tasks(self.tasks)
 
     def change_tasks(self, change: TaskOperation) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on, which must reset all environments.
@@ -127,11 +124,14 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def _set_tasks(self, tasks: TaskSet) -> None:
         self.tasks = tasks
-        self._targets = np.array([task.target for task in tasks], np.int64)
-        self._statements = np.array([task.statement for task in tasks], object)
         self._task_ids = np.array(tasks.ids, object)
-        if self._arrays is not None:
+        # Statements and targets of observations, by task
+        self._targets = np.array([task.target for task in tasks], np.int64)
+        if self._arrays is None:
+            self._statements = np.array([task.statement for task in tasks], object)
+        else:
             self._arrays.set_tasks(tasks)
+            self._statements, self._targets = self._arrays.rows, self._targets[:, None]
         self._seeds: list[int | None] = [None] * self.num_envs
         self._is_started = False  # whether every environment has been reset
 
@@ -248,18 +248,11 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return array
 
     def _observe(self) -> Observations:
-        buffers = self._buffers
-        if self._arrays is not None:
-            return {
-                "image": self._images(),
-                "statement": self._arrays.rows.take(buffers.task, axis=0),
-                "target": self._targets.take(buffers.task)[:, None],
-            }
-        return {
-            "image": self._images(),
-            "statement": tuple(self._statements.take(buffers.task).tolist()),
-            "target": self._targets.take(buffers.task),
-        }
+        tasks = self._buffers.task
+        statements: Any = self._statements.take(tasks, axis=0)
+        if self._arrays is None:
+            statements = tuple(statements.tolist())
+        return {"image": self._images(), "statement": statements, "target": self._targets.take(tasks, axis=0)}
 
     def _images(self) -> UInt8Array:
         """(N, height, width, 3) the images of observations; a copy if `copy`."""
@@ -305,23 +298,23 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             }
         return infos
 
-    def _last_action(self, env_id: int) -> LastAction | None:
+    def _last_action(self, env_id: int, state: State) -> tuple[int, Transition] | None:
         buffers = self._buffers
         result = int(buffers.result[env_id])
         if result == NO_ACTION or buffers.started[env_id]:
             return None
         reason = int(buffers.invalid[env_id])
         invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-        return LastAction(int(buffers.action[env_id]), self.dynamics.step_results[result], invalid)
+        return int(buffers.action[env_id]), Transition(state, self.dynamics.step_results[result], invalid)
 
     def _last_observation(self, env_id: int) -> Observation | dict[str, Any]:
-        task_index = int(self._buffers.last_task[env_id])
-        task = self.tasks[task_index]
-        image = self._buffers.last_image[env_id].copy()
-        if self._arrays is not None:
-            target = np.array([task.target], np.int64)
-            return {"image": image, "statement": self._arrays.rows[task_index].copy(), "target": target}
-        return {"image": image, "statement": task.statement, "target": int(task.target)}
+        task = int(self._buffers.last_task[env_id])
+        statement, target = self._statements[task], self._targets[task]
+        if self._arrays is None:
+            target = int(target)
+        else:
+            statement, target = statement.copy(), target.copy()
+        return {"image": self._buffers.last_image[env_id].copy(), "statement": statement, "target": target}
 
     @property
     def evaluation_finished(self) -> bool:
@@ -404,11 +397,9 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """A frame (304, 784, 3) or text for each environment, by render mode."""
         if self.render_mode is None:
             return None
-        frames: list[UInt8Array | str] = []
-        for env_id, state in enumerate(self.states()):
-            lines = caption(state, self.dynamics, self._last_action(env_id))
-            frames.append(text(state.scene, lines) if self.render_mode == "ansi" else frame(state.scene, lines))
-        return tuple(frames)
+        states = enumerate(self.states())
+        lines = ((state, caption(state, self.dynamics, self._last_action(env_id, state))) for env_id, state in states)
+        return tuple(cast("UInt8Array | str", self._renderer.render(state.scene, text)) for state, text in lines)
 
 
 class BatchedEnv(LilGymVectorEnv):
@@ -421,7 +412,7 @@ class BatchedEnv(LilGymVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the keywords of `engine.BatchSettings.of`: those of a single environment, and two more.
+        """`settings`: the fields of `engine.BatchSettings`: the keywords of a single environment, and two more.
 
         `copy`: whether returned images are copies; otherwise they are valid until the next call.
         `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
@@ -434,37 +425,16 @@ class BatchedEnv(LilGymVectorEnv):
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)
 
-    def _reset(self, request: ResetRequest) -> None:
-        self._engine.reset(request)
 
-    def _step(self) -> None:
-        self._engine.step()
-
-    def _write(self, what: str) -> None:
-        self._engine.write(what)
-
-    def _states(self) -> list[State]:
-        return self._engine.states()
-
-    def _change_tasks(self, change: TaskOperation) -> None:
-        self._engine.set_tasks(self.tasks)
-
-
-def _batched_observations(single: spaces.Dict, count: int) -> spaces.Dict:
-    """Gymnasium's `batch_space` in less memory: without N equal Text spaces and bounds for every pixel."""
-    parts: dict[str, spaces.Space[Any]] = {}
-    for name, space in single.spaces.items():
-        if isinstance(space, spaces.Text):
-            parts[name] = spaces.Tuple([space] * count)
-        elif isinstance(space, spaces.Box):
-            parts[name] = _batched_box(space, count)
-        else:
-            parts[name] = batch_space(space, count)
-    return spaces.Dict(parts)
-
-
-def _batched_box(single: spaces.Box, count: int) -> spaces.Box:
-    """`single` batched N times over one array of bounds; for 1,024 images that saves 117 MB."""
+def batched(single: spaces.Space[Any], count: int) -> Any:
+    """Gymnasium's `batch_space` in less memory: without N equal Text spaces, and with one array of bounds for N boxes,
+    which saves 117 MB for 1,024 images."""
+    if isinstance(single, spaces.Dict):
+        return spaces.Dict({name: batched(part, count) for name, part in single.spaces.items()})
+    if isinstance(single, spaces.Text):
+        return spaces.Tuple([single] * count)
+    if not isinstance(single, spaces.Box):
+        return batch_space(single, count)
     box = cast("spaces.Box", batch_space(single, 1))
     shape = box._shape = (count, *single.shape)
     for name in ("low", "high", "bounded_below", "bounded_above"):

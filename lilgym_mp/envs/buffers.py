@@ -65,16 +65,6 @@ class Buffers:
         arrays: dict[str, Any] = {name: np.zeros(spec.shape, spec.dtype) for name, spec in array_specs.items()}
         return cls(**arrays)
 
-    @classmethod
-    def from_memory(cls, memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> Buffers:
-        """Arrays one after another in `memory`, which has `buffers_size(forms)` bytes."""
-        arrays: dict[str, Any] = {}
-        offset = 0
-        for name, (shape, dtype) in array_specs.items():
-            arrays[name] = np.frombuffer(memory, dtype, math.prod(shape), offset).reshape(shape)
-            offset += array_specs[name].size
-        return cls(**arrays)
-
 
 def refuse_copying(batch: object) -> NoReturn:
     """Raises TypeError: the `__reduce__` of objects with views of buffers, which a copy would not share."""
@@ -113,3 +103,13 @@ def buffer_specs(
 def buffers_size(array_specs: Mapping[str, ArraySpec]) -> int:
     """Total size in bytes."""
     return sum(spec.size for spec in array_specs.values())
+
+
+def arrays_in(memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> dict[str, Any]:
+    """Arrays one after another in `memory`, which has `buffers_size(array_specs)` bytes."""
+    arrays: dict[str, Any] = {}
+    offset = 0
+    for name, spec in array_specs.items():
+        arrays[name] = np.frombuffer(memory, spec.dtype, math.prod(spec.shape), offset).reshape(spec.shape)
+        offset += spec.size
+    return arrays

@@ -24,6 +24,14 @@ def checked_seed(seed: object) -> int | None:
     return int(seed)
 
 
+def checked_count(name: str, value: object, least: int = 1) -> int:
+    """`value` as an int. Raises ValueError unless it is a whole number, `least` or more."""
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+        kind = "positive whole number" if least == 1 else f"whole number, {least} or more"
+        raise ValueError(f"{name} must be a {kind}, not {value!r}")
+    return int(value)
+
+
 def checked_options(options: object, choices: Iterable[str]) -> Mapping[str, Any]:
     """The reset options; {} for None. Raises ValueError unless they are a mapping with known keys."""
     if options is None:

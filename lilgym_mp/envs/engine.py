@@ -7,22 +7,22 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import RELEASED_GRID, Grid, checked_grid, make_appearance
+from lilgym_mp.appearances import RELEASED_GRID, Grid, make_appearance
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
-from lilgym_mp.envs.checks import check_keywords, checked_flag
+from lilgym_mp.envs.checks import check_keywords, checked_count, checked_flag
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.draws import next_draws
+from lilgym_mp.envs.single import next_draws
 from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
 
@@ -30,67 +30,39 @@ AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in Aut
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class BatchSettings:
     """The configuration of a batch: the keywords of `LilGymEnv` and of vector environments. Picklable."""
 
+    num_envs: int
     appearance: str
     start: str
-    corpus: str
-    split: str
-    rules: str
-    horizon: int | None
-    grid: Grid
-    image_size: str
-    num_envs: int
-    autoreset: AutoresetMode
-    evaluation: bool  # plays every task of the split once instead of random tasks
-    observation: str  # "text" or "arrays"
+    corpus: str | os.PathLike[str] = "builtin"
+    split: str = "train"
+    rules: str = "paper"
+    horizon: int | None = None
+    grid: Grid | str = RELEASED_GRID
+    image_size: str = "half"
+    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP
+    evaluation: bool = False  # plays every task of the split once instead of random tasks
+    observation: str = TEXT  # "text" or "arrays"
     vocabulary: VocabularyOrPath | None = None  # of the form "arrays"; None: the train split's
     length: int | None = None
 
     @classmethod
-    def of(
-        cls,
-        num_envs: int,
-        *,
-        appearance: str,
-        start: str,
-        corpus: str | os.PathLike[str] = "builtin",
-        split: str = "train",
-        rules: str = "paper",
-        horizon: int | None = None,
-        grid: tuple[int, int] | str = RELEASED_GRID,
-        image_size: str = "half",
-        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        evaluation: bool = False,
-        observation: str = TEXT,
-        vocabulary: VocabularyOrPath | None = None,
-        length: int | None = None,
-        **unknown: Any,
-    ) -> BatchSettings:
-        """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
-        check_keywords(unknown)
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs must be a positive whole number, not {num_envs!r}")
-        if not isinstance(autoreset_mode, AutoresetMode):
-            autoreset_mode = choose("autoreset_mode", autoreset_mode, AUTORESET_MODES)
-        settings = cls(
-            appearance,
-            start,
-            os.fspath(corpus),
-            split,
-            rules,
-            horizon,
-            checked_grid(grid),
-            image_size,
-            int(num_envs),
-            autoreset_mode,
-            checked_flag("evaluation", evaluation),
-            choose("observation", observation, FORMS),
-            vocabulary,
-            length,
-        )
+    def of(cls, num_envs: int, **given: Any) -> BatchSettings:
+        """The settings `given`; the autoreset mode may also be a name.
+
+        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
+        """
+        check_keywords(given.keys() - {each.name for each in fields(cls)})
+        mode = given.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        if not isinstance(mode, AutoresetMode):
+            given["autoreset_mode"] = choose("autoreset_mode", mode, AUTORESET_MODES)
+        given["corpus"] = os.fspath(given.get("corpus", "builtin"))
+        settings = cls(num_envs=checked_count("num_envs", num_envs), **given)
+        checked_flag("evaluation", settings.evaluation)
+        choose("observation", settings.observation, FORMS)
         settings.array_specs()
         return settings
 
@@ -104,7 +76,9 @@ class BatchSettings:
         """Shape and dtype of each of the buffers' arrays."""
         dynamics = self.dynamics()
         capacity = item_capacity(self.tasks(), dynamics)
-        return buffer_specs(self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset)
+        return buffer_specs(
+            self.num_envs, self.image_size, dynamics.appearance.action_count, capacity, self.autoreset_mode
+        )
 
 
 class ResetRequest(NamedTuple):
@@ -124,7 +98,7 @@ class Engine:
         self.buffers = buffers
         self._image_size = settings.image_size
         self.set_tasks(settings.tasks())
-        self._autoreset = settings.autoreset
+        self._autoreset = settings.autoreset_mode
         self._first = first
         self._stride = settings.num_envs
         self._evaluation = settings.evaluation

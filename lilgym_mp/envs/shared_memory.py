@@ -22,9 +22,9 @@ class SharedMemory:
 
     _fd = -1
 
-    def __init__(self, size: int) -> None:
-        """Raises SharedMemoryError if there is not enough memory."""
-        self._fd = _anonymous_file(size)
+    def __init__(self, size: int, fd: int | None = None) -> None:
+        """`fd`: of an existing file. Raises SharedMemoryError if there is not enough memory."""
+        self._fd = _anonymous_file(size) if fd is None else fd
         self._size = size
         self.memory = memoryview(mmap.mmap(self._fd, size))
 
@@ -82,8 +82,4 @@ def _megabytes(size: int) -> str:
 
 
 def _attached(duplicate: Any, size: int) -> SharedMemory:
-    shared = SharedMemory.__new__(SharedMemory)
-    shared._fd = duplicate.detach()
-    shared._size = size
-    shared.memory = memoryview(mmap.mmap(shared._fd, size))
-    return shared
+    return SharedMemory(size, duplicate.detach())

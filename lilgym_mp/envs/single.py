@@ -2,34 +2,29 @@
 
 from __future__ import annotations
 
-import operator
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, SupportsFloat, SupportsIndex, cast
+from typing import Any, SupportsFloat, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.actions import ActionError
-from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.arrays import BOOLEANS, BoolArray, UInt8Array
-from lilgym_mp.choices import choose
+from lilgym_mp.actions import checked_index
+from lilgym_mp.appearances import RELEASED_GRID, InvalidReason, make_appearance
+from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.envs.caption import LastAction, caption
+from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
-from lilgym_mp.envs.draws import next_draws
-from lilgym_mp.envs.window import RENDER_FPS, Window
+from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
 from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
-from lilgym_mp.render import Canvas, text
-from lilgym_mp.render.frames import frame
+from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
-RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 RESET_OPTIONS = ("task",)
+DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time
 UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
 
 
@@ -75,9 +70,10 @@ class LilGymEnv(gym.Env[Observation, int]):
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
         check_keywords(unknown)
-        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
         self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
-        self._marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
+        marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
+        self._renderer = Renderer(render_mode, marked=marked)
+        self.render_mode = self._renderer.mode
         self._canvas = Canvas(image_size)
         self.tasks = load_tasks(corpus, appearance, start, split)
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
@@ -92,7 +88,6 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
-        self._window: Window | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -130,45 +125,24 @@ class LilGymEnv(gym.Env[Observation, int]):
             when = "before the first reset" if state is None else "after the end of the episode"
             raise gym.error.ResetNeeded(f"step was called {when}; call reset first")
         if type(action) is not int or not 0 <= action < self._action_count:
-            action = self._checked(action)
+            action = checked_index(action, self._action_count)
         transition = self.dynamics.step(state, self._decode(action))
-        self._state, (_, _, reward, terminated, truncated, _), _ = transition
+        self._state, (_, outcome, reward, terminated, truncated, _), invalid = transition
         self._last = action, transition
         self._ended = terminated or truncated
         if self.render_mode == "human":
             self.render()
-        info = end_info(transition) if self._ended else {}
+        info = end_info(outcome, invalid) if self._ended else {}
         return self._observe(self._state), reward, terminated, truncated, info
-
-    def _checked(self, action: SupportsIndex) -> int:
-        count = self._action_count
-        try:
-            index = None if isinstance(action, BOOLEANS) else operator.index(action)
-        except TypeError:
-            index = None
-        if index is None:
-            raise ActionError(f"an action must be a whole number 0 .. {count - 1}, not {action!r}")
-        if not 0 <= index < count:
-            raise ActionError(f"action {action!r} is out of range; choose from 0 .. {count - 1}")
-        return index
 
     def _observe(self, state: State) -> Observation:
         task = state.task
-        if self._arrays is not None:
-            return self._observe_arrays(state, self._arrays)
-        return {
-            "image": self._canvas.show(state.scene).copy(),
-            "statement": task.statement,
-            "target": 1 if task.target else 0,  # faster than int(), a function call
-        }
-
-    def _observe_arrays(self, state: State, arrays: StatementArrays) -> Any:
-        task = state.task
-        return {
-            "image": self._canvas.show(state.scene).copy(),
-            "statement": arrays.rows[self.tasks.index_of(task.id)].copy(),
-            "target": np.array([task.target], np.int64),
-        }
+        image = self._canvas.show(state.scene).copy()
+        if self._arrays is None:
+            return {"image": image, "statement": task.statement, "target": 1 if task.target else 0}  # faster than int()
+        statement = self._arrays.rows[self.tasks.index_of(task.id)].copy()
+        arrays: Any = {"image": image, "statement": statement, "target": np.array([task.target], np.int64)}
+        return arrays
 
     @property
     def horizon(self) -> int:
@@ -206,7 +180,7 @@ class LilGymEnv(gym.Env[Observation, int]):
 
     def decode_action(self, index: int) -> list[int]:
         """The released array form of an action, -1 in unused slots. Raises ActionError."""
-        return self.dynamics.appearance.to_array(self.dynamics.appearance.decode(self._checked(index)))
+        return self.dynamics.appearance.to_array(self._decode(checked_index(index, self._action_count)))
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on.
@@ -224,35 +198,21 @@ class LilGymEnv(gym.Env[Observation, int]):
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        if self.render_mode == "ansi":
-            return text(self.scene, self._lines())
-        if self.render_mode == "rgb_array":
-            return frame(self.scene, self._lines(), self._marked)
-        if self.render_mode == "human":
-            if self._window is None:
-                self._window = Window(RENDER_FPS)
-            self._window.show(frame(self.scene, self._lines(), self._marked))
-        return None
-
-    def _lines(self) -> list[str]:
-        if self._last is None:
-            return caption(self.state, self.dynamics, None)
-        action, (_, result, invalid) = self._last
-        return caption(self.state, self.dynamics, LastAction(action, result, invalid))
+        return self._renderer.render(self.scene, caption(self.state, self.dynamics, self._last))
 
     def close(self) -> None:
         self._closed = self._ended = True
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        self._renderer.close()
 
 
-def end_info(transition: Transition) -> dict[str, Any]:
+def end_info(outcome: Outcome, invalid: InvalidReason | None) -> dict[str, Any]:
     """Infos of the action that ended an episode."""
-    info: dict[str, Any] = {
-        "outcome": str(transition.outcome),
-        "is_success": transition.outcome is Outcome.SUCCESS,
-    }
-    if transition.invalid is not None:
-        info["invalid_reason"] = str(transition.invalid)
+    info: dict[str, Any] = {"outcome": str(outcome), "is_success": outcome is Outcome.SUCCESS}
+    if invalid is not None:
+        info["invalid_reason"] = str(invalid)
     return info
+
+
+def next_draws(generator: np.random.Generator, task_count: int) -> list[int]:
+    """Indices of an environment's next tasks, uniformly drawn, in reverse: `pop` returns them in order."""
+    return generator.integers(task_count, size=DRAWS)[::-1].tolist()

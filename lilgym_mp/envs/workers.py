@@ -8,7 +8,6 @@ no process holds the other ends of its pipes.
 
 from __future__ import annotations
 
-import math
 import multiprocessing
 import os
 import signal
@@ -16,7 +15,7 @@ import sys
 import threading
 import traceback
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from enum import IntEnum
@@ -33,7 +32,7 @@ import numpy as np
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
-from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, buffers_size
+from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory
@@ -153,36 +152,22 @@ class Assignment:
 
     settings: BatchSettings
     shared: SharedMemory
-    index: int
-    first: int
-    stop: int
-    pages: int
+    array_specs: Mapping[str, ArraySpec]  # of the arrays in shared memory
     spin_seconds: float
+    index: int = 0
+    first: int = 0  # of its environments
+    stop: int = 0
 
 
-def _control_size(workers: int) -> int:
-    """Bytes of the control fields, which precede the buffers."""
-    return workers * WorkerControl.LINES * ALIGNMENT
-
-
-def _pages_spec(settings: BatchSettings, pages: int) -> ArraySpec:
-    return ArraySpec((pages, settings.num_envs, *image_shape(settings.image_size)), np.uint8)
-
-
-def _map_memory(
-    shared: SharedMemory, settings: BatchSettings, workers: int, pages: int
-) -> tuple[memoryview, Buffers, UInt8Array]:
+def _map_memory(assignment: Assignment) -> tuple[memoryview, Buffers, UInt8Array]:
     """The control fields, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
-    control = _control_size(workers)
-    array_specs, form = settings.array_specs(), _pages_spec(settings, pages)
-    memory = shared.memory[control:]
-    copies = np.frombuffer(memory, np.uint8, math.prod(form.shape), buffers_size(array_specs)).reshape(form.shape)
-    return shared.memory[:control].cast("q"), Buffers.from_memory(memory, array_specs), copies
+    arrays = arrays_in(assignment.shared.memory, assignment.array_specs)
+    control, pages = arrays.pop("control"), arrays.pop("pages")
+    return control.ravel().data, Buffers(**arrays), pages
 
 
 def _worker_main(
     assignment: Assignment,
-    workers: int,
     messages: Connection,
     wake_pipe: Connection,
     caller_wake_pipe: Connection,
@@ -197,7 +182,7 @@ def _worker_main(
         connection.close()
     try:
         exit_fds = _exit_fds_of_caller()
-        fields, buffers, pages = _map_memory(assignment.shared, assignment.settings, workers, assignment.pages)
+        fields, buffers, pages = _map_memory(assignment)
         part = slice(assignment.first, assignment.stop)
         engine = Engine(assignment.settings, buffers.slice(part.start, part.stop), part.start)
         messages.send(None)
@@ -332,22 +317,24 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._timeout = _checked_timeout(timeout_seconds)
         self._count = 0
         pages = PAGES if copy and count > 1 else 0
-        size = _control_size(count) + buffers_size(checked.array_specs()) + _pages_spec(checked, pages).size
-        self._shared = SharedMemory(size)
+        specs = {
+            "control": ArraySpec((count, WorkerControl.LINES, _FIELDS), np.int64),
+            **checked.array_specs(),
+            "pages": ArraySpec((pages, checked.num_envs, *image_shape(checked.image_size)), np.uint8),
+        }
+        self._shared = SharedMemory(buffers_size(specs))
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, self._shared, self._owner)
-        fields, buffers, self._pages = _map_memory(self._shared, checked, count, pages)
-        self._page_start = size - _pages_spec(checked, pages).size
-        self._page_users: list[weakref.ref[Any] | None] = [
-            None
-        ] * pages  # the array over each page that the caller may hold
+        self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
+        shared = Assignment(checked, self._shared, specs, self._spin_seconds)
+        fields, buffers, self._pages = _map_memory(shared)
+        # The array over each page that the caller may hold
+        self._page_users: list[weakref.ref[Any] | None] = [None] * pages
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
-        self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
         self._own = slice(0, bounds[1])
         assignments = [
-            Assignment(checked, self._shared, index, bounds[index], bounds[index + 1], pages, self._spin_seconds)
-            for index in range(1, count)
+            replace(shared, index=index, first=bounds[index], stop=bounds[index + 1]) for index in range(1, count)
         ]
         try:
             self._start(context, checked, assignments, fields)
@@ -364,7 +351,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
                 _warm_up(settings)
             self._engine = Engine(settings, self._buffers.slice(0, self._own.stop))
             for assignment in assignments:
-                _start_worker(context, assignment, len(assignments) + 1, fields, self._workers)
+                _start_worker(context, assignment, fields, self._workers)
         for worker in self._workers:
             self._receive(worker, START_SECONDS)
 
@@ -411,11 +398,9 @@ class WorkerVectorEnv(LilGymVectorEnv):
         if self._page == NO_PAGE:
             return super()._images()
         # A new array over the page: any view that the caller keeps keeps this array alive.
-        shape = self._pages.shape[1:]
-        start = self._page_start + self._page * math.prod(shape)
-        root = np.frombuffer(self._shared.memory, np.uint8, math.prod(shape), start)
+        root = np.frombuffer(self._pages[self._page].data, np.uint8)
         self._page_users[self._page] = weakref.ref(root)
-        return root.reshape(shape)
+        return root.reshape(self._pages.shape[1:])
 
     def _write(self, what: str) -> None:
         self._run_everywhere(_WRITES[what], lambda: self._engine.write(what))
@@ -586,9 +571,7 @@ def _warm_up(settings: BatchSettings) -> None:
     engine.states()
 
 
-def _start_worker(
-    context: Any, assignment: Assignment, workers: int, fields: memoryview, listed: list[_Worker]
-) -> None:
+def _start_worker(context: Any, assignment: Assignment, fields: memoryview, listed: list[_Worker]) -> None:
     """Starts a worker. It is added to `listed` first, so that a worker whose start was interrupted is stopped too."""
     ours, theirs = context.Pipe()
     wake_receiver, wake_pipe = context.Pipe(duplex=False)
@@ -596,7 +579,7 @@ def _start_worker(
     inherited: list[Connection] = []
     process = context.Process(
         target=_worker_main,
-        args=(assignment, workers, theirs, wake_receiver, caller_wake_sender, inherited),
+        args=(assignment, theirs, wake_receiver, caller_wake_sender, inherited),
         name=f"lilgym_mp worker {assignment.index}",
         daemon=True,
     )

@@ -68,23 +68,11 @@ class ExpertAgent:
         return describe(self._appearance.decode(self._expert.act()))
 
 
-def _http_agent(**options: Any) -> LanguageAgent:
-    from lilgym_mp.llm.http_agent import HTTPAgent
-
-    return HTTPAgent(**options)
-
-
-def _transformers_agent(**options: Any) -> LanguageAgent:
-    from lilgym_mp.llm.transformers_agent import TransformersAgent
-
-    return TransformersAgent(**options)
-
-
-AGENTS: Mapping[str, Callable[..., LanguageAgent]] = {
-    "random": RandomAgent,
-    "expert": ExpertAgent,
-    "http": _http_agent,
-    "transformers": _transformers_agent,
+AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need further libraries
+    "random": f"{__name__}:RandomAgent",
+    "expert": f"{__name__}:ExpertAgent",
+    "http": "lilgym_mp.llm.http_agent:HTTPAgent",
+    "transformers": "lilgym_mp.llm.transformers_agent:TransformersAgent",
 }
 
 
@@ -93,7 +81,7 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
 
     Raises AgentError for a missing module or class, or invalid options.
     """
-    maker = _imported(name) if ":" in name else choose("agent", name, AGENTS)
+    maker = _imported(name if ":" in name else choose("agent", name, AGENTS))
     try:
         agent = maker(**(options or {}))
     except AgentError:

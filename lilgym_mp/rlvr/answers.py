@@ -35,7 +35,7 @@ def read_plan(reply: object, appearance: Appearance) -> list[int]:
     for number, line in enumerate(_PLAN_LINE.finditer(text)):
         if number >= MAX_LINES:
             raise NotUnderstood(f"more than {MAX_LINES} lines begin like actions")
-        actions = [action_on(part, appearance, ()) for part in _BETWEEN.split(line["actions"], MAX_LINES)]
+        actions = [action_on(part, appearance) for part in _BETWEEN.split(line["actions"], MAX_LINES)]
         if all(action is not None for action in actions):
             plan += [action for action in actions if action is not None]
     if not plan:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from lilgym_mp.actions import describe
+from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.llm.player import NOT_UNDERSTOOD
 from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of
 from lilgym_mp.rlvr.scoring import REWARDS, Played
 from lilgym_mp.rules import Transition
-from lilgym_mp.wrappers.instructions import instructions
 from lilgym_mp.wrappers.replies import parse_reply
-from lilgym_mp.wrappers.text import ShownActions, text_of
+from lilgym_mp.wrappers.text import instructions, is_shown, text_of
 
 
 class Turn(NamedTuple):
@@ -52,10 +52,13 @@ class Conversation:
         """Raises ValueError after the end."""
         if self.done:
             raise ValueError("the episode is over")
-        stop = 0
         appearance = self._dynamics.appearance
-        shown = ShownActions(appearance, lambda: self._dynamics.legal_mask(self.state))
-        parsed = parse_reply(reply if isinstance(reply, str) else "", appearance, stop, shown)
+
+        def legal() -> BoolArray:
+            return self._dynamics.legal_mask(self.state)
+
+        text = reply if isinstance(reply, str) else ""
+        parsed = parse_reply(text, appearance, 0, lambda index: is_shown(index, legal, appearance))
         if not parsed.understood and self._failed < self._retries:
             self._failed += 1
             return Turn(NOT_UNDERSTOOD, 0.0, False, "not_understood", None)

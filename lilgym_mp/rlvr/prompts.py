@@ -11,8 +11,7 @@ from lilgym_mp.programs.words import WORDS
 from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
-from lilgym_mp.wrappers.instructions import scale_line
-from lilgym_mp.wrappers.text import scene_lines
+from lilgym_mp.wrappers.text import scale_line, scene_lines
 
 PICTURE = "A picture has three boxes with items in them."
 ANSWER_LAST = 'You may think before; a thought in "<think>...</think>" is not read.'

@@ -601,7 +601,7 @@ def no_screen(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows that nobody sees, in quick succession."""
     pytest.importorskip("pygame")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("lilgym_mp.envs.single.RENDER_FPS", 1000)
+    monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 1000)
 
 
 @pytest.mark.usefixtures("no_screen")

@@ -191,7 +191,7 @@ class Failing:
 def test_command__an_agents_exception_is_one_line_and_keeps_the_transcript(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(agents_module, "AGENTS", {"failing": Failing})
+    monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
     assert main(["llm", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (0 played before)" in line

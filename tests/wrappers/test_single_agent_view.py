@@ -98,6 +98,17 @@ def test_wrappers__apply_to_the_partner():
     assert all(met)
 
 
-def test_other_wrappers__are_refused_rather_than_bypassed():
-    with pytest.raises(TypeError, match="SingleAgentView would bypass BaseWrapper"):
-        SingleAgentView(BaseWrapper(env()), PROPOSER, ALWAYS_ACCEPT)
+def test_other_wrappers__apply_too():
+    class Negated(BaseWrapper[str, Any, Any]):
+        @property
+        def rewards(self) -> dict[str, float]:
+            return {agent: -reward for agent, reward in self.env.rewards.items()}
+
+    view = SingleAgentView(Negated(env()), PROPOSER, ALWAYS_ACCEPT)
+    view.reset(seed=0)
+    assert view.step(1)[1] == 0.1
+
+
+def test_array_observations__are_refused():
+    with pytest.raises(TypeError, match='SingleAgentView needs the game with observations="nested"'):
+        SingleAgentView(parallel_env(observations="parts"), PROPOSER, ALWAYS_ACCEPT)

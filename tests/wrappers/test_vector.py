@@ -15,10 +15,8 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from lilgym_mp import wrappers
 from lilgym_mp.observation import EMPTY
-from lilgym_mp.wrappers.env_state import EnvState
-from lilgym_mp.wrappers.factory import factory
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.transformation import Transformation
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import EnvState, Transformation
 
 N = 5
 STEPS = 24
@@ -107,9 +105,6 @@ class CountedItems(Transformation):
 
 class ItemCount(EnvWrapper[CountedItems]):
     transformation_class = CountedItems
-
-    def __init__(self, env: Any) -> None:
-        super().__init__(env)
 
 
 def test_batch__final_obs_of_a_wrapper_uses_the_final_scene():

@@ -15,8 +15,7 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
-from lilgym_mp.envs.checks import checked_flag, checked_seed
-from lilgym_mp.envs.draws import next_draws
+from lilgym_mp.envs.checks import checked_count, checked_flag, checked_seed
 from lilgym_mp.envs.proposer_verifier.engine import (
     AgentObservation,
     Info,
@@ -31,6 +30,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts, with_tasks
+from lilgym_mp.envs.single import next_draws
 
 BatchStep = tuple[
     dict[str, AgentObservation],
@@ -79,14 +79,12 @@ class BatchedGames:
 
         Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
-        if isinstance(num_games, bool) or not isinstance(num_games, int) or num_games < 1:
-            raise ValueError(f"num_games must be a positive whole number, not {num_games!r}")
         setup = GameSettings.of(**settings).setup()
         if tasks is not None:
             setup = with_tasks(setup, tasks)
         self._setup = setup
         self._sampler = sampler
-        self.num_games = num_games
+        self.num_games = num_games = checked_count("num_games", num_games)
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}
         self.single_action_spaces: dict[str, spaces.Discrete] = {}

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, SupportsIndex
+from typing import Any, SupportsIndex, cast
 
 import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
+from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.utils import seeding
 
 from lilgym_mp.actions import ActionError
@@ -19,19 +20,19 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts, with_tasks
+from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.envs.window import RENDER_FPS, Window
 from lilgym_mp.observation import image_space
-from lilgym_mp.render import draw, text
-from lilgym_mp.render.frames import frame
+from lilgym_mp.render import draw
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
-RENDER_MODES = {mode: mode for mode in ("human", "rgb_array", "ansi")}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 
+NESTED = "nested"
+PARTS, MASK, IMAGE = "observation", "action_mask", "image"  # keys of nested observations
 AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
 Info = dict[str, Any]
 
@@ -45,7 +46,7 @@ def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.D
     """An agent's observation and action spaces, newly made."""
     observation = spaces.Dict({key: part.space for key, part in parts.items()})
     mask = spaces.Box(0, 1, (action_count,), np.int8)
-    return spaces.Dict({"observation": observation, "action_mask": mask}), spaces.Discrete(action_count)
+    return spaces.Dict({PARTS: observation, MASK: mask}), spaces.Discrete(action_count)
 
 
 def intent_option(options: Mapping[str, Any]) -> Intent | None:
@@ -81,7 +82,8 @@ class GameEngine:
     def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
         self.setup = setup
         self.game = setup.game
-        self.render_mode = None if render_mode is None else choose("render_mode", render_mode, RENDER_MODES)
+        self._renderer = Renderer(render_mode)
+        self.render_mode = self._renderer.mode
         self.rng, _ = seeding.np_random()
         self.parts = make_parts(setup)
         proposer, verifier = self.parts
@@ -95,7 +97,6 @@ class GameEngine:
         self.last_step: GameStep | None = None
         self._state: GameState | None = None
         self._last_actions = ""  # as text, for the caption
-        self._window: Window | None = None
 
     @property
     def state(self) -> GameState:
@@ -118,8 +119,8 @@ class GameEngine:
         state = self._state = self.game.start(tasks[index], setup.sample_intent(self.rng) if intent is None else intent)
         self.last_step = None
         self._last_actions = ""
-        if self.render_mode is not None:
-            self._show()
+        if self.render_mode == "human":
+            self.render()
         if not setup.reveals_truth:
             return {}, {}
         info = {"task": tasks[index].id, **truth_info(setup, state.mdp, state.intent)}
@@ -140,7 +141,8 @@ class GameEngine:
                 if action is not None
             ]
             self._last_actions = ";  ".join(described)
-            self._show()
+        if self.render_mode == "human":
+            self.render()
         return step
 
     def step_both(self, proposer: SupportsIndex, verifier: SupportsIndex) -> tuple[GameStep, tuple[Info, Info]]:
@@ -173,7 +175,7 @@ class GameEngine:
         if reveals_truth:
             shared = truth_info(self.setup, state.mdp, state.intent, step.judgement)
         if transition is not None and is_over:
-            shared |= end_info(transition)
+            shared |= end_info(transition.outcome, transition.invalid)
         return agent_infos(shared, illegal)
 
     def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
@@ -189,16 +191,12 @@ class GameEngine:
         for key, encode in verifier_encoders:
             verifier[key] = encode(state)
         return (
-            {"observation": proposer, "action_mask": game.legal_mask(state, PROPOSER)},
-            {"observation": verifier, "action_mask": game.legal_mask(state, VERIFIER)},
+            {PARTS: proposer, MASK: game.legal_mask(state, PROPOSER)},
+            {PARTS: verifier, MASK: game.legal_mask(state, VERIFIER)},
         )
 
     def observe(self, role: Role) -> AgentObservation:
         """One agent's observation. Until the state changes, both agents' share the arrays of parts that both see."""
-        return {"observation": self.observe_parts(role), "action_mask": self.game.legal_mask(self.state, role)}
-
-    def observe_parts(self, role: Role) -> dict[str, Any]:
-        """One agent's observation without the mask."""
         state = self.state
         if state is not self._encoded_state:
             self._shared_values = {key: encode(state) for key, encode in self._shared_encoders}
@@ -206,26 +204,11 @@ class GameEngine:
         parts = self._shared_values.copy()
         for key, encode in self._own_encoders[role]:
             parts[key] = encode(state)
-        return parts
-
-    def spaces(self, role: Role) -> tuple[spaces.Dict, spaces.Discrete]:
-        """An agent's observation and action spaces, newly made."""
-        return agent_spaces(self.parts[role], self.game.action_counts[role])
+        return {PARTS: parts, MASK: self.game.legal_mask(state, role)}
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        if self.render_mode == "ansi":
-            return text(self.state.mdp.scene, self._caption())
-        if self.render_mode == "rgb_array":
-            return frame(self.state.mdp.scene, self._caption())
-        self._show()
-        return None
-
-    def _show(self) -> None:
-        if self.render_mode == "human":
-            if self._window is None:
-                self._window = Window(RENDER_FPS)
-            self._window.show(frame(self.state.mdp.scene, self._caption()))
+        return self._renderer.render(self.state.mdp.scene, self._caption())
 
     def _caption(self) -> list[str]:
         mdp, last = self.state.mdp, self.last_step
@@ -240,9 +223,36 @@ class GameEngine:
         return lines
 
     def close(self) -> None:
-        if self._window is not None:
-            self._window.close()
-            self._window = None
+        self._renderer.close()
+
+
+Convert = Callable[[Mapping[str, Any]], Any]
+Form = Callable[[spaces.Dict], tuple[spaces.Space[Any], Convert]]  # from the space of an agent's parts
+
+
+def _vector(space: spaces.Dict) -> tuple[spaces.Box, Convert]:
+    """All parts flattened to one float32 vector, in alphabetical order."""
+    flat = flatten_space(space)
+    assert isinstance(flat, spaces.Box)
+    box = spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
+    return box, lambda parts: np.asarray(flatten(space, dict(parts)), np.float32)
+
+
+def _image(space: spaces.Dict) -> tuple[spaces.Box, Convert]:
+    """Only the image."""
+    image = space.spaces.get(IMAGE)
+    if not isinstance(image, spaces.Box):
+        raise ValueError(f'observations="image" needs views with scene="image"; the parts are {", ".join(space)}')
+    return image, lambda parts: parts[IMAGE]
+
+
+def _parts(space: spaces.Dict) -> tuple[spaces.Dict, Convert]:
+    """The parts without the mask: a flat dictionary, as Stable-Baselines3 accepts."""
+    return space, dict
+
+
+# Forms of observations; all but "nested" have the masks in infos.
+FORMS: Mapping[str, Form | None] = {NESTED: None, "parts": _parts, "vector": _vector, "image": _image}
 
 
 class BaseGameEnv:
@@ -255,19 +265,33 @@ class BaseGameEnv:
         "is_parallelizable": False,  # turns need not alternate; `parallel_env` is the parallel environment
     }
 
-    def __init__(self, settings: GameSettings, render_mode: str | None = None) -> None:
+    def __init__(self, settings: GameSettings, render_mode: str | None = None, observations: str = NESTED) -> None:
+        """`observations`: a name in FORMS. Raises ValueError naming the choices."""
+        form = choose("observations", observations, FORMS)
         self.engine = engine = GameEngine(settings.setup(), render_mode)
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self.render_mode = engine.render_mode
-        both = {AGENTS[role]: engine.spaces(role) for role in Role}
-        self.observation_spaces = {agent: observation for agent, (observation, _) in both.items()}
-        self.action_spaces = {agent: action for agent, (_, action) in both.items()}
+        self.observation_spaces: dict[str, spaces.Space[Any]] = {}
+        self.action_spaces: dict[str, spaces.Discrete] = {}
+        self._converters: dict[str, Convert] = {}  # by agent; none for nested observations
+        for role, agent in zip(Role, AGENTS, strict=True):
+            nested, self.action_spaces[agent] = agent_spaces(engine.parts[role], engine.game.action_counts[role])
+            self.observation_spaces[agent] = nested
+            if form is not None:
+                self.observation_spaces[agent], self._converters[agent] = form(cast("spaces.Dict", nested[PARTS]))
         self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
         self.state_space = image_space(engine.setup.image_size)
 
-    def observation_space(self, agent: str) -> spaces.Dict:
-        """{"observation": the agent's parts, "action_mask": int8 (actions,)}."""
+    def _with_masks(self, infos: dict[str, Info]) -> dict[str, Info]:
+        """Both agents' infos, with the masks if these are not in the observations."""
+        if not self._converters:
+            return infos
+        masks = {agent: self.engine.game.legal_mask(self.engine.state, role) for agent, role in ROLES.items()}
+        return {agent: {**info, MASK: masks[agent]} for agent, info in infos.items()}
+
+    def observation_space(self, agent: str) -> Any:
+        """{"observation": the agent's parts, "action_mask": int8 (actions,)}, or another form's."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple, SupportsIndex
 
 import numpy as np
 
-from lilgym_mp.actions import ActionError, describe
-from lilgym_mp.arrays import BOOLEANS, BoolArray, Int8Array
+from lilgym_mp.actions import checked_index, describe
+from lilgym_mp.arrays import BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.protocols import (
     AGENTS,
     NO_CHOICE,
@@ -277,16 +276,7 @@ class Game:
 
     def checked_action(self, role: Role, action: SupportsIndex) -> int:
         """`action` as an int. Raises ActionError if it is not in the action space of `role`."""
-        count = self.action_counts[role]
-        try:
-            index = None if isinstance(action, BOOLEANS) else operator.index(action)
-        except TypeError:
-            index = None
-        if index is None:
-            raise ActionError(f"an action of {AGENTS[role]} must be a whole number 0 .. {count - 1}, not {action!r}")
-        if not 0 <= index < count:
-            raise ActionError(f"action {action!r} of {AGENTS[role]} is out of range; choose from 0 .. {count - 1}")
-        return index
+        return checked_index(action, self.action_counts[role], AGENTS[role])
 
     def legal_mask(self, state: GameState, role: Role) -> Int8Array:
         """(actions,) a new array: 1 for each legal action of `role`; there is always at least one."""

@@ -5,12 +5,13 @@ Decisions and rewards are looked up in the game's `DecisionTable`; this module h
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.envs.batched import ResultTable
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.proposer_verifier.game import EDIT, SILENCE, GameState, PastTurn
@@ -18,9 +19,8 @@ from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, PROPOSER, STOP
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.rules import Outcome, State, Transition
+from lilgym_mp.rules import State
 
-Info = dict[str, Any]
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 
 
@@ -29,15 +29,24 @@ class GameArrays:
 
     def __init__(self, setup: GameSetup, num_games: int) -> None:
         self.game = game = setup.game
-        self._dynamics = dynamics = game.config.dynamics
+        dynamics = game.config.dynamics
         actions, capacity = dynamics.appearance.action_count, setup.item_capacity
         specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
         self._core = make_core(dynamics, setup.tasks, self._buffers, setup.image_size)
-        self._tables = _Tables.of(setup)
+        self._mdp_results = ResultTable.of(dynamics)
+        # The decision table as arrays, by index of the decision
+        table = game.decision_table
+        mdp_moves, needs_answer, probabilities, _ = zip(*table.decisions, strict=True)
+        self._decision_indices = np.array(table.indices)  # (turns, proposal types, answers, 2) as in the table
+        self._mdp_moves = np.array(mdp_moves, np.int64)
+        self._needs_answer = np.array(needs_answer)
+        self._probabilities = np.array(probabilities, np.float64)  # NaN without a judgement
+        is_shown = ~np.isnan(self._probabilities) & setup.reveals_truth
+        self._needs_truth = is_shown | np.array(table.needs_truth)  # whether rewards or infos depend on it
+        self._reward_table = np.moveaxis(np.array(table.rewards), -1, 0)  # (2, decisions, results + 1, 2, 2) by Role
         self._no_answers = np.zeros(num_games, np.int64)
         self._rejections = np.zeros(num_games, np.int64)
-        self._end_infos: dict[tuple[int, int], Info] = {}  # cache by indices of the step result and the invalid reason
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
         self._first_movers = np.array([[role in game.protocol.first_movers] for role in Role])  # (2, 1)
         self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role, whether the agent is to move
@@ -72,7 +81,7 @@ class GameArrays:
 
     def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
-        game, tables, moved = self.game, self._tables, self.movers
+        game, moved = self.game, self.movers
         choice, proposer_message = self._decode_actions(PROPOSER, proposers)
         answer, verifier_message = self._decode_actions(VERIFIER, verifiers)
         proposal, is_answer = choice, self._no_answers
@@ -80,13 +89,13 @@ class GameArrays:
             is_answer = self.movers[VERIFIER].astype(np.int64)
             proposal = np.where(is_answer, self.proposals, choice)
         exchanges_spent = (self._rejections >= game.config.exchanges).astype(np.int64)
-        decision = tables.indices[is_answer, np.minimum(proposal, EDIT), answer, exchanges_spent]
+        decision = self._decision_indices[is_answer, np.minimum(proposal, EDIT), answer, exchanges_spent]
         self._decisions = decision
         self._holds = self._claims_holding(decision)
-        mdp_move, needs_answer = tables.mdp_move[decision], tables.needs_answer[decision]
+        mdp_move, needs_answer = self._mdp_moves[decision], self._needs_answer[decision]
         result = self._step_mdps(mdp_move, proposal)
-        self.rewards = tables.rewards[:, decision, result, self._holds, self.intents]
-        self.terminated, self.truncated = tables.terminated[result], tables.truncated[result]
+        self.rewards = self._reward_table[:, decision, result, self._holds, self.intents]
+        self.terminated, self.truncated = self._mdp_results.terminated[result], self._mdp_results.truncated[result]
         self._rejections = np.where(mdp_move == NOTHING, self._rejections + ~needs_answer, 0)
         if game.has_refusals:
             refused = np.where(is_answer, proposal, self.refused)
@@ -120,7 +129,7 @@ class GameArrays:
 
     def _claims_holding(self, decision: Int64Array) -> Int64Array:
         """(N,) 1 where the judged claim holds and rewards or infos depend on that, otherwise 0."""
-        needed = self._tables.needs_truth[decision]
+        needed = self._needs_truth[decision]
         return (needed & self.goals_reached() if needed.any() else needed).astype(np.int64)
 
     def _step_mdps(self, mdp_move: Int64Array, proposal: Int64Array) -> Int64Array:
@@ -198,15 +207,11 @@ class GameArrays:
             (proposer_message, verifier_message),
         )
 
-    def end_info(self, index: int) -> Info:
-        """A new dict: `end_info` of a game that ended in the last turn."""
-        buffers = self._buffers
-        key = int(buffers.result[index]), int(buffers.invalid[index])
-        if key not in self._end_infos:
-            result, reason = key
-            invalid = None if reason == NO_REASON else INVALID_REASONS[reason]
-            self._end_infos[key] = end_info(Transition(self.mdp(index), self._dynamics.step_results[result], invalid))
-        return self._end_infos[key].copy()
+    def end_info(self, index: int) -> dict[str, Any]:
+        """`end_info` of a game that ended in the last turn."""
+        reason = int(self._buffers.invalid[index])
+        outcome = self.game.config.dynamics.step_results[self._results[index]].outcome
+        return end_info(outcome, None if reason == NO_REASON else INVALID_REASONS[reason])
 
     def last_judgement(self, index: int) -> Judgement | None:
         """The judgement in the last turn of a game; `holds` is valid only if the settings reveal the truth."""
@@ -216,7 +221,7 @@ class GameArrays:
     @property
     def probabilities(self) -> Float64Array:
         """(N,) `Judgement.probability` in the last turn, NaN without a judgement."""
-        return self._tables.probabilities[self._decisions]
+        return self._probabilities[self._decisions]
 
     @property
     def holds(self) -> BoolArray:
@@ -226,7 +231,7 @@ class GameArrays:
     @property
     def successes(self) -> BoolArray:
         """(N,) whether the game ended in success in the last turn."""
-        return self._tables.successes[self._results]
+        return self._mdp_results.successes[self._results]
 
     def goals_reached(self) -> BoolArray:
         """(N,) whether the statement has the target value; read-only."""
@@ -237,34 +242,3 @@ class GameArrays:
         """By Role: whether the agent's choice in the last turn of a game was illegal."""
         proposer, verifier = self._illegal[:, index].tolist()
         return proposer, verifier
-
-
-class _Tables(NamedTuple):
-    """A DecisionTable as arrays."""
-
-    indices: Int64Array  # (turns, proposal types, answers, 2) of the decisions, as in the table
-    mdp_move: Int64Array  # (decisions,) an MDPMove
-    needs_answer: BoolArray  # (decisions,)
-    needs_truth: BoolArray  # (decisions,) whether rewards or infos depend on whether the claim holds
-    rewards: Float64Array  # (2, decisions, results + 1, 2, 2) by Role, then as in the table
-    probabilities: Float64Array  # (decisions,) `Judgement.probability`, NaN without a judgement
-    successes: BoolArray  # (results + 1,) the last is `no_mdp_step`, as below
-    terminated: BoolArray  # (results + 1,)
-    truncated: BoolArray  # (results + 1,)
-
-    @classmethod
-    def of(cls, setup: GameSetup) -> _Tables:
-        table, results = setup.game.decision_table, setup.game.config.dynamics.step_results
-        mdp_moves, needs_answer, probabilities, _ = zip(*table.decisions, strict=True)
-        is_judged = np.array([probability is not None for probability in probabilities])
-        return cls(
-            indices=np.array(table.indices),
-            mdp_move=np.array(mdp_moves, np.int64),
-            needs_answer=np.array(needs_answer),
-            needs_truth=(is_judged & setup.reveals_truth) | np.array(table.needs_truth),
-            rewards=np.moveaxis(np.array(table.rewards), -1, 0),
-            probabilities=np.array(probabilities, np.float64),
-            successes=np.array([*(result.outcome is Outcome.SUCCESS for result in results), False]),
-            terminated=np.array([*(result.terminated for result in results), False]),
-            truncated=np.array([*(result.truncated for result in results), False]),
-        )

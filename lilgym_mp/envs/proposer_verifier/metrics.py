@@ -196,17 +196,17 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     holds = np.array([judgement.holds for judgement in judgements], np.bool_)
     counts = _counts_by_statement(records)  # (statements, targets, counts)
     total = counts.sum(0)
-    completeness, soundness, _ = _rates(total.sum(0))
+    completeness, soundness, _ = map(_or_none, _rates(total.sum(0)))
+    j = _or_none(_mean_j(total))
     calibration = _calibration(probability, holds)
     gaps = [entry.count * abs(entry.mean_probability - entry.share_holding) for entry in calibration]
-    returns = np.mean([record.returns for record in records], axis=0)
+    returns = np.array([record.returns for record in records]).mean(0)
     resampled = _resampled(counts)  # (RESAMPLES, targets, counts)
-    pooled = resampled.sum(1)
     js = _mean_j(resampled)
     return Metrics(
         games=len(records),
-        success_rate=_success_rate(total.sum(0)),
-        success_interval=_interval(pooled[:, _SUCCESSES] / pooled[:, _GAMES]),
+        success_rate=float(_success_rate(total.sum(0))),
+        success_interval=_interval(_success_rate(resampled.sum(1))),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=float(returns[Role.PROPOSER]),
         mean_return_verifier=float(returns[Role.VERIFIER]),
@@ -215,11 +215,11 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
         soundness=soundness,
         false_accept_rate=None if soundness is None else 1 - soundness,
         false_reject_rate=None if completeness is None else 1 - completeness,
-        j=_or_none(_mean_j(total[None])[0]),
-        j_interval=None if np.isnan(_mean_j(total[None])[0]) else _interval(js[~np.isnan(js)]),
+        j=j,
+        j_interval=None if j is None else _interval(js[~np.isnan(js)]),
         accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
         by_target={
-            str(target).lower(): TargetMetrics(int(row[_GAMES]), _success_rate(row), *_rates(row))
+            str(target).lower(): TargetMetrics(int(row[_GAMES]), float(_success_rate(row)), *map(_or_none, _rates(row)))
             for target, row in ((True, total[1]), (False, total[0]))
             if row[_GAMES]
         },
@@ -248,26 +248,23 @@ def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
     return counts
 
 
-def _rates(row: Float64Array) -> tuple[float | None, float | None, float | None]:
-    """Completeness, soundness and J of a row of counts."""
-    completeness = row[_TRUE_ACCEPTED] / row[_TRUE_CLAIMS] if row[_TRUE_CLAIMS] else None
-    soundness = row[_FALSE_REFUSED] / row[_FALSE_CLAIMS] if row[_FALSE_CLAIMS] else None
-    j = None if completeness is None or soundness is None else float(completeness + soundness - 1)
-    return _or_none(completeness), _or_none(soundness), j
-
-
-def _success_rate(row: Float64Array) -> float:
-    return float(row[_SUCCESSES] / row[_GAMES])
-
-
-def _mean_j(counts: Float64Array) -> Float64Array:
-    """(B,) the mean J of the target values that occur, from counts (B, 2, 6). NaN where one lacks true or
-    false claims."""
+def _rates(counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
+    """(...) completeness, soundness and J of counts (..., 6); NaN without true or false claims."""
     with np.errstate(invalid="ignore"):
         completeness = counts[..., _TRUE_ACCEPTED] / counts[..., _TRUE_CLAIMS]
         soundness = counts[..., _FALSE_REFUSED] / counts[..., _FALSE_CLAIMS]
-        played = counts[..., _GAMES] > 0
-        return np.where(played, completeness + soundness - 1, 0).sum(-1) / played.sum(-1)
+    return completeness, soundness, completeness + soundness - 1
+
+
+def _success_rate(counts: Float64Array) -> Float64Array:
+    """(...) of counts (..., 6)."""
+    return counts[..., _SUCCESSES] / counts[..., _GAMES]
+
+
+def _mean_j(counts: Float64Array) -> Float64Array:
+    """(...) the mean J of the target values that occur, from counts (..., 2, 6); NaN where one's is."""
+    played = counts[..., _GAMES] > 0
+    return np.where(played, _rates(counts)[2], 0).sum(-1) / played.sum(-1)
 
 
 def _resampled(counts: Float64Array) -> Float64Array:
@@ -282,8 +279,8 @@ def _interval(values: NDArray[Any]) -> Interval:
     return float(low), float(high)
 
 
-def _or_none(value: float | None) -> float | None:
-    return None if value is None or np.isnan(value) else float(value)
+def _or_none(value: Float64Array) -> float | None:
+    return None if np.isnan(value) else float(value)
 
 
 def measure(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> Metrics:

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any, Protocol, SupportsIndex
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from lilgym_mp.actions import ActionError
@@ -24,36 +23,6 @@ from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.views import Part
-
-
-class AgentAdapter(Protocol):
-    """A game wrapper's effect on one agent."""
-
-    @property
-    def observation_space(self) -> spaces.Dict: ...
-
-    @property
-    def changes_rewards(self) -> bool: ...
-
-    def reset(self) -> None:
-        """Called after each reset, and again before the agent's first turn."""
-        ...
-
-    def rewards(self, rewards: Sequence[float]) -> Sequence[float]:
-        """Both agents' rewards of the last turn, transformed; called once per turn."""
-        ...
-
-    def observation(self, observation: Mapping[str, Any]) -> dict[str, Any]:
-        """The transformed {"observation", "action_mask"}."""
-        ...
-
-    def info(self, info: dict[str, Any], observe: Callable[[], Any]) -> dict[str, Any]:
-        """The transformed info; `observe` returns the transformed observation."""
-        ...
-
-    def action(self, action: Any) -> Any:
-        """The action for the wrapped environment."""
-        ...
 
 
 class PartnerError(ValueError):
@@ -71,17 +40,14 @@ class GameInPlay(Protocol):
 
     def observe(self, role: Role) -> AgentObservation: ...
 
-    def observe_parts(self, role: Role) -> dict[str, Any]: ...
-
 
 @dataclass
 class PartnerTurn:
-    """A partner's input: an agent's side of the game. Observation and mask are computed lazily."""
+    """A partner's input: an agent's side of the game. The observation is computed lazily."""
 
     engine: GameInPlay
     role: Role
     rng: np.random.Generator
-    adapters: tuple[AgentAdapter, ...] = ()  # of the game's wrappers, innermost first
 
     @property
     def game(self) -> Game:
@@ -95,21 +61,16 @@ class PartnerTurn:
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        observation = self.engine.observe(self.role)
-        for adapter in self.adapters:
-            observation = adapter.observation(observation)
-        return observation
+        return self.engine.observe(self.role)
 
-    @cached_property
+    @property
     def observation(self) -> dict[str, Any]:
         """The observation without the mask."""
-        return self.full_observation["observation"] if self.adapters else self.engine.observe_parts(self.role)
+        return self.full_observation["observation"]
 
-    @cached_property
+    @property
     def action_mask(self) -> Int8Array:
-        if self.adapters:
-            return self.full_observation["action_mask"]
-        return self.game.legal_mask(self.state, self.role)
+        return self.full_observation["action_mask"]
 
     def __getitem__(self, key: str) -> Any:
         return self.full_observation[key]
@@ -118,12 +79,6 @@ class PartnerTurn:
         """A uniformly random legal action, or action in `mask`."""
         legal = np.flatnonzero(self.action_mask if mask is None else mask)
         return int(legal[self.rng.integers(len(legal))])
-
-    def game_action(self, action: Any) -> Any:
-        """The game's action for an action of the agent above the adapters."""
-        for adapter in reversed(self.adapters):
-            action = adapter.action(action)
-        return action
 
 
 @dataclass(frozen=True)
@@ -143,12 +98,9 @@ class BatchGame:
         return self.games.state(self.index)
 
     def observe(self, role: Role) -> AgentObservation:
-        mask = self.games.masks(role, np.array([self.index]))[0]
-        return {"observation": self.observe_parts(role), "action_mask": mask}
-
-    def observe_parts(self, role: Role) -> dict[str, Any]:
         indices = np.array([self.index])
-        return {key: part.encode_batch(self.games, indices)[0] for key, part in self.parts[role].items()}
+        parts = {key: part.encode_batch(self.games, indices)[0] for key, part in self.parts[role].items()}
+        return {"observation": parts, "action_mask": self.games.masks(role, indices)[0]}
 
 
 @dataclass
@@ -222,7 +174,7 @@ def partner_action(partner: Partner, turn: PartnerTurn) -> int:
         raise PartnerError(
             f"partner {partner!r} chose {index} ({name}), which is not legal for {AGENTS[turn.role]} now"
         )
-    return turn.game_action(index)
+    return index
 
 
 def batch_actions(partner: Partner, turn: BatchTurn) -> Int64Array:

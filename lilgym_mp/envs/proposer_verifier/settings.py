@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.checks import checked_flag
+from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig
 from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, checked_number, make_reward_scheme
@@ -63,7 +63,7 @@ class GameSettings:
         shrink_of(self.image_size)
         sizes = protocol.message_sizes
         if self.message_size is not None:
-            sizes = _by_role(self.message_size, partial(_count, "message_size", least=0))
+            sizes = _by_role(self.message_size, partial(checked_count, "message_size", least=0))
         game = Game(
             protocol,
             self._config(protocol),
@@ -91,8 +91,8 @@ class GameSettings:
         return ProtocolConfig(
             make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon),
             ENDINGS[ending],
-            None if self.verdict_bins is None else _count("verdict_bins", self.verdict_bins, least=2),
-            _count("exchanges", self.exchanges, least=0),
+            None if self.verdict_bins is None else checked_count("verdict_bins", self.verdict_bins, least=2),
+            checked_count("exchanges", self.exchanges, least=0),
         )
 
     def _reward_scheme(self) -> RewardScheme:
@@ -112,12 +112,6 @@ def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]
         return proposer, verifier
     value = checked(given)
     return value, value
-
-
-def _count(name: str, value: Any, *, least: int) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or value < least:
-        raise ValueError(f"{name} must be a whole number, {least} or more, not {value!r}")
-    return value
 
 
 def _share(name: str, value: Any) -> float:

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import inspect
-from collections import deque
-from collections.abc import Iterator, Sequence
 from typing import Any, SupportsFloat, SupportsIndex, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.error import ResetNeeded
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.engine import RENDER_MODES, BaseGameEnv, GameEngine, role_of
-from lilgym_mp.envs.proposer_verifier.game import GameStep
-from lilgym_mp.envs.proposer_verifier.partners import (
-    SCRIPTED,
-    AgentAdapter,
-    Partner,
-    PartnerTurn,
-    partner_action,
-)
+from lilgym_mp.envs.proposer_verifier.engine import MASK, PARTS, AgentObservation, BaseGameEnv, role_of
+from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
 from lilgym_mp.envs.single import UNCHANGED_REWARD
-from lilgym_mp.envs.window import RENDER_FPS
 
 MAX_RESETS = 1_000  # consecutive games that may end before the agent has had a turn
 
@@ -40,12 +32,12 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: the game (`env`, `raw_env` or `parallel_env`), optionally in wrappers of this package, which then
-        apply to both agents. The view takes it over: do not step it elsewhere.
+        """`env`: the game (`env`, `raw_env` or `parallel_env`), optionally in wrappers; these apply to both agents.
+        The view takes it over: do not step it elsewhere.
         `partner`: a name in SCRIPTED, or a function of a PartnerTurn.
 
-        Raises TypeError for another environment, another library's wrapper or a partner that is not callable,
-        ValueError for unknown names.
+        Raises TypeError for another environment, for array observations and a partner that is not callable, ValueError
+        for unknown names.
         """
         game_env = getattr(env, "unwrapped", env)
         if not isinstance(game_env, BaseGameEnv):
@@ -54,19 +46,29 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             partner = choose("partner", partner, SCRIPTED)
         if not callable(partner):
             raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
-        self.engine: GameEngine = game_env.engine
+        self._role = role_of(agent)
+        nested = env.observation_space(agent)
+        if not isinstance(nested, spaces.Dict) or MASK not in nested.spaces:
+            raise TypeError(f'SingleAgentView needs the game with observations="nested", not {nested}')
+        self.env, self.engine = env, game_env.engine
         self.partner = partner
         self.agent = agent
         self.render_mode = self.engine.render_mode
-        self._role = role_of(agent)
-        self._adapters = tuple(_adapters_of(env, name) for name in AGENTS)
-        own = self._adapters[self._role]
-        self._reward_adapters = [adapter for adapter in own if adapter.changes_rewards]
-        adapted_space = own[-1].observation_space["observation"] if own else None
-        self.observation_space = adapted_space or spaces.Dict(
-            {key: part.space for key, part in self.engine.parts[self._role].items()}
-        )
-        self.action_space = cast("spaces.Space[int]", game_env.action_space(agent))
+        self.observation_space = cast("spaces.Space[Any]", nested[PARTS])
+        self.action_space = cast("spaces.Space[int]", env.action_space(agent))
+        self._takes_turns = hasattr(env, "agent_iter")  # AEC, not parallel
+        self._observations: dict[str, AgentObservation] = {}  # of this turn, by agent, as far as known
+        self._reward = 0.0  # since the agent's last action, like the info
+        self._info: dict[str, Any] = {}
+
+    @property
+    def game(self) -> Game:
+        return self.engine.game
+
+    @property
+    def state(self) -> GameState:
+        """The full state of the game."""
+        return self.engine.state
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -74,94 +76,66 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         """`options` as for the game."""
         super().reset(seed=seed)
         for skipped in range(MAX_RESETS):
-            infos = self.engine.reset(seed if skipped == 0 else None, options)
-            for adapter in (*self._adapters[0], *self._adapters[1]):
-                adapter.reset()
-            deque(self._partner_turns(), maxlen=0)
-            if self.engine.state.movers:
-                for adapter in self._reward_adapters:
-                    adapter.reset()
-                info = {"task": self.engine.state.mdp.task.id, **infos[self._role]}
-                return self._observation(), self._info(info) | {"skipped_games": skipped}
+            results = self.env.reset(seed if skipped == 0 else None, options)
+            self._observations, infos = ({}, self.env.infos) if self._takes_turns else results
+            self._info = {"task": self.state.mdp.task.id, **infos[self.agent]}
+            self._play_partner()
+            if self.state.movers:
+                return self.observe(self._role)[PARTS], self._info | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
         """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
         ResetNeeded before reset and after the end."""
-        engine = self.engine
-        step = self._play_turn(action)
-        reward, unwrapped_reward = self._reward(step), step.rewards[self._role]
-        info = engine.infos(step)[self._role]
-        for step in self._partner_turns():
-            reward += self._reward(step)
-            unwrapped_reward += step.rewards[self._role]
-            info |= engine.infos(step)[self._role]
-        if self._reward_adapters:
-            info[UNCHANGED_REWARD] = unwrapped_reward
-        return self._observation(), reward, step.terminated, step.truncated, self._info(info)
+        role, movers = self._role, self.state.movers
+        if not movers:
+            raise ResetNeeded("the game is over; call reset before acting")
+        actions = {role: self.game.checked_action(role, action)}
+        if role.other in movers:
+            actions[role.other] = self._partner_action()
+        self._reward, self._info = 0.0, {}
+        self._play(actions)
+        self._play_partner()
+        step = self.engine.last_step
+        assert step is not None
+        return self.observe(role)[PARTS], self._reward, step.terminated, step.truncated, self._info
 
-    def _reward(self, step: GameStep) -> float:
-        """The agent's reward of the last turn, after the wrappers."""
-        rewards: Sequence[float] = step.rewards
-        for adapter in self._reward_adapters:
-            rewards = adapter.rewards(rewards)
-        return rewards[self._role]
+    def _play(self, actions: dict[Role, int]) -> None:
+        """Plays one turn with the actions of the agents to move, and adds up the agent's reward and info."""
+        if self._takes_turns:
+            for role in sorted(actions):
+                self.env.step(actions[role])
+            self._observations, rewards, infos = {}, self.env.rewards, self.env.infos
+        else:
+            given = {AGENTS[role]: actions.get(role, self.game.wait_actions[role]) for role in Role}
+            self._observations, rewards, _, _, infos = self.env.step(given)
+        self._reward += rewards[self.agent]
+        unchanged = self._info.get(UNCHANGED_REWARD, 0.0)
+        self._info |= infos[self.agent]
+        if UNCHANGED_REWARD in self._info:
+            self._info[UNCHANGED_REWARD] += unchanged
 
-    def _play_turn(self, action: SupportsIndex) -> GameStep:
-        """Plays the agent's turn, with the partner's action if the protocol is simultaneous."""
-        engine, role = self.engine, self._role
-        if self._adapters[role]:
-            engine.game.checked_action(role, action)
-            action = self._turn(role).game_action(action)
-        other = self._partner_action() if role.other in engine.state.movers else None
-        return engine.step(action, other) if role is Role.PROPOSER else engine.step(other, action)
-
-    def _partner_turns(self) -> Iterator[GameStep]:
-        """Plays the partner's turns, lazily, until it is the agent's turn or the game is over."""
-        engine, role = self.engine, self._role
-        while engine.state.movers and role not in engine.state.movers:
-            action = self._partner_action()
-            yield engine.step(None, action) if role is Role.PROPOSER else engine.step(action, None)
+    def _play_partner(self) -> None:
+        """Plays the partner's turns until it is the agent's turn or the game is over."""
+        while (movers := self.state.movers) and self._role not in movers:
+            self._play({self._role.other: self._partner_action()})
 
     def _partner_action(self) -> int:
-        return partner_action(self.partner, self._turn(self._role.other))
+        return partner_action(self.partner, PartnerTurn(self, self._role.other, self.engine.rng))
 
-    def _turn(self, role: Role, adapters: int | None = None) -> PartnerTurn:
-        """The side of `role`, with its innermost `adapters` (None: all)."""
-        return PartnerTurn(self.engine, role, self.engine.rng, self._adapters[role][:adapters])
-
-    def _observation(self) -> Any:
-        role = self._role
-        return self._turn(role).observation if self._adapters[role] else self.engine.observe_parts(role)
-
-    def _info(self, info: dict[str, Any]) -> dict[str, Any]:
-        for count, adapter in enumerate(self._adapters[self._role], 1):
-            info = adapter.info(info, lambda count=count: self._turn(self._role, count).full_observation)
-        return info
+    def observe(self, role: Role) -> AgentObservation:
+        """One agent's observation, after wrappers."""
+        agent = AGENTS[role]
+        if agent not in self._observations:
+            self._observations[agent] = self.env.observe(agent)
+        return self._observations[agent]
 
     def action_masks(self) -> np.ndarray:
         """(actions,) bool, a new array: the agent's legal actions."""
-        engine, role = self.engine, self._role
-        mask = self._turn(role).action_mask if self._adapters[role] else engine.game.legal_mask(engine.state, role)
-        return mask.astype(bool)
+        return self.observe(self._role)[MASK].astype(bool)
 
     def render(self) -> UInt8Array | str | None:
         return self.engine.render()
 
     def close(self) -> None:
         self.engine.close()
-
-
-def _adapters_of(env: Any, agent: str) -> tuple[AgentAdapter, ...]:
-    """The agent's adapters of the wrappers around the game, innermost first. Raises TypeError for unknown wrappers."""
-    found: list[AgentAdapter] = []
-    while env is not env.unwrapped:
-        adapters = inspect.getattr_static(env, "adapters", None)
-        if adapters is None:
-            raise TypeError(
-                f"SingleAgentView would bypass {type(env).__name__}; give it the bare game, or the game in wrappers of"
-                " lilgym_mp.wrappers, and apply other wrappers to the view"
-            )
-        found += [adapters[agent]] if adapters else []
-        env = env.env
-    return tuple(reversed(found))

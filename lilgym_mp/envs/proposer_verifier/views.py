@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cache, cached_property
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -18,7 +19,7 @@ from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary
 from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
-from lilgym_mp.envs.checks import checked_flag
+from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game, GameState
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
@@ -56,8 +57,7 @@ class View:
             checked_flag(f"{name} of a view", getattr(self, name))
         if self.proposed_scene and self.scene == "none":
             raise ValueError("proposed_scene of a view needs a scene view other than 'none'")
-        if isinstance(self.history, bool) or not isinstance(self.history, int) or self.history < 0:
-            raise ValueError(f"history of a view must be a number of turns, 0 or more, not {self.history!r}")
+        checked_count("history of a view", self.history, least=0)
 
 
 def make_view(view: ViewSpec) -> View:
@@ -148,15 +148,22 @@ class Part:
         raise NotImplementedError
 
 
-class ImagePart(Part):
+class ScenePart(Part):
+    """An encoding of the current scene."""
+
+    def encode(self, state: GameState) -> Value:
+        return self.encode_scene(state.mdp.scene)
+
+    def encode_scene(self, scene: Scene) -> Value:
+        raise NotImplementedError
+
+
+class ImagePart(ScenePart):
     """uint8 (50, 190, 3), or (100, 380, 3) at native size."""
 
     def __init__(self, setup: GameSetup) -> None:
         self.space = image_space(setup.image_size)
         self._canvas = Canvas(setup.image_size)
-
-    def encode(self, state: GameState) -> Value:
-        return self.encode_scene(state.mdp.scene)
 
     def encode_scene(self, scene: Scene) -> Value:
         return self._canvas.show(scene).copy()
@@ -165,15 +172,12 @@ class ImagePart(Part):
         return games.images.take(indices, axis=0)
 
 
-class ItemArrayPart(Part):
+class ItemArrayPart(ScenePart):
     """int16 (3, capacity, 5): x, y, shape, colour and size of each item by box, -1 in empty slots."""
 
     def __init__(self, setup: GameSetup) -> None:
         self._capacity = setup.item_capacity
         self.space = spaces.Box(-BOX_SIDE, BOX_SIDE, (BOX_COUNT, self._capacity, len(Item._fields)), np.int16)
-
-    def encode(self, state: GameState) -> Value:
-        return self.encode_scene(state.mdp.scene)
 
     def encode_scene(self, scene: Scene) -> Value:
         return item_array(scene, self._capacity)
@@ -185,24 +189,18 @@ class ItemArrayPart(Part):
 MAX_ITEM_TEXT = len("medium triangle yellow at (-100, -100), ")
 
 
-class SceneTextPart(Part):
+class SceneTextPart(ScenePart):
     """`scene_text` as bytes."""
 
     def __init__(self, setup: GameSetup) -> None:
         self._length = BOX_COUNT * (setup.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
         self.space = byte_space(self._length)
 
-    def encode(self, state: GameState) -> Value:
-        return self.encode_scene(state.mdp.scene)
-
     def encode_scene(self, scene: Scene) -> Value:
         return as_bytes(scene_text(scene), self._length)
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
         return np.stack([self.encode_scene(games.mdp(index).scene) for index in indices.tolist()])
-
-
-ScenePart = ImagePart | ItemArrayPart | SceneTextPart
 
 
 class ProposedScenePart(Part):
@@ -305,30 +303,20 @@ def read_text(array: UInt8Array) -> str:
 
 
 class ProposalPart(Part):
-    """int64 (slots,): the pending proposal in the released array form; all -1 if there is none."""
+    """int64 (slots,): a proposal in the released array form; all -1 if there is none."""
 
-    def __init__(self, setup: GameSetup) -> None:
+    def __init__(self, setup: GameSetup, of_state: str, of_games: str) -> None:
+        """The names of its field in `GameState` and `GameArrays`."""
         self._arrays = ActionArrayCache(setup.game)
         self.space = spaces.Box(NO_CHOICE, IMAGE_WIDTH - 1, (self._arrays.slots,), np.int64)
+        self._of_state, self._of_games = attrgetter(of_state), attrgetter(of_games)
 
     def encode(self, state: GameState) -> Value:
-        return self._array_of(state.proposal)
-
-    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._arrays.batch(games.proposals[indices])
-
-    def _array_of(self, action: int | None) -> Value:
+        action: int | None = self._of_state(state)
         return self._arrays[NO_CHOICE if action is None else action].copy()
 
-
-class RefusedPart(ProposalPart):
-    """int64 (slots,): the proposal refused last, likewise; all -1 once an action has been played."""
-
-    def encode(self, state: GameState) -> Value:
-        return self._array_of(state.refused)
-
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return self._arrays.batch(games.refused[indices])
+        return self._arrays.batch(self._of_games(games)[indices])
 
 
 class HistoryPart(Part):
@@ -468,9 +456,9 @@ def _parts_of(setup: GameSetup, role: Role, make: Callable[..., Part]) -> dict[s
     if view.target:
         parts["target"] = make(TargetPart)
     if view.proposal and game.turn_based:
-        parts["proposal"] = make(ProposalPart)
+        parts["proposal"] = make(ProposalPart, "proposal", "proposals")
     if view.refused and game.has_refusals:
-        parts["refused"] = make(RefusedPart)
+        parts["refused"] = make(ProposalPart, "refused", "refused")
     if view.history:
         parts["history"] = make(HistoryPart, view.history)
     if game.message_sizes[role.other]:

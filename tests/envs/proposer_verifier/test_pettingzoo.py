@@ -143,7 +143,7 @@ def test_state__is_an_image(protocol: str):
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_render_test__passes(protocol: str, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    monkeypatch.setattr("lilgym_mp.envs.proposer_verifier.engine.RENDER_FPS", 10_000)
+    monkeypatch.setattr("lilgym_mp.envs.rendering.RENDER_FPS", 10_000)
     render_test(lambda **how: env(protocol=protocol, **how))
 
 

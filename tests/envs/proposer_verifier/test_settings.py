@@ -39,7 +39,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"views": {"statement": "sound"}}, "unknown statement view 'sound'; choose from none, text, tokens"),
     ({"views": {"smell": True}}, "unknown field of a view 'smell'; choose from history, proposal, proposed_scene"),
     ({"views": {"target": 1}}, "target of a view must be True or False, not 1"),
-    ({"views": {"history": -1}}, "history of a view must be a number of turns, 0 or more, not -1"),
+    ({"views": {"history": -1}}, "history of a view must be a whole number, 0 or more, not -1"),
     ({"views": {"verifier_0": "image"}}, "name both proposer_0 and verifier_0, not only verifier_0"),
     ({"reveal_truth": "yes"}, "reveal_truth must be True or False, not 'yes'"),
     ({"homogeneous": 1}, "homogeneous must be True or False, not 1"),

@@ -29,18 +29,18 @@ def test_image__is_the_drawn_scene():
     game = engine()
     game.step(ADD_BLUE, None)
     game.step(None, ACCEPT)
-    assert np.array_equal(game.observe_parts(Role.VERIFIER)["image"], draw(game.state.mdp.scene, "half"))
+    assert np.array_equal(game.observe(Role.VERIFIER)["observation"]["image"], draw(game.state.mdp.scene, "half"))
 
 
 def test_native_image__is_twice_as_large():
-    assert engine(image_size="native").observe_parts(Role.PROPOSER)["image"].shape == (100, 380, 3)
+    assert engine(image_size="native").observe(Role.PROPOSER)["observation"]["image"].shape == (100, 380, 3)
 
 
 def test_structured_scene__lists_each_item():
     game = engine(views="structured")
     game.step(ADD_BLUE, None)
     game.step(None, ACCEPT)
-    items = game.observe_parts(Role.VERIFIER)["item_array"]
+    items = game.observe(Role.VERIFIER)["observation"]["item_array"]
     assert items.shape == (3, 4, 5)
     assert items[0, 0].tolist() == [40, 80, 1, 2, 1]
     assert (items.reshape(-1, 5)[1:] == -1).all()
@@ -50,32 +50,32 @@ def test_text__can_be_decoded():
     game = engine(views="text")
     game.step(ADD_BLUE, None)
     game.step(None, ACCEPT)
-    seen = game.observe_parts(Role.VERIFIER)
+    seen = game.observe(Role.VERIFIER)["observation"]
     assert read_text(seen["text"]) == "left: medium blue square at (40, 80)\nmiddle: empty\nright: empty"
     assert read_text(seen["statement"]) == "Some block is blue."
 
 
 def test_tokens__encode_the_statement():
     game = engine()
-    tokens = game.observe_parts(Role.PROPOSER)["statement"]
+    tokens = game.observe(Role.PROPOSER)["observation"]["statement"]
     assert game.setup.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 
 def test_proposal__is_observed_in_the_released_array_form_until_answered():
     game = engine()
-    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
     game.step(ADD_BLUE, None)
-    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [1, 0, 2]
+    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [1, 0, 2]
     game.step(None, REJECT)
-    assert game.observe_parts(Role.VERIFIER)["proposal"].tolist() == [-1, -1, -1]
+    assert game.observe(Role.VERIFIER)["observation"]["proposal"].tolist() == [-1, -1, -1]
 
 
 def test_history__holds_the_last_turns_newest_last():
     game = engine(views={"history": 3}, message_size=2)
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
     game.step(None, game.game.encode_action(Role.VERIFIER, REJECT, message=1))
-    nothing, proposed, rejected = game.observe_parts(Role.PROPOSER)["history"].tolist()
+    nothing, proposed, rejected = game.observe(Role.PROPOSER)["observation"]["history"].tolist()
     assert nothing == [-1] * 6
     assert proposed == [1, 0, 2, -1, 2, 0]
     assert rejected == [-1, -1, -1, REJECT, 2, 1]
@@ -84,19 +84,19 @@ def test_history__holds_the_last_turns_newest_last():
 def test_message__is_the_other_agents_last_message():
     game = engine(message_size={PROPOSER: 2, VERIFIER: 0})
     game.step(game.game.encode_action(Role.PROPOSER, ADD_BLUE, message=2), None)
-    assert game.observe_parts(Role.VERIFIER)["message"] == 2
-    assert "message" not in game.observe_parts(Role.PROPOSER)
+    assert game.observe(Role.VERIFIER)["observation"]["message"] == 2
+    assert "message" not in game.observe(Role.PROPOSER)["observation"]
 
 
 def test_view__can_omit_all_parts_but_one():
     nothing = View(scene="none", statement="none", target=False, proposal=False, refused=False)
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False, refused=False)}
-    assert set(engine(views=views).observe_parts(Role.VERIFIER)) == {"target"}
-    assert engine(views=nothing).observe_parts(Role.PROPOSER) == {}
+    assert set(engine(views=views).observe(Role.VERIFIER)["observation"]) == {"target"}
+    assert engine(views=nothing).observe(Role.PROPOSER)["observation"] == {}
 
 
 def test_joint__shows_no_proposal():
-    assert "proposal" not in engine(protocol="joint").observe_parts(Role.VERIFIER)
+    assert "proposal" not in engine(protocol="joint").observe(Role.VERIFIER)["observation"]
 
 
 def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():

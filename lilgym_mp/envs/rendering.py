@@ -1,0 +1,105 @@
+"""Rendering of environments: captions, render modes and the window, for which pygame is imported."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import DependencyNotInstalled
+
+from lilgym_mp.actions import describe
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.arrays import UInt8Array
+from lilgym_mp.choices import choose
+from lilgym_mp.extras import install
+from lilgym_mp.render import text
+from lilgym_mp.render.frames import frame
+from lilgym_mp.rules import Dynamics, State, Transition
+from lilgym_mp.scene import Scene
+
+RENDER_FPS = 4  # the same for every environment
+RENDER_MODES = ("human", "rgb_array", "ansi")
+
+
+def caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | None) -> list[str]:
+    """The statement, the target with the number of actions taken, and the result of the last action, given by its index
+    and transition."""
+    lines = [
+        state.task.statement,
+        f"Make it {state.task.target}.  Action {state.steps} of {dynamics.horizon}.",
+    ]
+    if last is not None:
+        action, transition = last
+        name = describe(dynamics.appearance.decode(action))
+        reason = f" ({transition.invalid})" if transition.invalid else ""
+        lines.append(f"{name}: {transition.outcome}{reason}, reward {transition.reward:+.1f}")
+    return lines
+
+
+class Renderer:
+    """Shows scenes with lines of text, by render mode."""
+
+    def __init__(
+        self, mode: str | None, modes: Sequence[str] = RENDER_MODES, *, marked: Appearance | None = None
+    ) -> None:
+        """`marked`: the appearance whose cells frames show. Raises ValueError naming the modes."""
+        self.mode = None if mode is None else choose("render_mode", mode, {name: name for name in modes})
+        self._marked = marked
+        self._window: Window | None = None
+
+    def render(self, scene: Scene, lines: Sequence[str]) -> UInt8Array | str | None:
+        """By mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
+        if self.mode is None:
+            return None
+        if self.mode == "ansi":
+            return text(scene, lines)
+        picture = frame(scene, lines, self._marked)
+        if self.mode == "rgb_array":
+            return picture
+        if self._window is None:
+            self._window = Window(RENDER_FPS)
+        self._window.show(picture)
+        return None
+
+    def close(self) -> None:
+        if self._window is not None:
+            self._window.close()
+            self._window = None
+
+
+class Window:
+    """Shows frames, one every 1 / `fps` seconds."""
+
+    def __init__(self, fps: int) -> None:
+        """Raises DependencyNotInstalled without pygame."""
+        try:
+            import pygame
+        except ImportError:
+            message = f'render_mode="human" needs pygame: {install("human")}'
+            raise DependencyNotInstalled(message) from None
+        self._pygame: Any = pygame
+        self._fps = fps
+        self._surface: Any = None
+        self._clock: Any = None
+
+    def __reduce__(self) -> tuple[type[Window], tuple[int]]:
+        """A copy opens its own window."""
+        return Window, (self._fps,)
+
+    def show(self, frame: UInt8Array) -> None:
+        pygame = self._pygame
+        if self._surface is None:
+            pygame.display.init()
+            pygame.display.set_caption("lilgym_mp")
+            self._surface = pygame.display.set_mode((frame.shape[1], frame.shape[0]))
+            self._clock = pygame.time.Clock()
+        pygame.surfarray.blit_array(self._surface, np.ascontiguousarray(frame.transpose(1, 0, 2)))
+        pygame.event.pump()
+        pygame.display.flip()
+        self._clock.tick(self._fps)
+
+    def close(self) -> None:
+        if self._surface is not None:
+            self._pygame.display.quit()
+            self._surface = None
