@@ -21,22 +21,12 @@ OFFSETS = 2 * MAX_OFFSET + 1
 FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, wall gaps, cell; not the colour
 
 
-class BoxFeatureTable:
-    """A growing table of N distinct boxes, with capacity for K items each."""
+class BoxIndex:
+    """A growing list of distinct boxes."""
 
-    def __init__(self, item_capacity: int = 4) -> None:
+    def __init__(self) -> None:
         self._indices: dict[tuple[Item, ...], int] = {}
         self.boxes: list[Box] = []
-        self.item_capacity = item_capacity
-        self.counts = np.zeros(0, np.int64)  # (N,)
-        self.features = np.zeros((0, item_capacity, FIXED_FEATURES), np.uint8)  # (N, K, F) binary
-        self.colours = np.zeros((0, item_capacity), np.int64)  # (N, K)
-        # (N, K, K) relation of the second item to the first
-        self.relations = np.zeros((0, item_capacity, item_capacity), np.uint8)
-        self.offsets = np.zeros((0, item_capacity, 2, CELLS), np.int16)  # (N, K, 2, 5) see `cell_offsets`
-        # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
-        self.legal = np.zeros((0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_)
-        self._legality = box_legality(CELL, CELL, searches=True)
 
     def __len__(self) -> int:
         return len(self.boxes)
@@ -48,6 +38,32 @@ class BoxFeatureTable:
             found = self._indices[box.items] = len(self.boxes)
             self.boxes.append(box)
         return found
+
+
+def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
+    """(N, capacity, 5) the boxes' items, padded with -1."""
+    items = np.full((len(boxes), capacity, len(Item._fields)), -1, np.int64)
+    for row, box in zip(items, boxes, strict=True):
+        if box.items:
+            row[: len(box.items)] = box.items
+    return items
+
+
+class BoxFeatureTable(BoxIndex):
+    """A growing table of N distinct boxes, with capacity for K items each."""
+
+    def __init__(self, item_capacity: int = 4) -> None:
+        super().__init__()
+        self.item_capacity = item_capacity
+        self.counts = np.zeros(0, np.int64)  # (N,)
+        self.features = np.zeros((0, item_capacity, FIXED_FEATURES), np.uint8)  # (N, K, F) binary
+        self.colours = np.zeros((0, item_capacity), np.int64)  # (N, K)
+        # (N, K, K) relation of the second item to the first
+        self.relations = np.zeros((0, item_capacity, item_capacity), np.uint8)
+        self.offsets = np.zeros((0, item_capacity, 2, CELLS), np.int16)  # (N, K, 2, 5) see `cell_offsets`
+        # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
+        self.legal = np.zeros((0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_)
+        self._legality = box_legality(CELL, CELL, searches=True)
 
     def indices(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
         """(B, 3) box indices."""
@@ -97,11 +113,11 @@ def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:
     side = 10 * (size + 1)
     gaps = (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side)
     parts = [
-        _one_hot(shape, 3),
-        _one_hot(size, 3),
-        *(_one_hot(np.digitize(gap, GAP_BOUNDS), GAP_BINS) for gap in gaps),
-        _one_hot((x.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
-        _one_hot((y.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
+        one_hot(shape, 3),
+        one_hot(size, 3),
+        *(one_hot(np.digitize(gap, GAP_BOUNDS), GAP_BINS) for gap in gaps),
+        one_hot((x.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
+        one_hot((y.clip(0) // CELL).clip(0, CELLS - 1), CELLS),
     ]
     return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)
 
@@ -134,5 +150,5 @@ def cell_offsets(items: NDArray[np.int64]) -> NDArray[np.int16]:
     return np.where((footprint >= 0)[..., None, None], indices, 0).astype(np.int16)
 
 
-def _one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
+def one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
     return (values[..., None] == np.arange(count)).astype(np.uint8)

@@ -17,11 +17,10 @@ import numpy as np
 
 from lilgym_mp.appearances.tower import CAPACITY, tower_tables
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.learning.imitation.box_features import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
+from lilgym_mp.scene import BOX_SIDE, Colour, Scene, Shape, Size
 
 COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
-GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
-GAP_BINS = len(GAP_BOUNDS) + 1
 CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160
 CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
@@ -116,13 +115,12 @@ def _first_named(words: Sequence[str], kind: type[Colour] | type[Shape]) -> tupl
     return tuple(dict.fromkeys(by_name[word] for word in words if word in by_name))
 
 
-class BoxTable:
+class BoxTable(BoxIndex):
     """A growing table of N distinct boxes, with capacity for I items each."""
 
     def __init__(self, appearance: str) -> None:
+        super().__init__()
         self.appearance = appearance
-        self.boxes: list[Box] = []
-        self._indices: dict[tuple[Item, ...], int] = {}
         self.item_width = sum(ITEM_PARTS[appearance].values())
         self.box_width = sum(BOX_PARTS[appearance].values())
         self._items = np.zeros((0, CAPACITY, self.item_width), np.uint8)
@@ -131,17 +129,6 @@ class BoxTable:
         if appearance == "tower":
             for box in tower_tables().boxes:
                 self.index(box)
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def index(self, box: Box) -> int:
-        """The box's index; a new box is appended."""
-        found = self._indices.get(box.items)
-        if found is None:
-            found = self._indices[box.items] = len(self.boxes)
-            self.boxes.append(box)
-        return found
 
     def of(self, scene: Scene) -> tuple[int, int, int]:
         left, middle, right = scene.boxes
@@ -167,12 +154,8 @@ class BoxTable:
         extra = int(counts.max()) - self._items.shape[1]
         if extra > 0:
             self._items = np.pad(self._items, ((0, 0), (0, extra), (0, 0)))
-        items = np.full((len(new), self._items.shape[1], 5), -1, np.int64)
-        for row, box in zip(items, new, strict=True):
-            if box.items:
-                row[: len(box.items)] = box.items
         compute = _tower_features if self.appearance == "tower" else _scatter_features
-        item_features, box_features = compute(items)
+        item_features, box_features = compute(item_arrays(new, self._items.shape[1]))
         capacity = max(64, len(self._items) // 2)  # amortised growth
         if first + len(new) > len(self._items):
             self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0), (0, 0)))
@@ -189,11 +172,11 @@ def scatter_item_features(items: Int64Array) -> UInt8Array:
     gaps = (np.digitize(gap, GAP_BOUNDS) for gap in (x, BOX_SIDE - x - side, y, BOX_SIDE - y - side))
     centres = (np.digitize(2 * start + side, CENTRE_BOUNDS) for start in (x, y))
     parts = [
-        _one_hot(colour, COLOURS),
-        _one_hot(shape, SHAPES),
-        _one_hot(size, SIZES),
-        *(_one_hot(gap, GAP_BINS) for gap in gaps),
-        *(_one_hot(centre, CENTRE_BINS) for centre in centres),
+        one_hot(colour, COLOURS),
+        one_hot(shape, SHAPES),
+        one_hot(size, SIZES),
+        *(one_hot(gap, GAP_BINS) for gap in gaps),
+        *(one_hot(centre, CENTRE_BINS) for centre in centres),
     ]
     return np.concatenate(parts, axis=-1) * (shape >= 0)[..., None].astype(np.uint8)
 
@@ -201,9 +184,7 @@ def scatter_item_features(items: Int64Array) -> UInt8Array:
 def look_counts(items: Int64Array) -> Int64Array:
     """(N, 9) how many of the (N, I, 5) items have each colour, shape and size."""
     kinds = ((3, COLOURS), (2, SHAPES), (4, SIZES))
-    return np.concatenate(
-        [_one_hot(items[..., field], count).sum(1, dtype=np.int64) for field, count in kinds], axis=-1
-    )
+    return np.concatenate([one_hot(items[..., field], count).sum(1, dtype=np.int64) for field, count in kinds], axis=-1)
 
 
 def scatter_box_features(looks: Int64Array) -> UInt8Array:
@@ -211,7 +192,7 @@ def scatter_box_features(looks: Int64Array) -> UInt8Array:
     count = looks[..., :COLOURS].sum(-1).clip(0, MOST_COUNTED)
     distinct = (looks.reshape(*looks.shape[:-1], 3, 3) > 0).sum(-1)
     return np.concatenate(
-        [_one_hot(count, MOST_COUNTED + 1), *(_one_hot(distinct[..., kind], 4) for kind in range(3))], axis=-1
+        [one_hot(count, MOST_COUNTED + 1), *(one_hot(distinct[..., kind], 4) for kind in range(3))], axis=-1
     )
 
 
@@ -227,28 +208,21 @@ def _tower_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
     below, above = np.hstack([none, colour[:, :-1]]), np.hstack([colour[:, 1:], none])
     neighbours = (np.where(colour >= 0, np.where(other >= 0, other, COLOURS), -1) for other in (below, above))
     item_parts = [
-        _one_hot(colour, COLOURS),
-        _one_hot(level, CAPACITY),
-        _one_hot(np.where(colour >= 0, height[:, None] - 1 - level, -1), CAPACITY),
-        _one_hot(np.where(colour >= 0, height[:, None] - 1, -1), CAPACITY),
-        *(_one_hot(other, COLOURS + 1) for other in neighbours),
+        one_hot(colour, COLOURS),
+        one_hot(level, CAPACITY),
+        one_hot(np.where(colour >= 0, height[:, None] - 1 - level, -1), CAPACITY),
+        one_hot(np.where(colour >= 0, height[:, None] - 1, -1), CAPACITY),
+        *(one_hot(other, COLOURS + 1) for other in neighbours),
     ]
-    counts = _one_hot(colour, COLOURS).sum(1)  # (N, 3)
+    counts = one_hot(colour, COLOURS).sum(1)  # (N, 3)
     top = np.take_along_axis(colour, (height - 1).clip(0)[:, None], axis=1)[:, 0]
     pairs = np.where((colour >= 0) & (above >= 0), colour * COLOURS + above, -1)
     box_parts = [
-        _one_hot(height, CAPACITY + 1),
+        one_hot(height, CAPACITY + 1),
         (counts[..., None] > np.arange(CAPACITY)).reshape(len(colour), -1).astype(np.uint8),
-        _one_hot(top, COLOURS),
-        _one_hot(colour[:, 0], COLOURS),
-        _one_hot(pairs, COLOURS**2).max(1),
-        _one_hot((counts > 0).sum(1), COLOURS + 1),
+        one_hot(top, COLOURS),
+        one_hot(colour[:, 0], COLOURS),
+        one_hot(pairs, COLOURS**2).max(1),
+        one_hot((counts > 0).sum(1), COLOURS + 1),
     ]
     return np.concatenate(item_parts, axis=-1), np.concatenate(box_parts, axis=-1)
-
-
-def _one_hot(values: Int64Array, count: int) -> UInt8Array:
-    return (values[..., None] == np.arange(count)).astype(np.uint8)
-
-
-assert BOX_COUNT == 3
