@@ -49,13 +49,16 @@ _COORDINATION = (
 
 
 def has_ambiguous_coordination(statement: str) -> bool:
-    """Whether a conjunct ("and", "or") could attach to an earlier phrase, or share a modifier with the other one."""
+    """`and` or `or` joins a noun phrase to one inside a prepositional phrase after another noun; or the second of two
+    joined noun phrases is followed by a modifier (a preposition, `touching`, `which`, ...); or only the first of two
+    joined nouns is preceded by an adjective.
+    """
     tags = _tagged(statement)
     return any(pattern.search(tags) for pattern in _COORDINATION)
 
 
 def has_ambiguous_preposition(statement: str) -> bool:
-    """Whether a prepositional phrase could attach to the preceding noun or to an earlier one."""
+    """A noun is followed by a prepositional phrase (including `of`) and another one (except `of`)."""
     return _PREPOSITIONAL.search(_tagged(statement)) is not None
 
 

@@ -2,7 +2,7 @@
 
 The categories are those of the lilGym and NLVR papers (Suhr et al. 2017; Wu et al. 2023), whose authors annotated
 statements by hand. Here, rules over the program detect the semantic phenomena, and rules over the words the syntactic
-ones. RULES and SYNTAX_RULES contain each rule as a description and a predicate; docs/official_data.md lists them.
+ones. RULES and SYNTAX_RULES contain the rules, each described by its docstring, as docs/official_data.md lists them.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from enum import StrEnum
 from functools import lru_cache
 from itertools import combinations
-from typing import NamedTuple
 
 from lilgym_mp.analysis import structure
 from lilgym_mp.analysis.attachment import has_ambiguous_coordination, has_ambiguous_preposition
@@ -51,10 +50,12 @@ _MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusiv
 
 
 def _has_existence(tree: Node) -> bool:
+    """`exist` or `Any`."""
     return structure.uses(tree, "exist", "Any")
 
 
 def _has_exact_cardinality(tree: Node) -> bool:
+    """`==` or `!=` compares a count with a number of at least 1 (2 for a count of colours, shapes or sizes)."""
     return any(
         operator in ("==", "!=")
         and structure.is_count(left)
@@ -64,6 +65,7 @@ def _has_exact_cardinality(tree: Node) -> bool:
 
 
 def _has_soft_cardinality(tree: Node) -> bool:
+    """`<`, `<=`, `>` or `>=` compares a count with a number, except when it states that the count is zero."""
     return any(
         operator in structure.MIRRORED
         and structure.is_count(left)
@@ -74,6 +76,9 @@ def _has_soft_cardinality(tree: Node) -> bool:
 
 
 def _has_universal(tree: Node) -> bool:
+    """`All`, `all`, `equal_set`, or `contained` for a set that depends on the scene; or a selection, or its count, is
+    compared with the set it was selected from; or `==` or `>=` compares the number of boxes with a property with 3.
+    """
     if structure.uses(tree, "All", "all", "equal_set"):
         return True
     if any(not structure.is_literal(structure.arguments(call)[0]) for call in structure.calls(tree, "contained")):
@@ -103,6 +108,9 @@ def _counts_every_box(left: Node, operator: str, right: Node) -> bool:
 
 
 def _has_coordination(tree: Node) -> bool:
+    """`or`, `union`, or a list or set of several literal values; or `and` joins conditions, at least two of which
+    select items or boxes (a filter, `All`, `Any`, ...).
+    """
     if any(isinstance(node, Logic) and node.operator == "or" for node in structure.nodes(tree)):
         return True
     if structure.uses(tree, "OR", "union", "union_all") or any(
@@ -122,6 +130,7 @@ def _says_none(left: Node, operator: str, right: Node) -> bool:
 
 
 def _has_negation(tree: Node) -> bool:
+    """`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero."""
     return (
         structure.uses(tree, "NOT")
         or any(isinstance(node, Not) for node in structure.nodes(tree))
@@ -133,6 +142,9 @@ def _has_negation(tree: Node) -> bool:
 
 
 def _has_comparison(tree: Node) -> bool:
+    """Two values that both depend on the scene are compared (except a selection with its source); or the number of
+    distinct colours, shapes or sizes is compared; or an `all_same` word or `min`.
+    """
     if structure.uses(tree, "min", *_SAMENESS_WORDS):
         return True
     return any(
@@ -145,6 +157,7 @@ def _has_comparison(tree: Node) -> bool:
 
 
 def _has_spatial_relation(tree: Node) -> bool:
+    """A word about walls, corners, touching, above or below, or the level in a tower (`is_top`, `is_second`, ...)."""
     words = [node.word for node in structure.nodes(tree) if isinstance(node, Call | WordName)]
     return any(
         word.name in _LEVEL_WORDS
@@ -154,6 +167,9 @@ def _has_spatial_relation(tree: Node) -> bool:
 
 
 def _has_presupposition(tree: Node) -> bool:
+    """`unique` of anything but an item's neighbours, or `min`; or two conditions joined by `and` refer to the same
+    selection.
+    """
     if structure.uses(tree, "min"):
         return True
     if any(not structure.are_neighbours(*structure.arguments(call)) for call in structure.calls(tree, "unique")):
@@ -166,7 +182,7 @@ def _has_presupposition(tree: Node) -> bool:
 
 
 def _has_coreference(tree: Node) -> bool:
-    """Whether a condition on one item refers to the item of an enclosing condition."""
+    """A condition on one item refers to the item of an enclosing condition."""
     return any(
         parameter in structure.free_variables(inner)
         for parameter, body in structure.item_conditions(tree)
@@ -175,75 +191,21 @@ def _has_coreference(tree: Node) -> bool:
     )
 
 
-class Rule(NamedTuple):
-    """Detects a phenomenon in a program's tree."""
-
-    description: str
-    holds: Callable[[Node], bool]
-
-
-RULES: Mapping[Phenomenon, Rule] = {
-    Phenomenon.EXISTENCE: Rule("`exist` or `Any`", _has_existence),
-    Phenomenon.EXACT_CARDINALITY: Rule(
-        "`==` or `!=` compares a count with a number of at least 1 (2 for a count of colours, shapes or sizes)",
-        _has_exact_cardinality,
-    ),
-    Phenomenon.SOFT_CARDINALITY: Rule(
-        "`<`, `<=`, `>` or `>=` compares a count with a number, except when it states that the count is zero",
-        _has_soft_cardinality,
-    ),
-    Phenomenon.UNIVERSAL: Rule(
-        "`All`, `all`, `equal_set`, or `contained` for a set that depends on the scene; or a selection, or its count, "
-        "is compared with the set it was selected from; or `==` or `>=` compares the number of boxes with a property "
-        "with 3",
-        _has_universal,
-    ),
-    Phenomenon.COORDINATION: Rule(
-        "`or`, `union`, or a list or set of several literal values; or `and` joins conditions, at least two of which "
-        "select items or boxes (a filter, `All`, `Any`, ...)",
-        _has_coordination,
-    ),
-    Phenomenon.NEGATION: Rule(
-        "`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero", _has_negation
-    ),
-    Phenomenon.COMPARISON: Rule(
-        "two values that both depend on the scene are compared (except a selection with its source); or the number of "
-        "distinct colours, shapes or sizes is compared; or an `all_same` word or `min`",
-        _has_comparison,
-    ),
-    Phenomenon.SPATIAL_RELATION: Rule(
-        "a word about walls, corners, touching, above or below, or the level in a tower (`is_top`, `is_second`, ...)",
-        _has_spatial_relation,
-    ),
-    Phenomenon.PRESUPPOSITION: Rule(
-        "`unique` of anything but an item's neighbours, or `min`; or two conditions joined by `and` refer to the same "
-        "selection",
-        _has_presupposition,
-    ),
-    Phenomenon.COREFERENCE: Rule(
-        "a condition on one item refers to the item of an enclosing condition", _has_coreference
-    ),
+RULES: Mapping[Phenomenon, Callable[[Node], bool]] = {
+    Phenomenon.EXISTENCE: _has_existence,
+    Phenomenon.EXACT_CARDINALITY: _has_exact_cardinality,
+    Phenomenon.SOFT_CARDINALITY: _has_soft_cardinality,
+    Phenomenon.UNIVERSAL: _has_universal,
+    Phenomenon.COORDINATION: _has_coordination,
+    Phenomenon.NEGATION: _has_negation,
+    Phenomenon.COMPARISON: _has_comparison,
+    Phenomenon.SPATIAL_RELATION: _has_spatial_relation,
+    Phenomenon.PRESUPPOSITION: _has_presupposition,
+    Phenomenon.COREFERENCE: _has_coreference,
 }
-
-
-class SyntaxRule(NamedTuple):
-    """Detects a syntactic phenomenon in a statement."""
-
-    description: str
-    holds: Callable[[str], bool]
-
-
-SYNTAX_RULES: Mapping[SyntacticPhenomenon, SyntaxRule] = {
-    SyntacticPhenomenon.COORDINATION: SyntaxRule(
-        "`and` or `or` joins a noun phrase to one inside a prepositional phrase after another noun; or the second of "
-        "two joined noun phrases is followed by a modifier (a preposition, `touching`, `which`, ...); or only the "
-        "first of two joined nouns is preceded by an adjective",
-        has_ambiguous_coordination,
-    ),
-    SyntacticPhenomenon.PREPOSITION: SyntaxRule(
-        "a noun is followed by a prepositional phrase (including `of`) and another one (except `of`)",
-        has_ambiguous_preposition,
-    ),
+SYNTAX_RULES: Mapping[SyntacticPhenomenon, Callable[[str], bool]] = {
+    SyntacticPhenomenon.COORDINATION: has_ambiguous_coordination,
+    SyntacticPhenomenon.PREPOSITION: has_ambiguous_preposition,
 }
 
 
@@ -251,10 +213,10 @@ SYNTAX_RULES: Mapping[SyntacticPhenomenon, SyntaxRule] = {
 def phenomena(program: str) -> frozenset[Phenomenon]:
     """The semantic phenomena of a program, by RULES. Raises ProgramError for an invalid program."""
     tree = parse(program)
-    return frozenset(phenomenon for phenomenon, rule in RULES.items() if rule.holds(tree))
+    return frozenset(phenomenon for phenomenon, rule in RULES.items() if rule(tree))
 
 
 @lru_cache(maxsize=CACHE_SIZE)
 def syntactic_phenomena(statement: str) -> frozenset[SyntacticPhenomenon]:
     """The syntactic phenomena of a statement, by SYNTAX_RULES."""
-    return frozenset(phenomenon for phenomenon, rule in SYNTAX_RULES.items() if rule.holds(statement))
+    return frozenset(phenomenon for phenomenon, rule in SYNTAX_RULES.items() if rule(statement))

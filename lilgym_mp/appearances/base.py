@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from enum import StrEnum
-from typing import NamedTuple, Protocol
+from collections.abc import Iterator, Mapping, Sequence
+from enum import IntEnum, StrEnum
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -97,13 +97,36 @@ class Appearance(Protocol):
         ...
 
 
-def slots(values: Sequence[int], names: Sequence[str]) -> list[int]:
-    """`values` as ints, one for each slot of the released array form. Raises ActionError."""
-    array = np.asarray(values)
-    if array.shape != (len(names),) or array.dtype.kind not in "iu":
-        form = ", ".join(names)
-        raise ActionError(f"an action array must be {len(names)} whole numbers [{form}], not {values!r}")
-    return array.tolist()
+class ArrayForm(NamedTuple):
+    """The released array form of an appearance's actions: type and slots, -1 in those that the type does not use."""
+
+    appearance: str
+    slots: Mapping[str, int | type[IntEnum]]  # the number of values, or their type
+    actions: tuple[type[Action], type[Action], type[Action]]  # by ActionType; each has the first slots as fields
+
+    def read(self, values: Sequence[int]) -> Action:
+        """Ignores unused slots. Raises ActionError."""
+        names = ("type", *self.slots)
+        array = np.asarray(values)
+        if array.shape != (len(names),) or array.dtype.kind not in "iu":
+            form = ", ".join(names)
+            raise ActionError(f"an action array must be {len(names)} whole numbers [{form}], not {values!r}")
+        number, *rest = array.tolist()
+        action = self.actions[slot_value("type", number, len(self.actions))]
+        found: list[Any] = []
+        for name, value, _ in zip(self.slots, rest, action._fields, strict=False):
+            choices = self.slots[name]
+            if isinstance(choices, int):
+                found.append(slot_value(name, value, choices))
+            else:
+                found.append(choices(slot_value(name, value, len(choices))))
+        return action(*found)
+
+    def write(self, action: Action) -> list[int]:
+        """Raises ActionError."""
+        if type(action) not in self.actions:
+            raise ActionError(f"{action!r} is not an action of {self.appearance}")
+        return [self.actions.index(type(action)), *map(int, action), *[-1] * (len(self.slots) - len(action))]
 
 
 def slot_value(name: str, value: int, count: int) -> int:

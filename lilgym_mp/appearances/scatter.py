@@ -13,9 +13,9 @@ from typing import SupportsIndex, cast
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, Action, ActionError, ActionType, AddItem, RemoveItem, Stop
+from lilgym_mp.actions import STOP, Action, ActionError, AddItem, RemoveItem, Stop
 from lilgym_mp.appearances import placement
-from lilgym_mp.appearances.base import Edit, Grid, InvalidReason, slot_value, slots
+from lilgym_mp.appearances.base import ArrayForm, Edit, Grid, InvalidReason, slot_value
 from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.appearances.numbering import (
     ITEM_TYPE_FOOTPRINTS,
@@ -50,7 +50,6 @@ RELEASED_GRID = (19, 5)
 NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
 WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
 MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
-SLOT_NAMES = ("type", "x", "y", "shape", "colour", "size")
 
 _ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
 _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
@@ -171,31 +170,15 @@ class Scatter:
                 raise ActionError(f"{action!r} is not an action of scatter")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        type_number, column, row, shape, colour, size = slots(values, SLOT_NAMES)
-        action_type = ActionType(slot_value("type", type_number, len(ActionType)))
-        if action_type is ActionType.STOP:
-            return STOP
-        self._cell_index(column, row)
-        if action_type is ActionType.REMOVE:
-            return RemoveItem(column, row)
-        return AddItem(
-            column,
-            row,
-            Shape(slot_value("shape", shape, len(Shape))),
-            Colour(slot_value("colour", colour, len(Colour))),
-            Size(slot_value("size", size, len(Size))),
-        )
+        return self._array_form.read(values)
 
     def to_array(self, action: Action) -> list[int]:
-        match action:
-            case AddItem(column, row, shape, colour, size):
-                return [int(ActionType.ADD), column, row, int(shape), int(colour), int(size)]
-            case RemoveItem(column, row):
-                return [int(ActionType.REMOVE), column, row, -1, -1, -1]
-            case Stop():
-                return [int(ActionType.STOP), -1, -1, -1, -1, -1]
-            case _:
-                raise ActionError(f"{action!r} is not an action of scatter")
+        return self._array_form.write(action)
+
+    @property
+    def _array_form(self) -> ArrayForm:
+        slots = {"x": self.grid[0], "y": self.grid[1], "shape": Shape, "colour": Colour, "size": Size}
+        return ArrayForm("scatter", slots, (Stop, AddItem, RemoveItem))
 
     def apply(self, scene: Scene, action: Action, rules: placement.PlacementRules) -> Edit:
         if isinstance(action, AddItem):

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import BOX_NAMES, STOP, Action, ActionError, ActionType, AddBlock, RemoveBlock, Stop, TowerAction
-from lilgym_mp.appearances.base import Edit, InvalidReason, slot_value, slots
+from lilgym_mp.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, RemoveBlock, Stop, TowerAction
+from lilgym_mp.appearances.base import ArrayForm, Edit, InvalidReason
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
@@ -24,13 +24,13 @@ from lilgym_mp.tuples import new_tuple
 BLOCK_X = 40
 LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
 CAPACITY = len(LEVEL_Y)
-SLOT_NAMES = ("type", "box", "colour")
 
 ACTIONS: tuple[TowerAction, ...] = (
     STOP,
     *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
     *(RemoveBlock(box) for box in range(BOX_COUNT)),
 )
+_ARRAY_FORM = ArrayForm("tower", {"box": BOX_COUNT, "colour": Colour}, (Stop, AddBlock, RemoveBlock))
 _INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
 
 
@@ -121,25 +121,10 @@ class Tower:
         raise ActionError(f"{action!r} is not an action of tower")
 
     def from_array(self, values: Sequence[int]) -> Action:
-        type_number, box, colour = slots(values, SLOT_NAMES)
-        action_type = ActionType(slot_value("type", type_number, len(ActionType)))
-        if action_type is ActionType.STOP:
-            return STOP
-        box = slot_value("box", box, BOX_COUNT)
-        if action_type is ActionType.REMOVE:
-            return RemoveBlock(box)
-        return AddBlock(box, Colour(slot_value("colour", colour, len(Colour))))
+        return _ARRAY_FORM.read(values)
 
     def to_array(self, action: Action) -> list[int]:
-        match action:
-            case AddBlock(box, colour):
-                return [int(ActionType.ADD), box, int(colour)]
-            case RemoveBlock(box):
-                return [int(ActionType.REMOVE), box, -1]
-            case Stop():
-                return [int(ActionType.STOP), -1, -1]
-            case _:
-                raise ActionError(f"{action!r} is not an action of tower")
+        return _ARRAY_FORM.write(action)
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddBlock):
