@@ -26,9 +26,9 @@ REPOSITORY, COMMIT = "lil-lab/lilgym", "c0ffee" * 6 + "c0ff"
 
 @pytest.fixture(autouse=True)
 def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Records pooch's pauses between tries instead of sleeping."""
+    """Records the pauses between tries instead of sleeping."""
     recorded: list[float] = []
-    monkeypatch.setattr("pooch.core.time", SimpleNamespace(sleep=recorded.append))
+    monkeypatch.setattr("lilgym_mp.corpus.official.fetching.time", SimpleNamespace(sleep=recorded.append))
     return recorded
 
 
