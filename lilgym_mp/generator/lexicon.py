@@ -22,7 +22,7 @@ class Style:
     """Lexical choices that one writer keeps to within a statement."""
 
     item: str  # the noun for an item of any shape: block, object ...
-    tower: str = "tower"
+    tower: str = ""  # empty where there are none
     box: str = "box"
     wall: str = "wall"
     picture: str = "picture"

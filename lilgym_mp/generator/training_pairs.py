@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 from lilgym_mp.choices import choose
-from lilgym_mp.generator.lexicon import Style
 from lilgym_mp.generator.noise import with_noise
 from lilgym_mp.generator.templates.boxes import StatementTemplates
 from lilgym_mp.generator.templates.phrases import TrainingPair
-from lilgym_mp.generator.templates.scatter import ScatterTemplates, random_scatter_style
-from lilgym_mp.generator.templates.tower import TowerTemplates, random_tower_style
+from lilgym_mp.generator.templates.scatter import ScatterTemplates
+from lilgym_mp.generator.templates.tower import TowerTemplates
 
 BOUND_SHARE = 0.4
 
 
-TEMPLATES: dict[str, tuple[type[StatementTemplates], Callable[[random.Random], Style]]] = {
-    "tower": (TowerTemplates, random_tower_style),
-    "scatter": (ScatterTemplates, random_scatter_style),
-}
+TEMPLATES: dict[str, type[StatementTemplates]] = {"tower": TowerTemplates, "scatter": ScatterTemplates}
 
 
 def training_pairs(
@@ -32,19 +28,12 @@ def training_pairs(
     People differ over bare numbers: in a share `bound_share` of the pairs "two" can mean at least two, and "one of the
     boxes" exactly one. With 0 a statement always has the same meaning. Raises ValueError for an unknown appearance.
     """
-    templates, random_style = choose("appearance", appearance, TEMPLATES)
-    return _pairs(templates, random_style, random.Random(f"pairs {appearance} {seed}"), noise, bound_share)
+    templates = choose("appearance", appearance, TEMPLATES)
+    return _pairs(templates(random.Random(f"pairs {appearance} {seed}")), noise, bound_share)
 
 
-def _pairs(
-    templates: type[StatementTemplates],
-    random_style: Callable[[random.Random], Style],
-    rng: random.Random,
-    noise: bool,
-    bound_share: float,
-) -> Iterator[TrainingPair]:
-    sampler = templates(rng, random_style(rng))
+def _pairs(sampler: StatementTemplates, noise: bool, bound_share: float) -> Iterator[TrainingPair]:
     while True:
-        sampler.style = replace(random_style(rng), bare_number_is_bound=rng.random() < bound_share)
+        sampler.style = replace(sampler.random_style(), bare_number_is_bound=sampler.chance(bound_share))
         statement, program = sampler.sample()
-        yield TrainingPair(with_noise(statement, rng) if noise else statement, program)
+        yield TrainingPair(with_noise(statement, sampler.rng) if noise else statement, program)

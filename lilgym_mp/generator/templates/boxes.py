@@ -64,9 +64,9 @@ class StatementTemplates(ItemTemplates):
             return TrainingPair(text, f"All(all_boxes, lambda {BOX}: {tests})")
         return TrainingPair(self.box_text(quantity, word, conditions), quantity_test(quantity, boxes_where(tests)))
 
-    def box_tests(self, word: str, conditions: Sequence[ConditionTemplate]) -> str:
-        tests = [condition.test(BOX) for condition in conditions]
-        return " and ".join([f"{BOX}.is_tower()", *tests] if word == self.style.tower else tests)
+    def box_tests(self, word: str, conditions: Sequence[ConditionTemplate], box: str = BOX) -> str:
+        tests = [condition.test(box) for condition in conditions]
+        return " and ".join([f"{box}.is_tower()", *tests] if word == self.style.tower else tests)
 
     def box_text(self, quantity: Quantity, word: str, conditions: Sequence[ConditionTemplate]) -> str:
         draw = self.rng.random()
@@ -134,9 +134,6 @@ class StatementTemplates(ItemTemplates):
         index = int(self.rng.random() * 3)
         word = self.box_word()
         conditions = self.conditions(self.pick(1, 1, 2))
-        tests = [condition.test(f"all_boxes[{index}]") for condition in conditions]
-        if word == self.style.tower:
-            tests = [f"all_boxes[{index}].is_tower()", *tests]
         place = self.choice(BOX_WORDS[index])
         name = f"the {place} {word}" if place != "center" or self.chance(0.5) else f"the {word} in the {place}"
         if place in ("left", "right", "middle") and self.chance(0.15):
@@ -148,7 +145,7 @@ class StatementTemplates(ItemTemplates):
             )
         else:
             text = f"{name} {self.box_verb_phrase(conditions, plural=False)}"
-        return TrainingPair(text, " and ".join(tests))
+        return TrainingPair(text, self.box_tests(word, conditions, f"all_boxes[{index}]"))
 
     def every_box_with(self) -> TrainingPair:
         """ "every box with a circle has a square too" """
@@ -156,8 +153,7 @@ class StatementTemplates(ItemTemplates):
         word = self.box_word()
         if one.contents is None or one.negative or other.negative:
             return self.box_count()
-        test = one.test(BOX) if word != self.style.tower else f"{BOX}.is_tower() and {one.test(BOX)}"
-        program = f"All({boxes_where(test)}, lambda {BOX}: {other.test(BOX)})"
+        program = f"All({boxes_where(self.box_tests(word, [one]))}, lambda {BOX}: {other.test(BOX)})"
         nouns = pluralised(word)
         also = self.pick("", "", " too", " as well")
         text = self.pick(
@@ -184,14 +180,10 @@ class StatementTemplates(ItemTemplates):
 
     def two_adjacent_boxes(self) -> TrainingPair:
         """ "the first two towers have a yellow base" """
-        (one, other), names = self.choice(FIRST_TWO)
+        indices, names = self.choice(FIRST_TWO)
         word = self.box_word()
         condition = self.conditions(1)[0]
-        tests = [f"{condition.test(f'all_boxes[{index}]')}" for index in (one, other)]
-        if word == self.style.tower:
-            tests = [
-                f"all_boxes[{index}].is_tower() and {test}" for index, test in zip((one, other), tests, strict=True)
-            ]
+        tests = [self.box_tests(word, [condition], f"all_boxes[{index}]") for index in indices]
         text = f"the {self.choice(names)} {pluralised(word)} {self.box_verb_phrase([condition], plural=True)}"
         return TrainingPair(text, " and ".join(tests))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -117,11 +117,19 @@ def box_items(noun: NounTemplate, box: str = HOLE) -> str:
 
 
 class PhraseTemplates:
-    """Random phrases in one style."""
+    """Random phrases in the style of one writer."""
 
-    def __init__(self, rng: random.Random, style: Style) -> None:
+    style_words: Mapping[str, Sequence[str]]  # words to choose a style's from; repeated ones are more likely
+
+    def __init__(self, rng: random.Random) -> None:
         self.rng = rng
-        self.style = style
+        self.style = self.random_style()
+
+    def random_style(self) -> Style:
+        words = {name: self.rng.choice(choices) for name, choices in self.style_words.items()}
+        picture = self.rng.choice(("picture", "image", "picture", "image"))
+        digits, sloppy = self.chance(0.4), self.chance(0.2)
+        return Style(**words, picture=picture, digits=digits, sloppy=sloppy, bare_number_is_bound=False)
 
     def pick(self, *options: Option) -> Option:
         return self.choice(options)

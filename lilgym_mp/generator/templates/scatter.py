@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.lexicon import Style, pluralised
+from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.templates.boxes import StatementTemplates
 from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
 from lilgym_mp.generator.templates.phrases import (
@@ -32,22 +31,14 @@ SIDES = {
 }
 
 
-def random_scatter_style(rng: random.Random) -> Style:
-    """A random style for statements about scattered shapes."""
-    pick = rng.choice
-    return Style(
-        item=pick(("item",) * 8 + ("object",) * 4 + ("shape", "shape", "thing", "figure")),
-        tower="",
-        box=pick(("box",) * 10 + ("grey box", "gray box", "grey square", "square box", "grey area")),
-        wall=pick(("wall",) * 4 + ("edge",) * 4 + ("side", "border")),
-        picture=pick(("picture", "image", "picture", "image")),
-        digits=rng.random() < 0.4,
-        sloppy=rng.random() < 0.2,
-    )
-
-
 class ScatterTemplates(StatementTemplates):
     """Statements about circles, squares and triangles of three colours and sizes."""
+
+    style_words = {
+        "item": ("item",) * 8 + ("object",) * 4 + ("shape", "shape", "thing", "figure"),
+        "box": ("box",) * 10 + ("grey box", "gray box", "grey square", "square box", "grey area"),
+        "wall": ("wall",) * 4 + ("edge",) * 4 + ("side", "border"),
+    }
 
     @cached_property
     def weighted_statements(self) -> Sequence[WeightedTemplate]:

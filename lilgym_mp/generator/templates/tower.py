@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.lexicon import Phrase, Style, pluralised
+from lilgym_mp.generator.lexicon import Phrase, pluralised
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
 from lilgym_mp.generator.templates.boxes import StatementTemplates
@@ -44,25 +43,16 @@ def some_tower(test: str) -> str:
     return quantity_test(SOME, boxes_where(f"{BOX}.is_tower() and {test}"))
 
 
-def random_tower_style(rng: random.Random) -> Style:
-    """A random style for statements about towers."""
-    pick = rng.choice
-    tower = pick(("tower",) * 12 + ("stack", "stack", "pile", "column"))
-    return Style(
-        item=pick(("block",) * 10 + ("item", "item", "item", "brick", "square", "square", "object", "cube")),
-        tower=tower,
-        box=pick(("box",) * 8 + ("grey box", "gray box", "grey square", "grey area")),
-        wall=pick(("wall", "wall", "edge")),
-        picture=pick(("picture", "image", "picture", "image")),
-        digits=rng.random() < 0.4,
-        sloppy=rng.random() < 0.2,
-    )
-
-
 class TowerTemplates(StatementTemplates):
     """Statements about coloured blocks in towers."""
 
     max_in_box = 4
+    style_words = {
+        "tower": ("tower",) * 12 + ("stack", "stack", "pile", "column"),
+        "item": ("block",) * 10 + ("item", "item", "item", "brick", "square", "square", "object", "cube"),
+        "box": ("box",) * 8 + ("grey box", "gray box", "grey square", "grey area"),
+        "wall": ("wall", "wall", "edge"),
+    }
 
     @cached_property
     def weighted_statements(self) -> Sequence[WeightedTemplate]:
