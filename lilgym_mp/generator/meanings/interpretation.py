@@ -73,12 +73,10 @@ class _Evaluator:
                 return satisfied and (bool(towers) or self.interpretation.vacuous)
             case sem.NamedBox(index, conditions, towers):
                 return self.box(self.boxes[index], conditions, towers)
-            case sem.EveryItem(noun, predicate):
+            case sem.EveryItem(noun, predicate, positive):
                 items = self.denoted(self.items, noun)
                 satisfied = all(self.satisfies(placed, predicate) for placed in items)
-                return satisfied and (bool(items) or self.interpretation.vacuous)
-            case sem.NotEveryItem(noun, predicate):
-                return not all(self.satisfies(placed, predicate) for placed in self.denoted(self.items, noun))
+                return satisfied and (bool(items) or self.interpretation.vacuous) if positive else not satisfied
             case sem.CountComparison(one, order, other, margin):
                 counts = (len(self.denoted(self.items, one)), len(self.denoted(self.items, other)))
                 return _ordered(counts, order) if margin is None else counts[0] - counts[1] == _signed(order, margin)

@@ -32,9 +32,9 @@ def program_source(clause: sem.Clause) -> str:
             return f"All({TOWERS}, lambda {BOX}: {_box(BOX, conditions, towers=False)})"
         case sem.NamedBox(index, conditions, towers):
             return _box(f"all_boxes[{index}]", conditions, towers)
-        case sem.EveryItem(noun, predicate):
+        case sem.EveryItem(noun, predicate, True):
             return f"All({_items(ALL_ITEMS, noun, 0)}, lambda x: {_predicate_test(predicate, 0)})"
-        case sem.NotEveryItem(noun, predicate):
+        case sem.EveryItem(noun, predicate):
             return f"exist(filter_obj({_items(ALL_ITEMS, noun, 0)}, lambda x: NOT({_predicate_test(predicate, 0)})))"
         case sem.CountComparison():
             return _count_comparison(clause)

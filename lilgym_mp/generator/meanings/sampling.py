@@ -223,17 +223,9 @@ def _list_position(condition: sem.BoxCondition) -> int:
 def _sensible(clause: sem.Clause) -> bool:
     """Whether no predicate restates or contradicts its noun phrase, and nothing is compared with itself."""
     match clause:
-        case (
-            sem.EveryItem(noun, sem.Matches(description))
-            | sem.NotEveryItem(noun, sem.Matches(description))
-            | sem.PartitiveCount(_, noun, _, sem.Matches(description))
-        ):
+        case sem.EveryItem(noun, sem.Matches(description)) | sem.PartitiveCount(_, noun, _, sem.Matches(description)):
             return not _share_attribute(noun.description, description)
-        case (
-            sem.EveryItem(noun, predicate)
-            | sem.NotEveryItem(noun, predicate)
-            | sem.PartitiveCount(_, noun, _, predicate)
-        ):
+        case sem.EveryItem(noun, predicate) | sem.PartitiveCount(_, noun, _, predicate):
             return predicate not in noun.predicates
         case sem.BoxCount(Quantity(0, 0), conditions) if any(map(_is_negative_or_bounded, conditions)):
             return False
@@ -311,7 +303,7 @@ class TowerMeaningSampler(MeaningSampler):
                 (2, lambda: sem.LargestBox(sem.ANYTHING, self.conditions(1))),
                 (2, self.box_comparison),
                 (2, self.equal_counts),
-                (2, lambda: sem.NotEveryItem(self.simple_items(), self.predicate())),
+                (2, lambda: sem.EveryItem(self.simple_items(), self.predicate(), positive=False)),
                 (1, self.parity),
                 (3, lambda: self.some_boxes(towers=True)),
                 (2, lambda: self.named_box(2, towers=True)),
@@ -422,7 +414,7 @@ class ScatterMeaningSampler(MeaningSampler):
                 (2, self.largest_box),
                 (2, self.box_comparison),
                 (2, self.equal_counts),
-                (2, lambda: sem.NotEveryItem(self.items(rich=0.2), self.positive_predicate())),
+                (2, lambda: sem.EveryItem(self.items(rich=0.2), self.positive_predicate(), positive=False)),
                 (1, self.parity),
                 (3, self.some_boxes),
                 (2, lambda: self.named_box(2)),

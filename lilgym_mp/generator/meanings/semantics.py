@@ -237,18 +237,11 @@ class NamedBox:
 
 @dataclass(frozen=True, slots=True)
 class EveryItem:
-    """There are such items, and every one satisfies the predicate."""
+    """There are such items, and every one satisfies the predicate, or (`positive` False) not every one does."""
 
     noun: NounPhrase
     predicate: Predicate
-
-
-@dataclass(frozen=True, slots=True)
-class NotEveryItem:
-    """At least one such item does not satisfy the predicate."""
-
-    noun: NounPhrase
-    predicate: Predicate
+    positive: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,9 +297,8 @@ class Compound:
     clauses: tuple[Clause, ...]
 
 
-UniversalClause = EveryItem | NotEveryItem | EveryTower
 ComparingClause = CountComparison | BoxComparison | EqualCounts | LargestBox
-Clause = PictureOrBoxCondition | BoxCount | NamedBox | UniversalClause | ComparingClause | Parity | Compound
+Clause = PictureOrBoxCondition | BoxCount | NamedBox | EveryItem | EveryTower | ComparingClause | Parity | Compound
 
 
 def with_values_replaced(node: Node, colours: Mapping[Colour, Colour], shapes: Mapping[Shape, Shape]) -> Node:

@@ -63,12 +63,16 @@ class SentenceRealiser(PhraseRealiser):
             case sem.BoxCount():
                 return self.box_count_templates(clause)
             case sem.EveryTower(conditions):
-                return self.every_tower_templates(conditions)
+                word, articles = self.style.tower, ("", "the ", "of the ")
+                return [
+                    lambda: f"{self.pick('every', 'each')} {word} {self.box_verb_phrase(conditions, False)}",
+                    lambda: f"all {self.pick(*articles)}{pluralised(word)} {self.box_verb_phrase(conditions, True)}",
+                ]
             case sem.NamedBox():
                 return self.named_box_templates(clause)
-            case sem.EveryItem():
-                return self.every_item_templates(clause)
-            case sem.NotEveryItem(noun, predicate):
+            case sem.EveryItem(noun, predicate, True):
+                return self.every_item_templates(noun, predicate)
+            case sem.EveryItem(noun, predicate):
                 return [
                     lambda: f"not every {self.noun(noun, False)} {self.verb_phrase(predicate, False)}",
                     lambda: f"not all of the {self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
@@ -80,8 +84,19 @@ class SentenceRealiser(PhraseRealiser):
                 return self.box_comparison_templates(clause)
             case sem.Variety(attribute, quantity):
                 return self.variety_templates(ATTRIBUTE_NAMES[attribute], quantity)
-            case sem.EqualCounts(noun, same):
-                return self.equal_counts_templates(noun, same)
+            case sem.EqualCounts(noun, True):
+                return [
+                    lambda: (
+                        f"all {self.pick('', 'three ', 'the ')}boxes have the same number of {self.noun(noun, True)}"
+                    ),
+                    lambda: f"each box has the same number of {self.noun(noun, True)}",
+                    lambda: f"there are equally many {self.noun(noun, True)} in each box",
+                ]
+            case sem.EqualCounts(noun):
+                return [
+                    lambda: f"no two boxes have the same number of {self.noun(noun, True)}",
+                    lambda: f"each box has a different number of {self.noun(noun, True)}",
+                ]
             case sem.Parity(noun, even):
                 parity = "even" if even else "odd"
                 return [
@@ -195,8 +210,7 @@ class SentenceRealiser(PhraseRealiser):
             ]
         return [two_clauses]
 
-    def every_item_templates(self, clause: sem.EveryItem) -> list[Template]:
-        noun, predicate = clause.noun, clause.predicate
+    def every_item_templates(self, noun: sem.NounPhrase, predicate: sem.Predicate) -> list[Template]:
         templates: list[Template] = [
             lambda: f"{self.pick('every', 'each')} {self.noun(noun, False)} {self.verb_phrase(predicate, False)}",
             lambda: f"all of the {self.noun(noun, True)} {self.verb_phrase(predicate, True)}",
@@ -406,13 +420,6 @@ class SentenceRealiser(PhraseRealiser):
         all_of = "both" if quantity.low == 2 else "all"
         return f"{number.text}, {all_of} of them {self.description_complement(condition.description, True)}"
 
-    def every_tower_templates(self, conditions: sem.BoxConditions) -> list[Template]:
-        word, articles = self.style.tower, ("", "the ", "of the ")
-        return [
-            lambda: f"{self.pick('every', 'each')} {word} {self.box_verb_phrase(conditions, False)}",
-            lambda: f"all {self.pick(*articles)}{pluralised(word)} {self.box_verb_phrase(conditions, True)}",
-        ]
-
     def named_box_templates(self, clause: sem.NamedBox) -> list[Template]:
         name = BOX_NAMES[clause.index]
         word = self.style.tower if clause.towers else "box"
@@ -459,18 +466,6 @@ class SentenceRealiser(PhraseRealiser):
         return [
             lambda: f"the {one} box has {order} {self.noun(noun, True)} than the {other} {self.pick('one', 'box')}",
             lambda: f"there are {order} {self.noun(noun, True)} in the {one} box than in the {other} one",
-        ]
-
-    def equal_counts_templates(self, noun: sem.NounPhrase, same: bool) -> list[Template]:
-        if same:
-            return [
-                lambda: f"all {self.pick('', 'three ', 'the ')}boxes have the same number of {self.noun(noun, True)}",
-                lambda: f"each box has the same number of {self.noun(noun, True)}",
-                lambda: f"there are equally many {self.noun(noun, True)} in each box",
-            ]
-        return [
-            lambda: f"no two boxes have the same number of {self.noun(noun, True)}",
-            lambda: f"each box has a different number of {self.noun(noun, True)}",
         ]
 
     def largest_box_templates(self, noun: sem.NounPhrase, conditions: sem.BoxConditions) -> list[Template]:
@@ -544,7 +539,7 @@ def _is_negative(clause: sem.Clause) -> bool:
     match clause:
         case sem.Count(quantity, _) | sem.BoxCount(quantity, _, _):
             return quantity == NONE
-        case sem.NotEveryItem():
-            return True
+        case sem.EveryItem(_, _, positive):
+            return not positive
         case _:
             return False

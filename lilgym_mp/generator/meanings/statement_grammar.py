@@ -279,7 +279,7 @@ def _universal_clauses(add: AddRule) -> None:
     clause("everything that VP VP", lambda one, other: sem.EveryItem(sem.ANYTHING.such_that(one), other))
     only = "only NP VP / only NP can be seen / nothing but NP can be seen / there are only NP"
     clause(f"{only} / the <picture> has|contains nothing but NP", _only)
-    clause("not every NP VP / not all NP VP / not all of the NP VP", sem.NotEveryItem)
+    clause("not every NP VP / not all NP VP / not all of the NP VP", partial(sem.EveryItem, positive=False))
     clause(
         "<there> order:ORDER one:NP than other:OTHER / <there> order:ORDER one:NP than there are other:NP", _comparison
     )
