@@ -212,7 +212,7 @@ def _wording_warnings(corpus: str) -> Iterator[str]:
     from lilgym_mp.corpus import load_all_tasks
     from lilgym_mp.corpus.scene_sampling import SAMPLERS
     from lilgym_mp.generator import ScenePool
-    from lilgym_mp.generator.meanings.wording import disagreement
+    from lilgym_mp.generator.meanings.validation import disagreement
 
     for tasks in load_all_tasks(corpus, SAMPLERS):
         rng = random.Random(0)

@@ -139,20 +139,16 @@ class TaskReader:
                 yield task
 
     def _task(self, record: Record) -> Task | None:
-        if self._trusted:
-            return self._trusted_task(record)
-        program = self._program(record)
+        statement, source = record.statement, record.program
+        program = None if self._trusted else self._program(record)
         start = self._empty if record.label is None else self._scene(record)
-        if program is None or start is None:
+        if start is None:
             return None
-        if record.label is not None and self._truth(record, program, start) != record.label:
-            return None
-        statement = self._texts.setdefault(record.statement, record.statement)
-        return Task(record.id, statement, program.source, not record.label, start)
-
-    def _trusted_task(self, record: Record) -> Task | None:
-        start = self._empty if record.label is None else self._scene(record)
-        return None if start is None else Task(record.id, record.statement, record.program, not record.label, start)
+        if not self._trusted:
+            if program is None or (record.label is not None and self._truth(record, program, start) != record.label):
+                return None
+            statement, source = self._texts.setdefault(statement, statement), program.source
+        return Task(record.id, statement, source, not record.label, start)
 
     def _program(self, record: Record) -> Program | None:
         """The compiled program, evaluated once on the empty scene; logs a fault and returns None when it is invalid."""

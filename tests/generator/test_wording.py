@@ -7,7 +7,7 @@ import random
 import pytest
 
 from lilgym_mp.generator import ScenePool
-from lilgym_mp.generator.meanings.wording import disagreement
+from lilgym_mp.generator.meanings.validation import disagreement
 
 SCENES = ScenePool.sample("tower", random.Random(0), 8).scenes
 

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.generator.meanings.scene_sampling import EDIT_LIMIT, random_walks
+from lilgym_mp.generator.meanings.scene_sampling import EDIT_LIMIT, Expansion, Walk, random_walks
 from lilgym_mp.scene import Scene
 
 SceneTest = Callable[[Scene], bool]
-SceneIndex = int  # index in `ScenePool.scenes`
 
 
 class StartScene(NamedTuple):
@@ -23,36 +22,20 @@ class StartScene(NamedTuple):
     edits: int
 
 
-class IndexedExpansion(NamedTuple):
-    """A `scene_sampling.Expansion` with scenes as indices."""
-
-    scene: SceneIndex
-    successors: tuple[SceneIndex, ...]
-    edits: int | None
-
-
 @dataclass(frozen=True)
 class ScenePool:
     """The distinct scenes of many random walks of one appearance."""
 
     scenes: tuple[Scene, ...]
-    walks: tuple[tuple[IndexedExpansion, ...], ...]
+    walks: tuple[Walk, ...]
 
     @classmethod
     def sample(cls, appearance: str, rng: random.Random, walks: int) -> ScenePool:
-        indices: dict[Scene, SceneIndex] = {}
-        indexed = tuple(
-            tuple(
-                IndexedExpansion(
-                    indices.setdefault(scene, len(indices)),
-                    tuple(indices.setdefault(successor, len(indices)) for successor in successors),
-                    edits,
-                )
-                for scene, successors, edits in walk
-            )
-            for walk in islice(random_walks(appearance, rng), walks)
+        found = tuple(islice(random_walks(appearance, rng), walks))
+        scenes = dict.fromkeys(
+            scene for walk in found for expansion in walk for scene in (expansion.scene, *expansion.successors)
         )
-        return cls(tuple(indices), indexed)
+        return cls(tuple(scenes), found)
 
 
 class TruthTable:
@@ -60,11 +43,11 @@ class TruthTable:
 
     def __init__(self, pool: ScenePool, truth: SceneTest) -> None:
         self.pool = pool
-        self.values = [truth(scene) for scene in pool.scenes]
+        self.values = {scene: truth(scene) for scene in pool.scenes}
 
     @property
     def share_true(self) -> float:
-        return sum(self.values) / len(self.values)
+        return sum(self.values.values()) / len(self.values)
 
     def edits_from_empty(self) -> int | None:
         """The fewest edits from the empty scene that make it true in the pool's walks: an upper bound; None if none."""
@@ -81,7 +64,7 @@ class TruthTable:
 
     def neighbours(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
         """Pairs of scenes one edit apart with different truth values, in random order."""
-        return self._pairs(rng, 1, lambda expansion: [(expansion.scene, index) for index in expansion.successors])
+        return self._pairs(rng, 1, lambda expansion: [(expansion.scene, scene) for scene in expansion.successors])
 
     def siblings(self, rng: random.Random) -> Iterator[tuple[StartScene, StartScene]]:
         """The same for successors of one scene: two edits apart, with equally many items."""
@@ -91,16 +74,16 @@ class TruthTable:
         self,
         rng: random.Random,
         edits: int,
-        candidates: Callable[[IndexedExpansion], Sequence[tuple[SceneIndex, SceneIndex]]],
+        candidates: Callable[[Expansion], Sequence[tuple[Scene, Scene]]],
     ) -> Iterator[tuple[StartScene, StartScene]]:
         for walk in rng.sample(self.pool.walks, len(self.pool.walks)):
             for expansion in walk:
                 for one, other in candidates(expansion):
-                    if self.values[one] != self.values[other] and any(self.pool.scenes[one].items()):
+                    if self.values[one] != self.values[other] and any(one.items()):
                         yield self._start(one, edits), self._start(other, edits)
 
-    def _start(self, index: SceneIndex, edits: int) -> StartScene:
-        return StartScene(self.pool.scenes[index], self.values[index], edits)
+    def _start(self, scene: Scene, edits: int) -> StartScene:
+        return StartScene(scene, self.values[scene], edits)
 
 
 def select_starts(truths: TruthTable, rng: random.Random, is_clear: SceneTest) -> list[StartScene]:

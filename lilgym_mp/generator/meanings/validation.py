@@ -107,5 +107,26 @@ def clear_scenes(entry: Entry, pool: ScenePool, label: bool, rng: random.Random)
             yield scene
 
 
+def disagreement(statement: str, program: str, scenes: Sequence[Scene]) -> str | None:
+    """How the statement says more or less than its program; None if a reading agrees with it in all scenes, or if the
+    grammar cannot read the statement."""
+    parses = parse_statement(statement)
+    evaluate = compile_program(program)
+    truths = [evaluate(scene) for scene in scenes]
+    readings = ([holds(parse, scene, how) for scene in scenes] for how in (STANDARD, *ALTERNATIVES) for parse in parses)
+    first: list[bool] | None = None
+    for reading in readings:
+        if reading == truths:
+            return None
+        first = first or reading
+    if first is None:
+        return None
+    pairs = list(zip(first, truths, strict=True))
+    more, less = pairs.count((False, True)), pairs.count((True, False))
+    parts = [(more, "more than its program, which is true where the statement reads as false")] if more else []
+    parts += [(less, "less than its program, which is false where the statement reads as true")] if less else []
+    return "says " + " and ".join(f"{text} ({count} of {len(scenes)} scenes)" for count, text in parts)
+
+
 def _random_permutation(values: list[Value], rng: random.Random) -> dict[Value, Value]:
     return dict(zip(values, rng.sample(values, len(values)), strict=True))
