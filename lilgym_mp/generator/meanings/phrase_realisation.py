@@ -119,20 +119,16 @@ class PhraseRealiser:
 
     def modifier(self, predicate: sem.Predicate, plural: bool) -> str:
         """The predicate as a modifier after its noun: "touching the left wall"."""
-        be = self.be(plural)
+        be, does, touch = (conjugated(verb, plural) for verb in ("is", "does", "touches"))
+        wall = self.wall(predicate) if isinstance(predicate, sem.AtWall) else ""
         match predicate:
             case sem.Matches():
                 return f"that {self.verb_phrase(predicate, plural)}"
             case sem.AtWall(_, True, _):
-                wall = self.wall(predicate)
                 return self.pick(f"touching or almost touching {wall}", f"very close to {wall} or touching it")
             case sem.AtWall(_, _, True):
-                wall = self.wall(predicate)
-                touch = conjugated("touches", plural)
                 return self.pick(f"touching {wall}", f"that {touch} {wall}", f"against {wall}")
             case sem.AtWall():
-                wall = self.wall(predicate)
-                does = conjugated("does", plural)
                 return self.pick(
                     f"not touching {wall}", f"that {does} not touch {wall}", f"that {be} not touching {wall}"
                 )
@@ -157,22 +153,17 @@ class PhraseRealiser:
 
     def verb_phrase(self, predicate: sem.Predicate, plural: bool) -> str:
         """The predicate as a verb phrase: "touches the left wall"."""
-        be = self.be(plural) + ("" if predicate.positive else " not")
+        be, does, touch = (conjugated(verb, plural) for verb in ("is", "does", "touches"))
+        be += "" if predicate.positive else " not"
+        wall = self.wall(predicate) if isinstance(predicate, sem.AtWall) else ""
         match predicate:
             case sem.Matches(description):
                 return f"{be} {self.description_complement(description, plural)}"
             case sem.AtWall(_, True, _):
-                wall = self.wall(predicate)
-                touch = conjugated("touches", plural)
                 return self.pick(f"{touch} or almost {touch} {wall}", f"{be} very close to {wall} or touching it")
             case sem.AtWall(_, _, True):
-                wall = self.wall(predicate)
-                return self.pick(
-                    f"{conjugated('touches', plural)} {wall}", f"{be} touching {wall}", f"{be} against {wall}"
-                )
+                return self.pick(f"{touch} {wall}", f"{be} touching {wall}", f"{be} against {wall}")
             case sem.AtWall():
-                wall = self.wall(predicate)
-                does = conjugated("does", plural)
                 return self.pick(f"{does} not touch {wall}", f"{be} touching {wall}")
             case sem.InCorner(_, True):
                 sit = conjugated(self.pick("is", "sits", "lies"), plural)
@@ -183,14 +174,13 @@ class PhraseRealiser:
                 name = BOX_NAMES[index]
                 return f"{be} {self.pick(f'in the {name} box', f'inside the {name} box')}"
             case sem.AtPosition(position, True):
-                stand = conjugated(
-                    self.pick("is", "is", "stands" if position is sem.TowerPosition.BOTTOM else "sits"), plural
-                )
+                stands = "stands" if position is sem.TowerPosition.BOTTOM else "sits"
+                stand = conjugated(self.pick("is", "is", stands), plural)
                 return f"{stand} {self.position(position, plural)}"
             case sem.AtPosition(position):
                 return f"{be} {self.position(position, plural)}"
             case sem.RelatedTo(sem.Relation.TOUCHING, noun, True) if self.chance(0.5):
-                return f"{conjugated('touches', plural)} {self.indefinite(noun)}"
+                return f"{touch} {self.indefinite(noun)}"
             case sem.RelatedTo(relation, noun, positive):
                 if relation in (sem.Relation.ON, sem.Relation.ABOVE) and positive and self.chance(0.4):
                     be = conjugated(self.pick("sits", "rests") if relation is sem.Relation.ON else "lies", plural)
@@ -257,12 +247,16 @@ class PhraseRealiser:
         pair = total == exactly(2)
         if partitive is sem.Partitive.ALL and total == exactly(1):
             return f"{'it' if them == 'them' else 'which'} {self.verb_phrase(predicate, plural=False)}"
-        if partitive is sem.Partitive.ALL:
-            return f"{'both' if pair else 'all'} of {them} {self.verb_phrase(predicate, plural=True)}"
-        if partitive is sem.Partitive.NONE:
-            return f"{'neither' if pair else 'none'} of {them} {self.verb_phrase(predicate, plural=False)}"
-        some = "at least one" if partitive is sem.Partitive.SOME else f"{self.pick('exactly', 'only', 'just')} one"
-        return f"{some} of {them} {self.verb_phrase(predicate, plural=False)}"
+        match partitive:
+            case sem.Partitive.ALL:
+                some = "both" if pair else "all"
+            case sem.Partitive.NONE:
+                some = "neither" if pair else "none"
+            case sem.Partitive.SOME:
+                some = "at least one"
+            case sem.Partitive.ONE:
+                some = f"{self.pick('exactly', 'only', 'just')} one"
+        return f"{some} of {them} {self.verb_phrase(predicate, plural=partitive is sem.Partitive.ALL)}"
 
     # Box conditions
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Sequence
+from typing import TypeGuard
 
 from lilgym_mp.generator.lexicon import Phrase, Style, article, conjugated, listed, pluralised
 from lilgym_mp.generator.meanings import semantics as sem
@@ -114,6 +115,10 @@ class SentenceRealiser(PhraseRealiser):
     def there_is(self, phrase: Phrase) -> str:
         return f"there {self.be(phrase.plural)} {phrase.text}"
 
+    def opened(self, opening: str, phrase: Phrase) -> str:
+        texts = {"there": self.there_is(phrase), "see": f"we see {phrase.text}"}
+        return texts.get(opening, f"the {self.style.picture} has {phrase.text}")
+
     def item_count_templates(self, quantity: Quantity, noun: sem.NounPhrase) -> list[Template]:
         templates: list[Template] = [
             lambda: self.there_is(self.quantified(quantity, noun)),
@@ -195,9 +200,7 @@ class SentenceRealiser(PhraseRealiser):
 
         def two_clauses() -> str:
             opening = self.pick("there", "picture", "see")
-            named = self.quantified(quantity, noun)
-            picture = f"the {self.style.picture} has {named.text}"
-            text = {"there": self.there_is(named), "picture": picture, "see": f"we see {named.text}"}[opening]
+            text = self.opened(opening, self.quantified(quantity, noun))
             conjunction = self.pick(", and", " and", ", and")
             return f"{text}{conjunction} {self.partitive(partitive, quantity, predicate, 'them')}"
 
@@ -307,9 +310,7 @@ class SentenceRealiser(PhraseRealiser):
 
         def boxes_with_modifier() -> str:
             named = self.described_boxes(quantity, conditions, towers)
-            opening = self.pick("there", "there", "see", "picture")
-            text = {"there": self.there_is(named), "see": f"we see {named.text}"}
-            return text.get(opening, f"the {self.style.picture} has {named.text}")
+            return self.opened(self.pick("there", "there", "see", "picture"), named)
 
         def boxes_as_subject() -> str:
             subject = self.box_subject(quantity, word)
@@ -354,7 +355,6 @@ class SentenceRealiser(PhraseRealiser):
         noun = pluralised(word) if determiner.plural else word
         before, after = "", conditions
         if towers and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, sem.Count)
             before, after = self.number(first.quantity.low) + "-block ", rest
         elif (
             towers and isinstance(first, sem.ContainsOnly) and len(first.description.colours) == 1 and self.chance(0.5)
@@ -369,7 +369,6 @@ class SentenceRealiser(PhraseRealiser):
         """The conditions as a modifier after the noun: "with two circles", "that has no square"."""
         first = conditions[0]
         if towers and len(conditions) == 1 and _is_height(first) and self.chance(0.4):
-            assert isinstance(first, sem.Count)
             return self.tall(first.quantity, plural)
         if all(isinstance(condition, sem.EndColour) for condition in conditions) and not plural and self.chance(0.3):
             ends = [self.end_clause(end) for end in conditions if isinstance(end, sem.EndColour)]
@@ -401,7 +400,6 @@ class SentenceRealiser(PhraseRealiser):
     def all_contents(self, conditions: sem.BoxConditions) -> str:
         first, *rest = conditions
         if _is_height(first) and rest and isinstance(rest[0], sem.Variety | sem.ContainsOnly):
-            assert isinstance(first, sem.Count)
             return listed([self.described_total(first.quantity, rest[0]), *map(self.contents, rest[1:])])
         texts = [self.contents(condition) for condition in conditions]
         negative = [isinstance(condition, sem.Count) and condition.quantity == NONE for condition in conditions]
@@ -432,11 +430,9 @@ class SentenceRealiser(PhraseRealiser):
             end = "top" if only.position is sem.TowerPosition.TOP else "base"
             templates.append(lambda: f"the {self.pick(end)} of the {name} {word} is {self.colours(only.colours)}")
         elif _is_height(only) and clause.towers:
-            quantity = only.quantity if isinstance(only, sem.Count) else SOME
-            blocks = "block" if quantity.low == 1 else "blocks"
-            templates.append(
-                lambda: f"the {name} {word} is {self.number(quantity.low)} {blocks} {self.pick('tall', 'high')}"
-            )
+            height = only.quantity.low
+            blocks = "block" if height == 1 else "blocks"
+            templates.append(lambda: f"the {name} {word} is {self.number(height)} {blocks} {self.pick('tall', 'high')}")
         elif isinstance(only, sem.Count) and only.noun != sem.ANYTHING:
             templates += [
                 lambda: f"{self.pick('in', 'inside')} the {name} {word} {self.there_is(self.quantity_of(only))}",
@@ -521,7 +517,7 @@ class SentenceRealiser(PhraseRealiser):
         return f"{opening} {text}"
 
 
-def _is_height(condition: sem.BoxCondition) -> bool:
+def _is_height(condition: sem.BoxCondition) -> TypeGuard[sem.Count]:
     """Whether the condition fixes the number of items in the box."""
     match condition:
         case sem.Count(Quantity(low, high, False), noun):

@@ -31,9 +31,6 @@ class StatementTemplates(ItemTemplates):
     def weighted_statements(self) -> Sequence[WeightedTemplate]:
         raise NotImplementedError
 
-    def box_word(self) -> str:
-        raise NotImplementedError
-
     def box_quantity(self) -> Quantity:
         draw = self.rng.random()
         if draw < 0.62:
