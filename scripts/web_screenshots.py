@@ -28,7 +28,7 @@ from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportM
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli import main as command
 from lilgym_mp.corpus import load_tasks, write_corpus
-from lilgym_mp.corpus.exporting import flipit_entries
+from lilgym_mp.corpus.jsonlines import flipit_entries
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.web.app import ServeOptions, create_app
 from lilgym_mp.web.authentication import add_person, issue_token

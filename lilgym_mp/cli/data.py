@@ -252,7 +252,7 @@ def _task_set_with(args: argparse.Namespace) -> TaskSet:
 
 
 def _generate(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.exporting import LabelledScene, entry_json
+    from lilgym_mp.corpus.jsonlines import LabelledScene, entry_json
     from lilgym_mp.generator import CorpusSpec, generated_entries
 
     check_at_least(args, 1, "number")
@@ -292,7 +292,7 @@ def _synthesize(args: argparse.Namespace) -> int:
 
 
 def _permute(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.exporting import flipit_entries
+    from lilgym_mp.corpus.jsonlines import flipit_entries
     from lilgym_mp.corpus.loading import load_all_tasks
     from lilgym_mp.corpus.permutation import with_permuted_boxes
 

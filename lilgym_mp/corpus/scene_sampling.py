@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
@@ -24,6 +24,17 @@ class ItemTypes(NamedTuple):
     shapes: tuple[Shape, ...] = tuple(Shape)
     colours: tuple[Colour, ...] = tuple(Colour)
     sizes: tuple[Size, ...] = tuple(Size)
+
+    @classmethod
+    def sample(
+        cls, rng: random.Random, shapes: Sequence[int], colours: Sequence[int], sizes: Sequence[int]
+    ) -> ItemTypes:
+        """Random values, as many of each attribute as one of the numbers."""
+        return cls(
+            tuple(rng.sample(list(Shape), rng.choice(shapes))),
+            tuple(rng.sample(list(Colour), rng.choice(colours))),
+            tuple(rng.sample(list(Size), rng.choice(sizes))),
+        )
 
 
 ALL_ITEM_TYPES = ItemTypes()
@@ -68,17 +79,10 @@ def _changed_tower(rng: random.Random, scene: Scene) -> Scene:
 
 
 def _random_scatter(rng: random.Random) -> Scene:
-    item_types = ItemTypes(
-        tuple(rng.sample(list(Shape), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
-        tuple(rng.sample(list(Colour), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
-        tuple(rng.sample(list(Size), rng.choice(ATTRIBUTE_VALUE_COUNTS))),
-    )
+    item_types = ItemTypes.sample(rng, *[ATTRIBUTE_VALUE_COUNTS] * 3)
     limit = rng.choice(MAX_BOX_ITEMS)
-    scene = Scene.empty()
-    while not any(scene.items()):
-        for box in range(BOX_COUNT):
-            for _ in range(rng.randint(0, limit)):
-                scene = with_item(rng, scene, box, item_types)
+    while not any((scene := scattered(rng, item_types, limit)).items()):
+        pass
     return scene
 
 
@@ -92,6 +96,15 @@ def _changed_scatter(rng: random.Random, scene: Scene) -> Scene:
             changed = with_item(rng, scene, index, ALL_ITEM_TYPES)
         if changed is not scene and any(changed.items()):
             return changed
+
+
+def scattered(rng: random.Random, item_types: ItemTypes, limit: int, placing: ItemPlacing = ANYWHERE) -> Scene:
+    """A scene with random items, at most `limit` in each box; it may be empty."""
+    scene = Scene.empty()
+    for box in range(BOX_COUNT):
+        for _ in range(rng.randint(0, limit)):
+            scene = with_item(rng, scene, box, item_types, placing)
+    return scene
 
 
 def with_item(

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.exporting import LabelledScene, entry_json
+from lilgym_mp.corpus.jsonlines import LabelledScene, entry_json
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
 from lilgym_mp.corpus.scene_sampling import SAMPLERS

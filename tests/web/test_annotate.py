@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
-from lilgym_mp.corpus.exporting import flipit_entries
+from lilgym_mp.corpus.jsonlines import flipit_entries
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.words import WORDS

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID
-from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, with_item
+from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, scattered
 from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Item, Scene
 
 RULES = RULE_SETS["paper"]
 EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
@@ -66,7 +66,9 @@ def _gap(one: Item, other: Item) -> int:
 
 def _random_scene(appearance: str, rng: random.Random) -> Scene:
     """A random scene, not only one that actions on the grid can reach."""
-    return _random_scatter_scene(rng) if appearance == "scatter" else SAMPLERS[appearance].scene(rng)
+    if appearance != "scatter":
+        return SAMPLERS[appearance].scene(rng)
+    return scattered(rng, _random_palette(rng), rng.choice((1, 2, 3, 4, 6)), LEGIBLY)
 
 
 def _random_walk(appearance: str, scene: Scene, rng: random.Random, edits: int | None) -> Walk:
@@ -122,21 +124,7 @@ def _inverse(successor: Scene, box_index: int, action: Action) -> Action:
 def _random_palette(rng: random.Random) -> ItemTypes:
     """Random attribute values; few of them make items alike, so that counts and comparisons vary."""
     counts = (1, 2, 2, 3, 3)
-    return ItemTypes(
-        tuple(rng.sample(list(Shape), rng.choice(counts))),
-        tuple(rng.sample(list(Colour), rng.choice((1, 2, 3, 3, 3)))),
-        tuple(rng.sample(list(Size), rng.choice(counts))),
-    )
-
-
-def _random_scatter_scene(rng: random.Random) -> Scene:
-    palette = _random_palette(rng)
-    max_items = rng.choice((1, 2, 3, 4, 6))
-    scene = Scene.empty()
-    for box_index in range(BOX_COUNT):
-        for _ in range(rng.randint(0, max_items)):
-            scene = with_item(rng, scene, box_index, palette, LEGIBLY)
-    return scene
+    return ItemTypes.sample(rng, counts, (1, 2, 3, 3, 3), counts)
 
 
 def _random_gap(rng: random.Random) -> int:

@@ -19,7 +19,7 @@ from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError, write_corpus
-from lilgym_mp.corpus.exporting import LabelledScene, entry_json
+from lilgym_mp.corpus.jsonlines import LabelledScene, entry_json
 from lilgym_mp.scene import Scene
 from lilgym_mp.web import statement_import
 from lilgym_mp.web.app_services import Services
