@@ -112,6 +112,11 @@ def _actions(grid: Grid) -> tuple[Action, ...]:
 class Scatter:
     """1 + 28 actions per cell: STOP, ADD(x, y, shape, colour, size), REMOVE(x, y), in this order."""
 
+    name = "scatter"
+    shapes = tuple(Shape)
+    example = AddItem(3, 4, Shape.CIRCLE, Colour.BLUE, Size.SMALL)
+    box_capacity = None
+
     grid: Grid = RELEASED_GRID
     cell: tuple[int, int] = field(init=False)  # width and height in pixels
     _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
@@ -136,24 +141,8 @@ class Scatter:
         object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= MAX_DECODED else ())
 
     @property
-    def name(self) -> str:
-        return "scatter"
-
-    @property
     def action_count(self) -> int:
         return action_count(self.cell_count)
-
-    @property
-    def shapes(self) -> tuple[Shape, ...]:
-        return tuple(Shape)
-
-    @property
-    def example(self) -> Action:
-        return AddItem(3, 4, Shape.CIRCLE, Colour.BLUE, Size.SMALL)
-
-    @property
-    def box_capacity(self) -> None:
-        return None
 
     def decode(self, index: int) -> Action:
         return self._table[index] if self._table else _decoded(self.grid, index)

@@ -88,29 +88,12 @@ def _edit_column(action: TowerAction) -> int:
 class Tower:
     """13 actions: STOP, ADD(box, colour) for 3 boxes x 3 colours, REMOVE(box) for 3 boxes."""
 
-    @property
-    def name(self) -> str:
-        return "tower"
-
-    @property
-    def action_count(self) -> int:
-        return len(ACTIONS)
-
-    @property
-    def grid(self) -> None:
-        return None
-
-    @property
-    def shapes(self) -> tuple[Shape, ...]:
-        return (Shape.SQUARE,)
-
-    @property
-    def example(self) -> Action:
-        return AddBlock(0, Colour.BLUE)
-
-    @property
-    def box_capacity(self) -> int:
-        return CAPACITY
+    name = "tower"
+    action_count = len(ACTIONS)
+    grid = None
+    shapes = (Shape.SQUARE,)
+    example = AddBlock(0, Colour.BLUE)
+    box_capacity = CAPACITY
 
     def decode(self, index: int) -> Action:
         return ACTIONS[index]
