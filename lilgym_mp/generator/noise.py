@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 import re
-from collections.abc import Container
+from collections.abc import Callable, Container
 from itertools import pairwise
 
 MIN_LETTERS = 4  # shorter words are not misspelt
@@ -58,36 +58,45 @@ def with_noise(statement: str, rng: random.Random) -> str:
     text = text[:1].lower() + text[1:]
     draw = rng.random
     if draw() < 0.05:
-        text = _with_synonym(text, rng)
+        text = _edited(text, rng, lambda word, _: word in SYNONYMS, lambda word: [rng.choice(SYNONYMS[word])])
     if draw() < 0.1:
-        text = _without_article(text, rng)
+        text = _edited(text, rng, _is_omissible, lambda article: [])
     if draw() < 0.04:
         text = _with_joined_words(text)
     if draw() < 0.02:
-        text = _with_doubled_word(text, rng)
+        text = _edited(text, rng, lambda word, _: True, lambda word: [word, word])
     if draw() < 0.12:
-        text = _misspelt(text, rng)
+        text = _edited(text, rng, _is_long_word, lambda word: [_misspelt(word, rng)])
     return _capitalised_and_stopped(text, rng)
 
 
-def _with_synonym(text: str, rng: random.Random) -> str:
+def _edited(
+    text: str,
+    rng: random.Random,
+    applies: Callable[[str, str | None], bool],
+    edit: Callable[[str], list[str]],
+) -> str:
+    """The text with a random one of the words to which the edit applies, given the word after it, replaced."""
     words = text.split(" ")
-    indices = [index for index, word in enumerate(words) if word in SYNONYMS]
-    if indices:
+    pairs = zip(words, (*words[1:], None), strict=True)
+    if indices := [index for index, pair in enumerate(pairs) if applies(*pair)]:
         index = rng.choice(indices)
-        words[index] = rng.choice(SYNONYMS[words[index]])
+        words[index : index + 1] = edit(words[index])
     return " ".join(words)
 
 
-def _without_article(text: str, rng: random.Random) -> str:
-    words = text.split(" ")
-    indices = [
-        index for index, (word, following) in enumerate(pairwise(words))
-        if word in ARTICLES and following not in NEEDS_ARTICLE
-    ]  # fmt: skip
-    if indices:
-        del words[rng.choice(indices)]
-    return " ".join(words)
+def _is_omissible(word: str, following: str | None) -> bool:
+    return word in ARTICLES and following is not None and following not in NEEDS_ARTICLE
+
+
+def _is_long_word(word: str, _: str | None) -> bool:
+    return len(word) >= MIN_LETTERS and word.isalpha()
+
+
+def _misspelt(word: str, rng: random.Random) -> str:
+    if word in MISSPELLINGS and rng.random() < 0.4:
+        return rng.choice(MISSPELLINGS[word])
+    return _typo(word, rng, ("swap", "drop", "double", "replace"))
 
 
 def _with_joined_words(text: str) -> str:
@@ -96,25 +105,6 @@ def _with_joined_words(text: str) -> str:
         if pair in JOINABLE:
             return " ".join([*words[:index], "".join(pair), *words[index + 2 :]])
     return text
-
-
-def _with_doubled_word(text: str, rng: random.Random) -> str:
-    words = text.split(" ")
-    index = rng.randrange(len(words))
-    return " ".join([*words[: index + 1], *words[index:]])
-
-
-def _misspelt(text: str, rng: random.Random) -> str:
-    words = text.split(" ")
-    indices = [index for index, word in enumerate(words) if len(word) >= MIN_LETTERS and word.isalpha()]
-    if indices:
-        index = rng.choice(indices)
-        word = words[index]
-        if word in MISSPELLINGS and rng.random() < 0.4:
-            words[index] = rng.choice(MISSPELLINGS[word])
-        else:
-            words[index] = _typo(word, rng, ("swap", "drop", "double", "replace"))
-    return " ".join(words)
 
 
 def _typo(word: str, rng: random.Random, edits: tuple[str, ...]) -> str:
