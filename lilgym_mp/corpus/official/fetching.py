@@ -6,7 +6,6 @@ import threading
 import time
 from contextlib import closing
 from http.client import HTTPException, IncompleteRead, InvalidURL
-from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.error import HTTPError
 from urllib.parse import urlsplit
@@ -42,12 +41,8 @@ def checked_url(url: str) -> str:
     return url
 
 
-def fetch(url: str, path: Path, limits: Limits = LIMITS) -> None:
-    """Downloads `url` to `path`, which appears only when complete.
-
-    Raises InterruptionError after the last try, CorpusError when the server refuses, OSError when `path` cannot be
-    written.
-    """
+def fetch(url: str, limits: Limits = LIMITS) -> bytes:
+    """The content of the URL. Raises InterruptionError after the last try, CorpusError when the server refuses."""
     checked_url(url)
     reason = ""
     for attempt in range(limits.tries):
@@ -60,8 +55,7 @@ def fetch(url: str, path: Path, limits: Limits = LIMITS) -> None:
         thread.join(limits.seconds)
         result = found[0] if found else TimeoutError(f"not complete after {limits.seconds:g} seconds")
         if isinstance(result, bytes):
-            path.write_bytes(result)
-            return
+            return result
         reason = " ".join(str(getattr(result, "reason", result)).split())[:MAX_REASON] or type(result).__name__
         if isinstance(result, HTTPError):
             reason = f"the server answers {result.code} {reason}"
