@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.appearances.nearest import Point, Ring, all_pairs, nearest_points
-from lilgym_mp.arrays import BoolArray
+from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
 
 Value = TypeVar("Value")
@@ -29,6 +29,7 @@ OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this
 OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
 NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # index of equal top-left corners in a pair's table
 LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
+TIED = 0  # sentinel instead of the code of a move
 CACHED_MOVES = 16_384  # moves resolved at run time; on a grid they recur
 AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
 
@@ -113,6 +114,23 @@ def _resolved_move(
     return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
 
 
+class CodeArrays(NamedTuple):
+    """`clearance` and `moves` of `PlacementTables` as arrays."""
+
+    clearance: UInt8Array  # (9, 9, 69, 69)
+    moves: UInt8Array  # (9, 9, 69, 69); TIED where several pairs of points are nearest
+
+
+@cache
+def code_arrays() -> CodeArrays:
+    tables = placement_tables()
+    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
+    both = (b"".join(map(b"".join, codes)) for codes in (tables.clearance, tables.moves))
+    clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
+    moves[list(tables.ties)] = TIED
+    return CodeArrays(clearance.reshape(shape), moves.reshape(shape))
+
+
 @cache
 def placement_tables() -> PlacementTables:
     with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
@@ -170,10 +188,8 @@ def snapped(
 @cache
 def clear_templates() -> BoolArray:
     """(9, 9, 61, 61) by other footprint, new footprint, offset in x and y from -30: whether the two do not overlap."""
-    codes = np.frombuffer(b"".join(map(b"".join, placement_tables().clearance)), np.uint8)
-    codes = codes.reshape(FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
-    return np.ascontiguousarray((codes[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
+    return np.ascontiguousarray((code_arrays().clearance[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
 
 
 @cache

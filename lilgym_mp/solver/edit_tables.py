@@ -20,10 +20,12 @@ from lilgym_mp.appearances.placement import (
     OFFSET_COUNT,
     OFFSET_LIMIT,
     OVERLAPPING,
+    TIED,
     cell_areas,
+    code_arrays,
     placement_tables,
 )
-from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, Item
 from lilgym_mp.solver.canonical_items import COLOUR_COUNT, OVERHANG, TYPES_PER_SIZE, ZONE_COUNT, ZONE_PAIR_COUNT, zones
 
@@ -81,25 +83,6 @@ def frame_x_of(rules: PlacementRules, index: int) -> int:
     return index * BOX_PITCH if rules.rounds_in_image else 0
 
 
-class _Tables(NamedTuple):
-    """`PlacementTables` as arrays of shape (9, 9, 69, 69); at larger offsets items are too far apart to matter."""
-
-    clearance: UInt8Array
-    moves: UInt8Array
-    tied: BoolArray  # whether the snap is ambiguous: several pairs of nearest points
-
-
-@cache
-def _tables() -> _Tables:
-    tables = placement_tables()
-    shape = (FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT)
-    clearance = np.frombuffer(b"".join(map(b"".join, tables.clearance)), np.uint8).reshape(shape)
-    moves = np.frombuffer(b"".join(map(b"".join, tables.moves)), np.uint8).reshape(shape)
-    tied = np.zeros(clearance.size, np.bool_)
-    tied[list(tables.ties)] = True
-    return _Tables(clearance, moves, tied.reshape(shape))
-
-
 _FOOTPRINTS = np.arange(FOOTPRINT_COUNT)
 _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
@@ -111,7 +94,7 @@ def _clearances(x: Int64Array, y: Int64Array, items: tuple[Item, ...]) -> Int64A
     dy = y - placed[:, 1, None, None] + OFFSET_LIMIT
     near = (dx >= 0) & (dx < OFFSET_COUNT) & (dy >= 0) & (dy < OFFSET_COUNT)
     last = OFFSET_COUNT - 1
-    codes = _tables().clearance[_FOOTPRINTS, placed[:, 2, None, None], dx.clip(0, last), dy.clip(0, last)]
+    codes = code_arrays().clearance[_FOOTPRINTS, placed[:, 2, None, None], dx.clip(0, last), dy.clip(0, last)]
     return np.where(near, codes, FIRST_TOO_FAR)
 
 
@@ -143,10 +126,10 @@ def _moves(
     """The snap move of each new item towards `items[others[i]]`."""
     placed = np.array([(item[0], item[1], item[2] * 3 + item[4]) for item in items])[others]
     entry = (footprints, placed[:, 2], x - placed[:, 0] + OFFSET_LIMIT, y - placed[:, 1] + OFFSET_LIMIT)
-    codes = _tables().moves[entry].astype(np.int64)
+    codes = code_arrays().moves[entry].astype(np.int64)
     move_x, move_y = (codes >> 4) - LARGEST_MOVE, (codes & 15) - LARGEST_MOVE
     # Ties, and neighbours beyond the frame's left or top, depend on absolute coordinates.
-    special = _tables().tied[entry] | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
+    special = (codes == TIED) | (placed[:, 0] + frame_x < 0) | (placed[:, 1] < 0)
     move = placement_tables().move
     for index in special.nonzero()[0].tolist():
         other = items[int(others[index])]

@@ -105,8 +105,10 @@ class Layers(Generic[Edit]):
                     yield after
 
 
-def scenes_at(edits: int, layers: Sequence[Layers[Any]]) -> Iterator[Scene]:
-    """Every scene exactly `edits` edits away."""
+def goals_at(
+    edits: int, layers: Sequence[Layers[Any]], is_goal: Callable[[Scene], bool], budget: Budget
+) -> Iterator[Scene]:
+    """Every scene exactly `edits` edits away that is a goal. Raises BudgetExhaustedError."""
     left_layers, middle_layers, right_layers = layers
     for left_edits in range(edits + 1):
         lefts = left_layers.layer(left_edits)
@@ -116,14 +118,7 @@ def scenes_at(edits: int, layers: Sequence[Layers[Any]]) -> Iterator[Scene]:
             for left in lefts:
                 for middle in middles:
                     for right in rights:
-                        yield Scene((left, middle, right))
-
-
-def goals_at(
-    edits: int, layers: Sequence[Layers[Any]], is_goal: Callable[[Scene], bool], budget: Budget
-) -> Iterator[Scene]:
-    """The goals among `scenes_at(edits, layers)`. Raises BudgetExhaustedError."""
-    for scene in scenes_at(edits, layers):
-        budget.spend()
-        if is_goal(scene):
-            yield scene
+                        budget.spend()
+                        scene = Scene((left, middle, right))
+                        if is_goal(scene):
+                            yield scene

@@ -113,22 +113,19 @@ class ScatterSearch:
         complete = solution.proven_optimal and self._exhaustive
         check = _FirstEditCheck(self, state, solution.steps - 2, Budget(min(budget.left, FIRST_ACTION_BUDGET)))
         try:
-            for index, actions, box in self._edits(state.scene, abstraction_of(programs_of(state.task)).classes):
-                answer = check.starts_shortest(index, box)
-                if answer:
-                    found.update(actions)
-                complete = complete and answer is not None
+            classes = abstraction_of(programs_of(state.task)).classes
+            for index, box in enumerate(state.scene.boxes):
+                for actions, after in self._box_edits(index, box, classes):
+                    answer = check.starts_shortest(index, after)
+                    if answer:
+                        found.update(actions)
+                    complete = complete and answer is not None
         except BudgetExhaustedError:
             complete = False
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
 
-    def _edits(self, scene: Scene, classes: ItemClasses) -> Iterator[tuple[int, Sequence[int], Box]]:
-        """Groups of actions that are equivalent for the program: box index, actions, and the box after one of them."""
-        for index, box in enumerate(scene.boxes):
-            for actions, after in self._box_edits(index, box, classes):
-                yield index, actions, after
-
     def _box_edits(self, index: int, box: Box, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Box]]:
+        """Groups of actions that are equivalent for the program, each with the box after one of them."""
         if not self._exhaustive:
             for edit, after in self._editors[index].all_edits(box):
                 yield [self._scatter.encode(edit)], after

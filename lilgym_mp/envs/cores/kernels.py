@@ -20,11 +20,11 @@ from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingIm
 
 from lilgym_mp.appearances import numbering
 from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
-from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, LARGEST_SIDE, OFFSET_LIMIT, OVERLAPPING
+from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, LARGEST_SIDE, OFFSET_LIMIT, OVERLAPPING, TIED
 from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
-from lilgym_mp.envs.cores.tables import MOVE_BASE, TIED, GridTables
+from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
 from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.programs.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size

@@ -14,7 +14,6 @@ from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 
 MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
 MOVE_BASE = 2 * placement.LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
-TIED = 0  # sentinel instead of a move: several pairs of points are nearest, to be resolved by `tied_move`
 
 
 class GridTables(NamedTuple):
@@ -23,8 +22,8 @@ class GridTables(NamedTuple):
     A bitmask covers the rows of one column, the first row being the lowest bit, in parts of `part_height` rows.
     """
 
-    clearance: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.clearance`
-    moves: UInt8Array  # (9, 9, 69, 69) as `PlacementTables.moves`, or TIED
+    clearance: UInt8Array  # `placement.CodeArrays`
+    moves: UInt8Array
     overlaps: (
         Int64Array  # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
     )
@@ -60,7 +59,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
     if appearance.searches(rules):
         searched |= placement.search_offsets(width, height)
-    clearance, moves = _placement_codes()
+    clearance, moves = placement.code_arrays()
     return GridTables(
         clearance=clearance,
         moves=moves,
@@ -83,16 +82,6 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
         overlap=REASON_INDICES[InvalidReason.OVERLAP],
         nothing_to_remove=REASON_INDICES[InvalidReason.NOTHING_TO_REMOVE],
     )
-
-
-def _placement_codes() -> tuple[UInt8Array, UInt8Array]:
-    """`GridTables.clearance` and `moves`."""
-    tables = placement.placement_tables()
-    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, placement.OFFSET_COUNT, placement.OFFSET_COUNT
-    both = (b"".join(map(b"".join, by_footprints)) for by_footprints in (tables.clearance, tables.moves))
-    clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
-    moves[list(tables.ties)] = TIED
-    return clearance.reshape(shape), moves.reshape(shape)
 
 
 def _as_bits(flags: BoolArray) -> Int64Array:
