@@ -130,9 +130,7 @@ class SeatPartner:
     ) -> AgentPolicy:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        indices: dict[str, int] = {}
-        statement_of = np.array([indices.setdefault(statement, len(indices)) for statement in statements], np.int64)
-        states = self._table.states(tuple(indices), statement_of, self._table.item_indices(situations.items), targets)
+        states = self._table.states_of(statements, self._table.item_indices(situations.items), targets)
         with torch.no_grad():
             return self._network.policy(self.role, self._network.encode(states), situations.context, legal)[0]
 

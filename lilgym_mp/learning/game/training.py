@@ -40,6 +40,7 @@ from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
 from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import load_model, weights_digest
+from lilgym_mp.learning.ppo.rollout import as_numpy
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
@@ -186,11 +187,11 @@ class Run(TimedRun["Progress"]):
             policy, values = self._evaluate(role, states, None, context, facts, legal)
             actions = policy.act(lambda part: part.sample(self._rng))
             log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
-        return Decision(actions, _numpy(log_probabilities), _numpy(values))
+        return Decision(actions, as_numpy(log_probabilities), as_numpy(values))
 
     def values(self, role: Role, states: States, context: Int64Array, facts: Int64Array) -> Float32Array:
         with torch.no_grad():
-            return _numpy(self._evaluate(role, states, None, context, facts, None)[1])
+            return as_numpy(self._evaluate(role, states, None, context, facts, None)[1])
 
     def _evaluate(
         self,
@@ -493,7 +494,3 @@ def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
         }
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None
-
-
-def _numpy(tensor: Tensor) -> Float32Array:
-    return tensor.detach().float().cpu().numpy()

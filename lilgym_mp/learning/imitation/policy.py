@@ -145,10 +145,6 @@ def action_chooser(policy: NetworkPolicy, horizon: int, rule: StopRule, rng: np.
     return choose
 
 
-def accuracy(episodes: Sequence[PlayedEpisode]) -> float:
-    return float(np.mean([episode.outcome is Outcome.SUCCESS for episode in episodes]))
-
-
 THRESHOLDS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 
 
@@ -160,8 +156,10 @@ def tune_stop_rule(
 
     def attempt(rule: StopRule) -> float:
         choose = action_chooser(policy, dynamics.horizon, rule, rng if rule.sampled else None)
-        tried.append((accuracy(play_episodes(policy, dynamics, tasks, choose)), rule))
-        return tried[-1][0]
+        episodes = play_episodes(policy, dynamics, tasks, choose)
+        accuracy = float(np.mean([episode.outcome is Outcome.SUCCESS for episode in episodes]))
+        tried.append((accuracy, rule))
+        return accuracy
 
     never_first = attempt(StopRule(never_first=True)) > attempt(StopRule())
     for threshold in sorted(THRESHOLDS, key=abs)[1:]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from lilgym_mp.actions import describe
-from lilgym_mp.learning.parsing.parser import probe_scenes
+from lilgym_mp.learning.parsing.parser import truths
 from lilgym_mp.learning.parsing.planning import MIN_PROBABILITY, Plan, Planner
-from lilgym_mp.programs import ProgramRuntimeError, compile_program
+from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
 
@@ -30,8 +30,8 @@ def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool
         if candidate.probability < MIN_PROBABILITY:
             continue
         truth = compile_program(candidate.program)
-        scenes = probe_scenes(appearance)
-        share = sum(truth.evaluate(scene) for scene in scenes if _is_defined(candidate.program, scene)) / len(scenes)
+        probed = truths(candidate.program, appearance)
+        share = probed.count(True) / len(probed)
         probability = probabilities.get(candidate.program, 0.0)
         fulfilled = "yes" if candidate.program in satisfied else "no"
         here = str(truth(plan.scene)).lower()
@@ -41,15 +41,6 @@ def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool
     yield ""
     yield f"plan: {', '.join(map(describe, plan.actions))}"
     yield f"predicted probability of success: {100 * plan.success_probability:.0f} %"
-
-
-def _is_defined(program: str, scene: Scene) -> bool:
-    """Whether the program evaluates without an error in the scene."""
-    try:
-        compile_program(program).evaluate(scene)
-    except ProgramRuntimeError:
-        return False
-    return True
 
 
 def scenes_of(plan: Plan, planner: Planner) -> list[Scene]:

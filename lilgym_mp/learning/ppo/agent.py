@@ -50,11 +50,8 @@ class ModelPolicy:
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        indices: dict[str, int] = {}
-        statement_of = [indices.setdefault(statement, len(indices)) for statement in observations.statements]
         boxes_of = self._table.indices(observations.images)
-        targets = observations.targets.astype(np.int64)
-        states = self._table.states(tuple(indices), np.array(statement_of, np.int64), boxes_of, targets)
+        states = self._table.states_of(observations.statements, boxes_of, observations.targets)
         with torch.no_grad():
             policy, values = policy_and_values(self._model, states, legal if self.needs_masks else None)
         self.stop_probabilities = policy.stop_probability().float().cpu().numpy()

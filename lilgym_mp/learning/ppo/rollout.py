@@ -135,34 +135,19 @@ class RolloutCollector:
         if recipe.same_statement > 1:
             self._sampler.resample_statements(rng)
         table, steps = BoxImageTable(), recipe.rollout // count
-        columns: dict[str, list[Any]] = {name: [] for name in Rollout._fields}
+        collected: list[dict[str, Any]] = []
         for _ in range(steps):
             observed, states = self._observe(table)
             legal = self._envs.action_masks() if recipe.mask else None
             actions, forced, log_probabilities, values = self._act(model, states, legal, rng)
             rewards, ended = self._step(actions, rng)
-            step = {
-                **observed,
-                "legal": legal,
-                "actions": actions,
-                "log_probabilities": log_probabilities,
-                "values": values,
-                "rewards": rewards,
-                "ended": ended,
-                "forced": forced,
-            }
-            for name, value in step.items():
-                columns[name].append(value)
+            decided = {"actions": actions, "log_probabilities": log_probabilities, "values": values, "forced": forced}
+            collected.append({**observed, **decided, "legal": legal, "rewards": rewards, "ended": ended})
         with torch.no_grad():
-            last_values = _numpy(model(self._observe(table)[1]).values)
-        arrays = {name: np.stack(rows) for name, rows in columns.items() if rows and rows[0] is not None}
-        return Rollout(
-            table=table,
-            statements=self._sampler.statements,
-            legal=arrays.pop("legal", None),
-            last_values=last_values,
-            **arrays,
-        )
+            last_values = as_numpy(model(self._observe(table)[1]).values)
+        columns = {name: [step[name] for step in collected] for name in collected[0]}
+        arrays = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
+        return Rollout(table=table, statements=self._sampler.statements, last_values=last_values, **arrays)
 
     def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:
         """The current observations as rollout columns and as states."""
@@ -183,7 +168,7 @@ class RolloutCollector:
         with torch.no_grad():
             log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
         self.statistics.forced += int(forced.sum())
-        return actions, forced, _numpy(log_probabilities), _numpy(values)
+        return actions, forced, as_numpy(log_probabilities), as_numpy(values)
 
     def _step(self, actions: Int64Array, rng: np.random.Generator) -> tuple[Float32Array, BoolArray]:
         """Steps the environments and restarts those whose episode ended; returns rewards and the ended mask."""
@@ -212,5 +197,5 @@ def policy_and_values(model: Model, states: States, legal: BoolArray | None) -> 
     return FactoredPolicy(model.factorisation, prediction.types, prediction.heads, mask), prediction.values
 
 
-def _numpy(tensor: torch.Tensor) -> Float32Array:
+def as_numpy(tensor: torch.Tensor) -> Float32Array:
     return tensor.detach().float().cpu().numpy()

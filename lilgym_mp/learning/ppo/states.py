@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -117,6 +118,12 @@ class BoxImageTable:
             boxes_of,
             targets,
         )
+
+    def states_of(self, statements: Sequence[str], boxes_of: Int64Array, targets: Int64Array) -> States:
+        """N states, one of each of the statements (N,)."""
+        indices: dict[str, int] = {}
+        statement_of = [indices.setdefault(statement, len(indices)) for statement in statements]
+        return self.states(tuple(indices), np.array(statement_of, np.int64), boxes_of, targets.astype(np.int64))
 
 
 def _items(rows: Int16Array) -> list[Item]:

@@ -38,6 +38,10 @@ class TrainingTasks:
         """The distinct statements."""
         return tuple(dict.fromkeys(task.statement for task in self.tasks))
 
+    @property
+    def plays_empty_starts(self) -> bool:
+        return bool(self.from_empty.any())
+
 
 def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool = False) -> TrainingTasks:
     """`matching`: only tasks with a scene labelled in the corpus, which alone solve them.
@@ -65,10 +69,6 @@ def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool =
     from_empty = np.array([task.id.startswith("empty:") for task in tasks])
     step = max(1, len(validation) // MAX_VALIDATION_TASKS)
     return TrainingTasks(TaskSet(tasks, main.provenance), from_empty, tuple(validation[::step]), main.provenance.sha256)
-
-
-def plays_empty_starts(tasks: TrainingTasks) -> bool:
-    return bool(tasks.from_empty.any())
 
 
 def _held_out(tasks: TaskSet, fraction: float) -> set[str]:

@@ -31,7 +31,7 @@ from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, plays_empty_starts, training_tasks
+from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, training_tasks
 from lilgym_mp.learning.ppo.update import (
     Experience,
     Losses,
@@ -160,10 +160,8 @@ class Run(TimedRun["Progress"]):
     @property
     def configurations(self) -> tuple[str, ...]:
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
-        own = self._settings.configuration
-        if not plays_empty_starts(self.tasks):
-            return (own,)
-        return own, configuration_name(self._settings.appearance, SCRATCH)
+        scratch = configuration_name(self._settings.appearance, SCRATCH)
+        return (self._settings.configuration, *([scratch] if self.tasks.plays_empty_starts else []))
 
     def is_over(self) -> bool:
         return super().is_over() or self.validation.is_out_of_patience
