@@ -214,13 +214,9 @@ def _merged_filter(arguments: Sequence[syntax.Node | None], scope: Scope) -> tup
 
 def _as_truth(node: syntax.Node, scope: Scope) -> syntax.Node:
     """Makes the truthiness of a collection of items explicit as `exist`."""
-    match node:
-        case syntax.Logic(operands=operands):
-            return replace(node, operands=tuple(_as_truth(operand, scope) for operand in operands))
-        case syntax.Not(operand=operand):
-            return syntax.Not(_as_truth(operand, scope))
-        case _:
-            return _call("exist", node) if type_of(node, scope) == ITEMS else node
+    if isinstance(node, syntax.Logic | syntax.Not):
+        return syntax.with_children(node, lambda part: _as_truth(part, scope))
+    return _call("exist", node) if type_of(node, scope) == ITEMS else node
 
 
 def _is_plain_selection(node: syntax.Node, scope: Scope) -> bool:

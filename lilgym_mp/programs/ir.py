@@ -131,24 +131,22 @@ class Int(Coded):
 
 
 @dataclass(frozen=True, kw_only=True)
-class AttributeValue(Coded):
+class Attribute(Coded):
+    """Members of an enum."""
+
+    enum: type[Enum]
+
+
+class AttributeValue(Attribute):
     """An enum member, represented by its integer value."""
 
-    enum: type[Enum]
 
-
-@dataclass(frozen=True, kw_only=True)
-class AttributeSet(Coded):
+class AttributeSet(Attribute):
     """A set of enum members, represented as a bitmask of their integer values."""
 
-    enum: type[Enum]
 
-
-@dataclass(frozen=True, kw_only=True)
-class AttributeList(Coded):
+class AttributeList(Attribute):
     """A list of enum members, represented as a list of their integer values."""
-
-    enum: type[Enum]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -217,7 +217,7 @@ def _lower_equal_attribute(attribute: str) -> Callable[..., ir.Bool]:
 
     def lower(_: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
         for value in (a, b):
-            if not isinstance(value, ir.AttributeValue | ir.AttributeSet | ir.AttributeList) or value.enum is not enum:
+            if not isinstance(value, ir.Attribute) or value.enum is not enum:
                 ir.unsupported("equality of attributes")
         return ir.equality(a, b)
 

@@ -151,10 +151,7 @@ def _tested_variables(node: syntax.Node) -> Iterator[str | None]:
     match node:
         case syntax.Call(word=word, arguments=(syntax.Variable(name=name), *_)) if _is_item_test(word):
             yield name if _has_constant_sides(node) else None
-        case syntax.Logic() | syntax.Not():
-            for child in syntax.children(node):
-                yield from _tested_variables(child)
-        case syntax.Call(word=word) if word.name in LOGIC_WORDS:
+        case syntax.Logic() | syntax.Not() | syntax.Call(word=Word(name="AND" | "OR" | "NOT")):
             for child in syntax.children(node):
                 yield from _tested_variables(child)
         case _:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
@@ -21,15 +21,17 @@ from lilgym_mp.task import Task
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 
 
-class BoxLowering(Protocol):
+class BoxLowering(ABC):
     """Compiles functions of a box to instructions for a core's representation of boxes."""
 
-    places: Int64Array  # `kernels.Programs.places`
-    tables: Int64Array  # `kernels.Programs.tables`
+    def __init__(self) -> None:
+        self.places: Int64Array = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)  # `kernels.Programs.places`
+        self.tables: Int64Array = np.empty((0, 0), np.int64)  # `kernels.Programs.tables`
+        self._indices: dict[BoxFunction, int] = {}  # bits in `places`, or indices in `tables`
 
+    @abstractmethod
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         """`programs.instructions.LowerBoxFunction`."""
-        ...
 
 
 class ArrayProgramEvaluator:
@@ -79,13 +81,8 @@ class ArrayProgramEvaluator:
         return len(ends) - 2
 
 
-class ItemBoxLowering:
+class ItemBoxLowering(BoxLowering):
     """For boxes stored as rows of items: supports tests of single items."""
-
-    def __init__(self) -> None:
-        self.places = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.int64)
-        self.tables = np.empty((0, 0), np.int64)
-        self._place_tests: dict[BoxFunction, int] = {}  # bit of each test in `places`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         test = item_test(function)
@@ -96,29 +93,28 @@ class ItemBoxLowering:
             )
         if test is None or test.depends_on != "position":
             raise Unsupported
-        if function not in self._place_tests:
+        if function not in self._indices:
             self._keep(function, test)
-        return Instruction(Operation.POSITION_TEST, self._place_tests[function], box)
+        return Instruction(Operation.POSITION_TEST, self._indices[function], box)
 
     def _keep(self, function: BoxFunction, test: ItemTest) -> None:
-        bit = len(self._place_tests)
+        bit = len(self._indices)
         if bit == BITS:
             raise Unsupported
         for size in Size:
             places = range(BOX_SIDE - size.pixels + 1)
             passing = [[test.passes(Item(x, y, Shape.SQUARE, Colour.BLACK, size)) for y in places] for x in places]
             self.places[size, : len(places), : len(places)] |= np.array(passing, np.int64) << bit
-        self._place_tests[function] = bit
+        self._indices[function] = bit
 
 
-class StackBoxLowering:
+class StackBoxLowering(BoxLowering):
     """For boxes stored as stacks of Tower: tabulates any function of a box over the 121 stacks."""
 
     def __init__(self, boxes: Sequence[Box]) -> None:
-        self.places = np.zeros((0, 0, 0), np.int64)
+        super().__init__()
         self.tables = np.empty((0, len(boxes)), np.int64)
         self._boxes = boxes
-        self._indices: dict[BoxFunction, int] = {}  # indices in `tables`
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
         if function not in self._indices:
