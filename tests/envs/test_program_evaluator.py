@@ -194,7 +194,7 @@ def test_word__its_value_depends_only_on_what_it_declares(name: str) -> None:
 
 def test_position_tests__call_the_program_if_they_exceed_a_bitmask() -> None:
     boxes = ItemBoxLowering()
-    boxes._place_tests = {lambda box, n=n: n: n for n in range(62)}
+    boxes._indices = {lambda box, n=n: n: n for n in range(62)}
     source = "exist(filter_obj(all_items, lambda x: is_touching_wall(x)))"
     assert instructions(compile_program(source).tree, boxes.lower_box_function) is None
     assert instructions(compile_program(source).tree, ItemBoxLowering().lower_box_function) is not None
