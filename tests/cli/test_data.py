@@ -109,7 +109,7 @@ def test_download__failure_names_alternatives(
     error_of: Run, cache: Path, released: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("no_proxy", "127.0.0.1")
-    monkeypatch.setattr("lilgym_mp.corpus.official.fetching.time", SimpleNamespace(sleep=lambda seconds: None))
+    monkeypatch.setattr("pooch.core.time", SimpleNamespace(sleep=lambda seconds: None))
     with file_server() as web:
         web.faults["/tower_scratch_test.json"] = [FaultyResponse(resets=True)] * 5
         output = error_of("download", "--url", web.url)

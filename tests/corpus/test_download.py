@@ -26,9 +26,9 @@ REPOSITORY, COMMIT = "lil-lab/lilgym", "c0ffee" * 6 + "c0ff"
 
 @pytest.fixture(autouse=True)
 def pauses(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """Records the pauses between tries instead of sleeping."""
+    """Records pooch's pauses between tries instead of sleeping."""
     recorded: list[float] = []
-    monkeypatch.setattr("lilgym_mp.corpus.official.fetching.time", SimpleNamespace(sleep=recorded.append))
+    monkeypatch.setattr("pooch.core.time", SimpleNamespace(sleep=recorded.append))
     return recorded
 
 
@@ -50,44 +50,50 @@ def web(monkeypatch: pytest.MonkeyPatch) -> Generator[FileServer, None, None]:
     ],
     ids=["reset", "truncated", "busy", "too many requests"],
 )
-def test_fetch__tries_again_after_temporary_failures(fault: FaultyResponse, web: FileServer, pauses: list[float]):
+def test_fetch__tries_again_after_temporary_failures(
+    fault: FaultyResponse, web: FileServer, tmp_path: Path, pauses: list[float]
+):
     web.faults["/file"] = [fault, fault]
-    assert fetch(f"{web.url}/file") == CONTENT
+    fetch(f"{web.url}/file", tmp_path / "file")
+    assert (tmp_path / "file").read_bytes() == CONTENT
     assert pauses == [1, 2]
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
-def test_fetch__gives_up_after_the_last_try(web: FileServer):
+def test_fetch__gives_up_after_the_last_try_and_leaves_nothing(web: FileServer, tmp_path: Path):
     web.faults["/file"] = [FaultyResponse(breaks_after=10)] * 4
     with pytest.raises(InterruptionError, match=rf"127\.0\.0\.1.*IncompleteRead.*tries: 4; {web.url}/file"):
-        fetch(f"{web.url}/file")
+        fetch(f"{web.url}/file", tmp_path / "file")
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("status", [401, 403, 404, 410, 204, 304])
-def test_fetch__a_refusal_is_not_retried(status: int, web: FileServer, pauses: list[float]):
+def test_fetch__a_refusal_is_not_retried(status: int, web: FileServer, tmp_path: Path, pauses: list[float]):
     web.faults["/file"] = [FaultyResponse(status=status)]
     with pytest.raises(CorpusError, match=f"{web.url}/file: the server answers {status}") as error:
-        fetch(f"{web.url}/file")
+        fetch(f"{web.url}/file", tmp_path / "file")
     assert not isinstance(error.value, InterruptionError)
     assert not pauses
 
 
-def test_fetch__a_body_above_the_limit_is_an_error(web: FileServer, monkeypatch: pytest.MonkeyPatch):
+def test_fetch__a_body_above_the_limit_is_an_error(web: FileServer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("lilgym_mp.corpus.official.fetching.MAX_BYTES", 1000)
     with pytest.raises(CorpusError, match="sends more than 1000 bytes"):
-        fetch(f"{web.url}/file")
+        fetch(f"{web.url}/file", tmp_path / "file")
+    assert not list(tmp_path.iterdir())
 
 
-def test_fetch__unreachable_server_error_names_the_host():
+def test_fetch__unreachable_server_error_names_the_host(tmp_path: Path):
     with socket.create_server(("127.0.0.1", 0)) as closed:
         port = closed.getsockname()[1]
     with pytest.raises(InterruptionError, match=rf"127\.0\.0\.1:{port}: .*Connection refused"):
-        fetch(f"http://127.0.0.1:{port}/file")
+        fetch(f"http://127.0.0.1:{port}/file", tmp_path / "file")
 
 
 @pytest.mark.parametrize("url", ["file:///etc/passwd", "ftp://host/file", "host/file", "http://"])
-def test_fetch__unsupported_urls_are_errors(url: str):
+def test_fetch__unsupported_urls_are_errors(url: str, tmp_path: Path):
     with pytest.raises(CorpusError, match="a URL must start with http:// or https://"):
-        fetch(url)
+        fetch(url, tmp_path / "file")
 
 
 @pytest.fixture

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import argparse
 import socket
+import tempfile
 import threading
 import time
 import zlib
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.official.fetching import Limits, fetch
@@ -120,13 +122,15 @@ def outcome(name: str) -> tuple[str, float]:
     """The message of a download from a server, and its seconds. Errors other than CorpusError are raised."""
     begun = time.monotonic()
     message = "success"
-    with hostile(SERVERS[name]) as url:
+    with hostile(SERVERS[name]) as url, tempfile.TemporaryDirectory() as directory:
         try:
-            fetch(url, limits=LIMITS)
+            fetch(url, Path(directory) / "file", limits=LIMITS)
         except CorpusError as error:
             message = str(error)
             if url not in message:
                 raise AssertionError(f"{name}: {message!r} does not name {url}") from None
+            if any(Path(directory).iterdir()):
+                raise AssertionError(f"{name}: left a file") from None
     return message, time.monotonic() - begun
 
 

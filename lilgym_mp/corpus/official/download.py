@@ -7,16 +7,17 @@ because that of the release is unknown: the installation records the commit, and
 from __future__ import annotations
 
 import hashlib
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple, Protocol, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.official.fetching import checked_url, fetch
 from lilgym_mp.corpus.official.installing import Installation, install, staging_area
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json
+from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
 
 REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch
@@ -33,6 +34,14 @@ class Listing(NamedTuple):
     files: dict[str, RemoteFile]  # keyed by released name
 
 
+class Source(Protocol):
+    """A server of released files."""
+
+    def listing(self, names: Sequence[str]) -> Listing:
+        """The URLs of the files. Raises CorpusError naming missing ones."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class GitHub:
     """A repository on GitHub, at a commit, branch or tag."""
@@ -46,7 +55,6 @@ class GitHub:
         return f"{self.repository} at {self.revision}"
 
     def listing(self, names: Sequence[str]) -> Listing:
-        """The URLs of the files. Raises CorpusError naming missing ones."""
         api = f"{self.api_url}/repos/{self.repository}"
         commit = _answer(f"{api}/commits/{quote(self.revision)}").get("sha")
         if not isinstance(commit, str):
@@ -82,9 +90,6 @@ class WebDirectory:
         return Listing(None, {name: RemoteFile(f"{self.url.rstrip('/')}/{name}") for name in names})
 
 
-Source = GitHub | WebDirectory  # a server of released files
-
-
 def download_official(
     source: Source,
     names: Sequence[str],
@@ -98,14 +103,18 @@ def download_official(
     with staging_area(target) as staged:
         listing = source.listing(names)
         for name in names:
-            on_file(name, (staged / name).write_bytes(_fetch_checked(listing.files[name])))
+            _fetch_checked(listing.files[name], staged / name)
+            on_file(name, (staged / name).stat().st_size)
         return install(staged, target, str(source), listing.revision, names)
 
 
 def _answer(url: str) -> dict[str, object]:
     """The JSON object in the server's response."""
     try:
-        answer = as_object(parse_json(fetch(url).decode(errors="replace")))
+        with tempfile.TemporaryDirectory() as directory:
+            path = Path(directory) / "answer"
+            fetch(url, path)
+            answer = as_object(parse_json(read_text(path).text))
     except JSONFault as fault:
         raise CorpusError(f"{url}: the response cannot be read: {fault}") from None
     if answer is None:
@@ -123,10 +132,13 @@ def _blobs(tree: object) -> Iterator[tuple[str, str]]:
                 continue
 
 
-def _fetch_checked(remote: RemoteFile) -> bytes:
+def _fetch_checked(remote: RemoteFile, path: Path) -> None:
     """Downloads a file and verifies its checksum."""
-    content = fetch(remote.url)
-    found = hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()
-    if remote.git_sha1 not in (None, found):
+    fetch(remote.url, path)
+    if remote.git_sha1 not in (None, found := _git_sha1(path)):
         raise CorpusError(f"{remote.url}: checksum mismatch: Git object id {found}, not {remote.git_sha1}")
-    return content
+
+
+def _git_sha1(path: Path) -> str:
+    content = read_bytes(path)
+    return hashlib.sha1(b"blob %d\0" % len(content) + content, usedforsecurity=False).hexdigest()

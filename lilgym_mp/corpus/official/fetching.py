@@ -1,15 +1,12 @@
-"""Downloads a small file over HTTP, limited in time and size."""
+"""Downloads a small file over HTTP with pooch, limited in time and size."""
 
 from __future__ import annotations
 
 import threading
-import time
-from contextlib import closing
-from http.client import HTTPException, IncompleteRead, InvalidURL
-from typing import Any, NamedTuple
-from urllib.error import HTTPError
+from importlib import import_module
+from pathlib import Path
+from typing import IO, Any, NamedTuple
 from urllib.parse import urlsplit
-from urllib.request import HTTPRedirectHandler, Request, build_opener
 
 from lilgym_mp.corpus.faults import CorpusError, InterruptionError
 from lilgym_mp.corpus.records import MAX_BYTES
@@ -24,12 +21,16 @@ MAX_REASON = 200  # characters of a library's or server's message
 class Limits(NamedTuple):
     """How long a download may take."""
 
-    tries: int = 4  # with pauses of 1, 2, 3, ... seconds between them
+    tries: int = 4  # pooch waits 1, 2, 3, ... seconds between them
     seconds: float = 300.0  # for one try
     silence: float = 30.0  # seconds without a byte
 
 
 LIMITS = Limits()
+
+
+class _RefusalError(Exception):
+    """A response for which trying again is useless. Not a ValueError, which pooch would try again."""
 
 
 def checked_url(url: str) -> str:
@@ -41,64 +42,104 @@ def checked_url(url: str) -> str:
     return url
 
 
-def fetch(url: str, limits: Limits = LIMITS) -> bytes:
-    """The content of the URL. Raises InterruptionError after the last try, CorpusError when the server refuses."""
+def fetch(url: str, path: Path, limits: Limits = LIMITS) -> None:
+    """Downloads `url` to `path`, which appears only when complete.
+
+    Raises InterruptionError after the last try, CorpusError when the server refuses, OSError when `path` cannot be
+    written.
+    """
+    from requests import RequestException
+
+    pooch: Any = import_module("pooch")  # untyped
+
     checked_url(url)
-    reason = ""
-    for attempt in range(limits.tries):
-        if attempt:
-            time.sleep(attempt)
-        # Each try has a thread: a server that sends a byte now and then never exceeds the time limit of one read.
-        found: list[bytes | Exception] = []
-        thread = threading.Thread(target=_download, args=(url, limits.silence, found), daemon=True)
-        thread.start()
-        thread.join(limits.seconds)
-        result = found[0] if found else TimeoutError(f"not complete after {limits.seconds:g} seconds")
-        if isinstance(result, bytes):
-            return result
-        reason = " ".join(str(getattr(result, "reason", result)).split())[:MAX_REASON] or type(result).__name__
-        if isinstance(result, HTTPError):
-            reason = f"the server answers {result.code} {reason}"
-            if result.headers.get("X-RateLimit-Remaining") == "0":
-                raise CorpusError(f"{url}: rate limit exceeded; try again in an hour")
-            if result.code < 500 and result.code not in RETRIED_STATUS:
-                raise CorpusError(f"{url}: {reason}")
-        elif isinstance(result, InvalidURL) or not isinstance(result, OSError | HTTPException):
-            raise CorpusError(f"{url}: {reason}")
-    raise InterruptionError(f"{urlsplit(url).netloc}: {reason} (tries: {limits.tries}; {url})")
-
-
-class _Redirection(HTTPRedirectHandler):
-    """Follows redirects to URLs of the supported schemes, and closes the response also where it fails."""
-
-    def redirect_request(self, req: Request, fp: Any, code: int, msg: str, headers: Any, newurl: str) -> Request | None:
-        if urlsplit(newurl).scheme not in SCHEMES:
-            raise HTTPError(newurl, code, f"with a redirect to {newurl!r}", headers, fp)
-        return super().redirect_request(req, fp, code, msg, headers, newurl)
-
-    def http_error_302(self, req: Request, fp: Any, code: int, msg: str, headers: Any) -> Any:
-        with closing(fp):
-            return super().http_error_302(req, fp, code, msg, headers)
-
-    http_error_301 = http_error_303 = http_error_307 = http_error_308 = http_error_302
-
-
-def _download(url: str, silence: float, found: list[bytes | Exception]) -> None:
-    """Appends the content of the URL to `found`, or the exception that prevents it."""
+    pooch.get_logger().setLevel("ERROR")
+    files = pooch.create(
+        path.parent, "", registry={path.name: None}, urls={path.name: url}, retry_if_failed=limits.tries - 1
+    )
     try:
-        with build_opener(_Redirection).open(Request(url, headers=HEADERS), timeout=silence) as response:
-            if response.status != OK:
-                raise HTTPError(url, response.status, response.reason, response.headers, None)
-            if response.headers.get("Content-Encoding", "identity") != "identity":
-                raise ValueError("sends compressed data, which was not requested")
-            content = response.read(MAX_BYTES + 1)
-            if len(content) > MAX_BYTES:
-                raise ValueError(f"sends more than {MAX_BYTES} bytes, more than any file of the release")
-            missing = int(response.headers.get("Content-Length", len(content))) - len(content)
-            if missing:
-                raise IncompleteRead(content, missing)
-        found.append(content)
-    except Exception as error:
-        if isinstance(error, HTTPError):
-            error.close()
-        found.append(error)
+        files.fetch(path.name, downloader=_Downloader(limits))
+    except _RefusalError as error:
+        raise CorpusError(f"{url}: {error}") from None
+    except (RequestException, ValueError) as error:
+        host = urlsplit(url).netloc
+        raise InterruptionError(f"{host}: {_reason(error)} (tries: {limits.tries}; {url})") from None
+
+
+class _Downloader:
+    """pooch's HTTP downloader with a limit of bytes and of seconds in all.
+
+    The latter needs a thread: a server that sends a byte now and then never exceeds the time limit of one read.
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
+
+    def __call__(self, url: str, output_file: str, pooch: Any) -> None:
+        from requests import Timeout
+
+        errors: list[BaseException] = []
+        with open(output_file, "wb") as file:
+            sink = _Sink(file)
+            thread = threading.Thread(target=self._download, args=(url, sink, errors), daemon=True)
+            thread.start()
+            thread.join(self._limits.seconds)
+            if thread.is_alive():
+                sink.is_open = False
+                raise Timeout(f"not complete after {self._limits.seconds:g} seconds")
+        if errors:
+            raise errors[0]
+
+    def _download(self, url: str, sink: _Sink, errors: list[BaseException]) -> None:
+        from requests.exceptions import InvalidSchema, InvalidURL, TooManyRedirects
+
+        responses: list[Any] = []  # pooch does not close them after an error
+
+        def check(response: Any, *args: Any, **options: Any) -> None:
+            responses.append(response)
+            _check_status(response)
+
+        options = {"timeout": self._limits.silence, "headers": HEADERS, "hooks": {"response": check}}
+        try:
+            import_module("pooch").HTTPDownloader(chunk_size=1 << 16, **options)(url, sink, None)
+        except (InvalidSchema, InvalidURL, TooManyRedirects) as error:
+            errors.append(_RefusalError(_reason(error)))
+        except Exception as error:
+            errors.append(error)
+        finally:
+            for response in responses:
+                response.close()
+
+
+def _check_status(response: Any) -> None:
+    """Raises _RefusalError for a response that is neither the file, nor a redirect, nor worth another try."""
+    status = response.status_code
+    if response.headers.get("X-RateLimit-Remaining") == "0" and status != OK:
+        raise _RefusalError("rate limit exceeded; try again in an hour")
+    is_redirected = response.is_redirect and response.headers["Location"]
+    if not (status == OK or is_redirected or status >= 500 or status in RETRIED_STATUS):
+        raise _RefusalError(f"the server answers {status} {response.reason}")
+
+
+class _Sink:
+    """A file that refuses too many bytes, and any after it was closed."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file, self._count = file, 0
+        self.is_open = True
+
+    def write(self, data: bytes) -> None:
+        self._count += len(data)
+        if self._count > MAX_BYTES or not self.is_open:
+            raise _RefusalError(f"sends more than {MAX_BYTES} bytes, more than any file of the release")
+        self._file.write(data)
+
+    def flush(self) -> None:
+        """Called by pooch after each write."""
+
+
+def _reason(error: BaseException) -> str:
+    """The message of the innermost error in one of requests, on one line."""
+    while causes := [part for part in (*error.args, getattr(error, "reason", None)) if isinstance(part, Exception)]:
+        error = causes[-1]
+    return " ".join(str(error).split())[:MAX_REASON] or type(error).__name__
