@@ -274,11 +274,10 @@ def _generate(args: argparse.Namespace) -> int:
 
 
 def _synthesize(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.synthesis import SynthesisSettings, synthesize
+    from lilgym_mp.corpus.synthesis import synthesize
 
     check_at_least(args, 1, "starts")
-    settings = SynthesisSettings(args.appearances, args.splits, args.starts, args.seed)
-    entries = list(synthesize(args.corpus, settings))
+    entries = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
     _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", [entry.to_json() for entry in entries])
     starts = [start for entry in entries for start in entry.starts]
     true = sum(start.label for start in starts)

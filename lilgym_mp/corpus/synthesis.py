@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
@@ -88,29 +88,27 @@ def _value(program: str, scene: Scene) -> bool | None:
         return None
 
 
-class SynthesisSettings(NamedTuple):
-    """Options of `synthesize`."""
-
-    appearances: Sequence[str] = tuple(APPEARANCES)
-    splits: Sequence[str] = tuple(SPLITS)
-    starts: int = 4  # start scenes per statement
-    seed: int = 0
-
-
-def synthesize(corpus: str | os.PathLike[str], settings: SynthesisSettings) -> Iterator[SynthesizedEntry]:
-    """An entry with start scenes for every statement of a corpus's Scratch tasks.
+def synthesize(
+    corpus: str | os.PathLike[str],
+    appearances: Iterable[str] = APPEARANCES,
+    splits: Iterable[str] = SPLITS,
+    *,
+    starts: int = 4,
+    seed: int = 0,
+) -> Iterator[SynthesizedEntry]:
+    """An entry with at most `starts` start scenes for every statement of a corpus's Scratch tasks.
 
     The scenes of a statement depend on the seed and the statement only. Ids are those of the tasks; if these are not
     unique in the corpus, they are prefixed with appearance and split.
     Raises CorpusError as `load_tasks` does, NoTasksError when there are no Scratch tasks.
     """
-    sets = list(load_all_tasks(corpus, settings.appearances, [SCRATCH], settings.splits))
+    sets = list(load_all_tasks(corpus, appearances, [SCRATCH], splits))
     ids = [task.id for tasks in sets for task in tasks]
     unique = len(set(ids)) == len(ids)
     for tasks in sets:
         appearance, split = tasks.provenance.appearance, tasks.provenance.split
         for task in tasks:
             name = task.id if unique else f"{appearance}-{split}-{task.id}"
-            rng = random.Random(f"{settings.seed} {appearance} {task.statement} {task.program}")
-            starts = start_scenes(task.program, appearance, rng, settings.starts)
-            yield SynthesizedEntry(name, appearance, split, task.statement, task.program, starts)
+            rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")
+            scenes = start_scenes(task.program, appearance, rng, starts)
+            yield SynthesizedEntry(name, appearance, split, task.statement, task.program, scenes)

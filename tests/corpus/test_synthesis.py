@@ -16,7 +16,7 @@ from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
-from lilgym_mp.corpus.synthesis import SynthesisSettings, start_scenes, synthesize
+from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
 
@@ -76,7 +76,7 @@ def test_start_scenes__scenes_without_a_truth_value_are_skipped():
 
 
 def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tmp_path: Path):
-    found = synthesize(written(entries), SynthesisSettings(starts=2))
+    found = synthesize(written(entries), starts=2)
     path = tmp_path / "new.jsonl"
     write_corpus(path, "new", "MIT", (entry.to_json() for entry in found))
     assert check_corpus(path).ok
@@ -86,18 +86,17 @@ def test_synthesize__yields_a_valid_corpus(entries: Entries, written: Writer, tm
 
 
 def test_synthesize__scenes_depend_on_seed_and_statement_only(entries: Entries, written: Writer):
-    settings = SynthesisSettings(appearances=["tower"], seed=3)
-    both = list(synthesize(written(entries), settings))
-    alone = list(synthesize(written(entries[1:2]), settings))
+    both = list(synthesize(written(entries), ["tower"], seed=3))
+    alone = list(synthesize(written(entries[1:2]), ["tower"], seed=3))
     assert alone == both[1:]
-    assert alone != list(synthesize(written(entries[1:2]), settings._replace(seed=4)))
+    assert alone != list(synthesize(written(entries[1:2]), ["tower"], seed=4))
 
 
 def test_synthesize__duplicate_ids_are_made_unique(released: Path):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
-    assert [entry.id for entry in synthesize(released, SynthesisSettings())] == ["tower-dev-7", "tower-test-7"]
+    assert [entry.id for entry in synthesize(released)] == ["tower-dev-7", "tower-test-7"]
 
 
 def test_synthesize__a_split_without_statements_is_an_error(entries: Entries, written: Writer):
     with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks for the requested configurations"):
-        list(synthesize(written(entries), SynthesisSettings(splits=["test"])))
+        list(synthesize(written(entries), splits=["test"]))

@@ -378,9 +378,13 @@ class SentenceRealiser(PhraseRealiser):
         return f"with {self.all_contents(conditions)}"
 
     def tall(self, quantity: Quantity, plural: bool) -> str:
-        number = self.number(quantity.low)
+        return self.pick(
+            f"of height {self.number(quantity.low)}", f"that {self.be(plural)} {self.blocks_tall(quantity)}"
+        )
+
+    def blocks_tall(self, quantity: Quantity) -> str:
         blocks = "block" if quantity.low == 1 else "blocks"
-        return self.pick(f"of height {number}", f"that {self.be(plural)} {number} {blocks} {self.pick('tall', 'high')}")
+        return f"{self.number(quantity.low)} {blocks} {self.pick('tall', 'high')}"
 
     def end_clause(self, end: sem.EndColour) -> str:
         names = (
@@ -430,9 +434,7 @@ class SentenceRealiser(PhraseRealiser):
             end = "top" if only.position is sem.TowerPosition.TOP else "base"
             templates.append(lambda: f"the {self.pick(end)} of the {name} {word} is {self.colours(only.colours)}")
         elif _is_height(only) and clause.towers:
-            height = only.quantity.low
-            blocks = "block" if height == 1 else "blocks"
-            templates.append(lambda: f"the {name} {word} is {self.number(height)} {blocks} {self.pick('tall', 'high')}")
+            templates.append(lambda: f"the {name} {word} is {self.blocks_tall(only.quantity)}")
         elif isinstance(only, sem.Count) and only.noun != sem.ANYTHING:
             templates += [
                 lambda: f"{self.pick('in', 'inside')} the {name} {word} {self.there_is(self.quantity_of(only))}",
@@ -465,17 +467,17 @@ class SentenceRealiser(PhraseRealiser):
         ]
 
     def largest_box_templates(self, noun: sem.NounPhrase, conditions: sem.BoxConditions) -> list[Template]:
-        if noun == sem.ANYTHING and self.style.item == "block":
-            name = f"the {self.pick('tallest', 'highest')} {self.style.tower}"
-            ends = [end for end in conditions if isinstance(end, sem.EndColour)]
-            if len(conditions) == 1 and ends:
-                end = "top" if ends[0].position is sem.TowerPosition.TOP else "base"
-                return [
-                    lambda: f"{name} {self.box_verb_phrase(conditions, False)}",
-                    lambda: f"the {end} of {name} is {self.colours(ends[0].colours)}",
-                ]
-            return [lambda: f"{name} {self.box_verb_phrase(conditions, False)}"]
-        return [lambda: f"the box with the most {self.noun(noun, True)} {self.box_verb_phrase(conditions, False)}"]
+        if noun != sem.ANYTHING or self.style.item != "block":
+            return [lambda: f"the box with the most {self.noun(noun, True)} {self.box_verb_phrase(conditions, False)}"]
+        name = f"the {self.pick('tallest', 'highest')} {self.style.tower}"
+        templates: list[Template] = [lambda: f"{name} {self.box_verb_phrase(conditions, False)}"]
+        match conditions:
+            case (sem.EndColour(position, colours),):
+                end = "top" if position is sem.TowerPosition.TOP else "base"
+                templates.append(lambda: f"the {end} of {name} is {self.colours(colours)}")
+            case _:
+                pass
+        return templates
 
     # Compounds
 
