@@ -378,9 +378,8 @@ class SentenceRealiser(PhraseRealiser):
         return f"with {self.all_contents(conditions)}"
 
     def tall(self, quantity: Quantity, plural: bool) -> str:
-        return self.pick(
-            f"of height {self.number(quantity.low)}", f"that {self.be(plural)} {self.blocks_tall(quantity)}"
-        )
+        height = f"of height {self.number(quantity.low)}"
+        return self.pick(height, f"that {self.be(plural)} {self.blocks_tall(quantity)}")
 
     def blocks_tall(self, quantity: Quantity) -> str:
         blocks = "block" if quantity.low == 1 else "blocks"

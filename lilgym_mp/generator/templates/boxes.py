@@ -32,18 +32,8 @@ class StatementTemplates(ItemTemplates):
         raise NotImplementedError
 
     def box_quantity(self) -> Quantity:
-        draw = self.rng.random()
-        if draw < 0.62:
-            return SOME
-        if draw < 0.76:
-            return exactly(1)
-        if draw < 0.87:
-            return exactly(2)
-        if draw < 0.91:
-            return at_least(2)
-        if draw < 0.95:
-            return exactly(3)
-        return NONE
+        more = ((0.87, exactly(2)), (0.91, at_least(2)), (0.95, exactly(3)))
+        return self.drawn((0.62, SOME), (0.76, exactly(1)), *more, (1, NONE))
 
     def box_count(self) -> TrainingPair:
         """A count of boxes that satisfy one to three conditions."""

@@ -140,6 +140,11 @@ class PhraseTemplates:
     def chance(self, probability: float) -> bool:
         return self.rng.random() < probability
 
+    def drawn(self, *options: tuple[float, Option]) -> Option:
+        """The first option whose bound is above a random number; the last bound is 1."""
+        draw = self.rng.random()
+        return next(option for bound, option in options if draw < bound)
+
     def be(self, plural: bool) -> str:
         if self.style.sloppy and self.chance(0.25):
             return "is"
@@ -161,34 +166,19 @@ class PhraseTemplates:
 
     def quantity(self, max_count: int = 5, *, none: float = 0.05) -> Quantity:
         """Mostly existence and exact counts; zero with probability `none`."""
-        draw = self.rng.random()
-        if draw < none:
+        if self.chance(none):
             return NONE
         number = min(max_count, self.pick(1, 1, 1, 1, 2, 2, 2, 2, 2, 3, 3, 3, 3, 4, 4, 5, 6, 7))
-        draw = self.rng.random()
-        if draw < 0.38:
-            return SOME
-        if draw < 0.72:
-            return exactly(number)
-        if draw < 0.92:
-            return at_least(number)
-        if draw < 0.97:
-            return at_most(number)
-        if draw < 0.985 and max_count >= 4:
-            return Quantity(self.pick(2, 3, 3, 4), None, vague=True)
-        return Quantity(number, number + 1)
+        either, bounded = Quantity(number, number + 1), ((0.92, at_least(number)), (0.97, at_most(number)))
+        found = self.drawn((0.38, SOME), (0.72, exactly(number)), *bounded, (0.985, None), (1, either))
+        if found is None:
+            return Quantity(self.pick(2, 3, 3, 4), None, vague=True) if max_count >= 4 else either
+        return found
 
     def quantity_in_box(self, max_count: int = 4) -> Quantity:
         """A quantity of items in one box."""
         number = min(max_count, self.pick(1, 1, 1, 2, 2, 2, 2, 3, 3, 4))
-        draw = self.rng.random()
-        if draw < 0.35:
-            return SOME
-        if draw < 0.78:
-            return exactly(number)
-        if draw < 0.96:
-            return at_least(number)
-        return at_most(number)
+        return self.drawn((0.35, SOME), (0.78, exactly(number)), (0.96, at_least(number)), (1, at_most(number)))
 
     def determiner(self, quantity: Quantity) -> Phrase:
         """The determiner for a quantity; "a" also where the noun needs "an"."""

@@ -78,22 +78,17 @@ class ScatterTemplates(StatementTemplates):
     # Predicates
 
     def predicate(self) -> PredicateTemplate:
-        draw = self.rng.random()
-        if draw < 0.56:
-            return self.wall_predicate()
-        if draw < 0.7:
-            return self.corner_predicate()
-        if draw < 0.86:
-            return self.beside_predicate()
-        if draw < 0.9:
-            return self.height_predicate()
-        if draw < 0.96:
-            index = int(self.rng.random() * 3)
-            complement = (
-                f"in the {self.pick(('left', 'middle', 'right'), ('first', 'second', 'third'))[index]} {self.style.box}"
-            )
-            return PredicateTemplate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.9), kind="box")
-        return self.only_in_box_predicate()
+        return self.drawn(
+            (0.56, self.wall_predicate), (0.7, self.corner_predicate), (0.86, self.beside_predicate),
+            (0.9, self.height_predicate), (0.96, self.box_predicate), (1, self.only_in_box_predicate),
+        )()  # fmt: skip
+
+    def box_predicate(self) -> PredicateTemplate:
+        index = int(self.rng.random() * 3)
+        name = self.pick(("left", "middle", "right"), ("first", "second", "third"))[index]
+        return PredicateTemplate(
+            f"in the {name} {self.style.box}", f"@.box == all_boxes[{index}]", positive=self.chance(0.9), kind="box"
+        )
 
     def touching_words(self) -> tuple[str, tuple[str, str] | None, bool]:
         """Words for touching, their verb forms if any, and whether they include almost touching."""

@@ -84,19 +84,13 @@ class TowerTemplates(StatementTemplates):
     # Predicates
 
     def predicate(self) -> PredicateTemplate:
-        draw = self.rng.random()
-        if draw < 0.38:
-            return self.position_predicate()
-        if draw < 0.66:
-            return self.stacked_predicate()
-        if draw < 0.74:
-            return self.between_predicate()
-        if draw < 0.8:
-            return self.height_predicate()
-        if draw < 0.86:
-            return self.floor_predicate()
-        if draw < 0.92:
-            return self.beside_predicate()
+        return self.drawn(
+            (0.38, self.position_predicate), (0.66, self.stacked_predicate), (0.74, self.between_predicate),
+            (0.8, self.height_predicate), (0.86, self.floor_predicate), (0.92, self.beside_predicate),
+            (1, self.box_predicate),
+        )()  # fmt: skip
+
+    def box_predicate(self) -> PredicateTemplate:
         index = int(self.rng.random() * 3)
         complement = f"in the {('left', 'middle', 'right')[index]} {self.box_word()}"
         return PredicateTemplate(complement, f"@.box == all_boxes[{index}]", positive=self.chance(0.85), kind="box")
