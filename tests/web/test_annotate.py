@@ -18,9 +18,9 @@ from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.authentication import issue_operator_token
 from lilgym_mp.web.program_evaluator import MAX_REQUESTS, ProgramEvaluationError, ProgramEvaluator, QuotaExceeded
+from lilgym_mp.web.routes.tutorial import TASKS
 from lilgym_mp.web.store import open_database
 from lilgym_mp.web.store.models import Base
-from lilgym_mp.web.tutorial import TASKS
 from tests.web.web_app import Browser, server
 
 API = "/api/annotate"

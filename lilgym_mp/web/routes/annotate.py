@@ -35,11 +35,9 @@ from lilgym_mp.web.store.models import (
     Statement,
     StatementScene,
     Submission,
-    TutorialAnswer,
     now,
 )
 from lilgym_mp.web.templating import render_page
-from lilgym_mp.web.tutorial import TASKS, TASKS_BY_NAME, TutorialTask
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
@@ -148,17 +146,6 @@ class VerdictBody(Body):
     message: str
 
 
-class TutorialTaskBody(Body):
-    name: str
-    title: str
-    statement: str
-    advice: str
-    label: bool
-    scene: SceneBody
-    hidden_scenes: int
-    solved: bool
-
-
 # Pages
 
 
@@ -170,11 +157,6 @@ def home_page(request: Request, caller: CurrentCaller) -> Response:
 @router.get("/annotate/guidelines", include_in_schema=False)
 def guidelines_page(request: Request) -> Response:
     return render_page(request, "guidelines.html", language=language.language())
-
-
-@router.get("/annotate/tutorial", include_in_schema=False)
-def tutorial_page(request: Request, person: CurrentPerson) -> Response:
-    return render_page(request, "annotate_tutorial.html")
 
 
 @router.get("/annotate/{assignment_id}", include_in_schema=False)
@@ -302,47 +284,6 @@ def history(services: Services, person: CurrentPerson) -> list[SubmissionBody]:
     """Your submissions, with their reviews."""
     with services.database.read_session() as session:
         return submission_history(session, person)
-
-
-# The tutorial
-
-
-@api.get("/tutorial")
-def tutorial_tasks(services: Services, person: CurrentPerson) -> list[TutorialTaskBody]:
-    with services.database.read_session() as session:
-        solved = set(session.scalars(select(TutorialAnswer.task).where(TutorialAnswer.person_id == person.id)))
-    return [
-        TutorialTaskBody.of(
-            task,
-            label=task.scenes[0][1],
-            scene=scene_body(task.scenes[0][0]),
-            hidden_scenes=len(task.scenes) - 1,
-            solved=task.name in solved,
-        )
-        for task in TASKS
-    ]
-
-
-@api.post("/tutorial/{name}/run")
-async def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> RunBody:
-    return await run_program(services, person, written.program, *_tutorial_task(name).scenes[0])
-
-
-@api.post("/tutorial/{name}/submissions", status_code=201)
-async def submit_tutorial(
-    services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
-) -> VerdictBody:
-    verdict = await check_program(services, person, written.program, _tutorial_task(name).scenes, 0)
-    if verdict == ACCEPTED:
-        answer = TutorialAnswer(person_id=person.id, task=name, program=written.program)
-        await services.database.write(lambda session: session.merge(answer))
-    return verdict_body(verdict)
-
-
-def _tutorial_task(name: str) -> TutorialTask:
-    if name not in TASKS_BY_NAME:
-        raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(TASKS_BY_NAME)}")
-    return TASKS_BY_NAME[name]
 
 
 # What several routes share

@@ -1,10 +1,32 @@
-"""The annotators' tutorial: small annotation tasks with advice."""
+"""/annotate/tutorial: small annotation tasks with advice, for new annotators."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from fastapi import APIRouter, Request, Response
+from sqlalchemy import select
+
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.authentication import CurrentPerson
+from lilgym_mp.web.bodies import Body, SceneBody, scene_body
+from lilgym_mp.web.errors import http_error
+from lilgym_mp.web.field_types import RandomId
+from lilgym_mp.web.routes.annotate import (
+    ACCEPTED,
+    ProgramBody,
+    RunBody,
+    VerdictBody,
+    check_program,
+    run_program,
+    verdict_body,
+)
+from lilgym_mp.web.store.models import TutorialAnswer
+from lilgym_mp.web.templating import render_page
+
+router = APIRouter()
+api = APIRouter(prefix="/api/annotate/tutorial", tags=["annotate"])
 
 
 class TutorialTask(NamedTuple):
@@ -90,3 +112,60 @@ TASKS: tuple[TutorialTask, ...] = (
     ),
 )
 TASKS_BY_NAME = {task.name: task for task in TASKS}
+
+
+class TutorialTaskBody(Body):
+    name: str
+    title: str
+    statement: str
+    advice: str
+    label: bool
+    scene: SceneBody
+    hidden_scenes: int
+    solved: bool
+
+
+@router.get("/annotate/tutorial", include_in_schema=False)
+def tutorial_page(request: Request, person: CurrentPerson) -> Response:
+    return render_page(request, "annotate_tutorial.html")
+
+
+@api.get("")
+def tutorial_tasks(services: Services, person: CurrentPerson) -> list[TutorialTaskBody]:
+    with services.database.read_session() as session:
+        solved = set(session.scalars(select(TutorialAnswer.task).where(TutorialAnswer.person_id == person.id)))
+    return [
+        TutorialTaskBody.of(
+            task,
+            label=task.scenes[0][1],
+            scene=scene_body(task.scenes[0][0]),
+            hidden_scenes=len(task.scenes) - 1,
+            solved=task.name in solved,
+        )
+        for task in TASKS
+    ]
+
+
+@api.post("/{name}/run")
+async def run_tutorial(services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody) -> RunBody:
+    return await run_program(services, person, written.program, *_tutorial_task(name).scenes[0])
+
+
+@api.post("/{name}/submissions", status_code=201)
+async def submit_tutorial(
+    services: Services, person: CurrentPerson, name: RandomId, written: ProgramBody
+) -> VerdictBody:
+    verdict = await check_program(services, person, written.program, _tutorial_task(name).scenes, 0)
+    if verdict == ACCEPTED:
+        answer = TutorialAnswer(person_id=person.id, task=name, program=written.program)
+        await services.database.write(lambda session: session.merge(answer))
+    return verdict_body(verdict)
+
+
+def _tutorial_task(name: str) -> TutorialTask:
+    if name not in TASKS_BY_NAME:
+        raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(TASKS_BY_NAME)}")
+    return TASKS_BY_NAME[name]
+
+
+router.include_router(api)
