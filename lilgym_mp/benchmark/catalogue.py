@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from lilgym_mp.benchmark import components, players
+from lilgym_mp.benchmark import players
 from lilgym_mp.benchmark.players import Play
 from lilgym_mp.benchmark.traces import Workload
 from lilgym_mp.choices import choose
@@ -101,13 +101,13 @@ def _all_cases() -> Iterator[BenchmarkCase]:
     yield case("pettingzoo", "games, batched, no copy", 64, players.batched_games, copy=False)
 
     parts: dict[tuple[str, int], Opener] = {
-        ("program truth", 1): components.truth,
-        ("mask", 1): components.mask,
-        **{("mask, in a batch", n): partial(components.batched_masks, num_envs=n) for n in BATCHES},
-        ("reset", 1): components.reset,
-        ("reset, in a batch", 64): partial(components.batched_reset, num_envs=64),
-        ("image, brought up to date", 1): components.image_update,
-        ("image, drawn whole", 1): components.full_image,
+        ("program truth", 1): players.truth,
+        ("mask", 1): players.mask,
+        **{("mask, in a batch", n): partial(players.batched_masks, num_envs=n) for n in BATCHES},
+        ("reset", 1): players.reset,
+        ("reset, in a batch", 64): partial(players.batched_reset, num_envs=64),
+        ("image, brought up to date", 1): players.image_update,
+        ("image, drawn whole", 1): players.full_image,
     }
     for (name, count), opener in parts.items():
         yield BenchmarkCase("parts", name, count, opener, is_part=True)

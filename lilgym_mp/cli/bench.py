@@ -74,8 +74,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _write(bench: Any, output: Path, document: Path | None) -> None:
     """Prints the tables, and writes tables, JSON and chart to `output` and the document."""
-    from lilgym_mp.benchmark.chart import scaling_chart
-    from lilgym_mp.benchmark.report import report_json, report_text
+    from lilgym_mp.benchmark.report import report_json, report_text, scaling_chart
     from lilgym_mp.plotting import save
 
     text = report_text(bench)

@@ -128,8 +128,12 @@ def _download(args: argparse.Namespace) -> int:
     if not args.force and (installed := intact_installation(target, names, requested)) is not None:
         print(f"already installed from {installed.source}: {target} (--force downloads it again)")
         return 0
+
+    def show(name: str, size: int) -> None:
+        print(f"{name}: {size:,} bytes", file=sys.stderr, flush=True)
+
     try:
-        installation = download_official(source, names, target, _downloaded)
+        installation = download_official(source, names, target, show)
     except InterruptionError as error:
         raise CommandError(
             f"{error}. Nothing was installed; run the same command again. Without a network, "
@@ -137,10 +141,6 @@ def _download(args: argparse.Namespace) -> int:
         ) from None
     _print_installation(installation)
     return 0
-
-
-def _downloaded(name: str, size: int) -> None:
-    print(f"{name}: {size:,} bytes", file=sys.stderr, flush=True)
 
 
 def _import(args: argparse.Namespace) -> int:

@@ -117,10 +117,11 @@ def _execute(
     )
     progress_actor = ray.remote(ProgressActor).options(num_cpus=0, scheduling_strategy=this_node).remote()
     task = ray.remote(run_on_node).options(num_cpus=threads, max_retries=RETRIES)
-    pending = {
-        task.remote(progress_actor, attempt.planned, _results_on_node(attempt.results), threads, pack(attempt)): attempt
-        for attempt in attempts
-    }
+    pending: dict[Any, Attempt] = {}
+    for attempt in attempts:
+        is_inside = not attempt.results.is_absolute() and ".." not in attempt.results.parts
+        results = attempt.results if is_inside else Path(attempt.results.name)  # in the node's working directory
+        pending[task.remote(progress_actor, attempt.planned, results, threads, pack(attempt))] = attempt
 
     def poll() -> None:
         ready, _ = ray.wait(list(pending), timeout=poll_seconds)
@@ -142,11 +143,6 @@ def _execute(
         while pending and time.monotonic() < deadline:
             poll()
         raise
-
-
-def _results_on_node(results: Path) -> Path:
-    """The results directory relative to a node's working directory; only its name if it is not inside."""
-    return Path(results.name) if results.is_absolute() or ".." in results.parts else results
 
 
 def _update_progress(reports: dict[str, ProgressReport], attempts: Sequence[Attempt]) -> None:

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
+from lilgym_mp.learning.agent_files import AGENT_FILE
 from lilgym_mp.options import CommandError, add_split
 
-AGENT_FILE, RUN_FILE = "agent.safetensors", "run.json"
+RUN_FILE = "run.json"
 
 
 def add_parser(subparsers: Any) -> None:
@@ -60,11 +61,14 @@ def run(args: argparse.Namespace) -> int:
     check_directory(args.out)
     if args.document is not None:
         check_document(args.document)
-    runs = [path for path in args.paths if is_unrecorded_run(path)]
+    recordings = {path: _recordings(path) for path in args.paths}
+    runs = [path for path, files in recordings.items() if not files and (path / AGENT_FILE).is_file()]
     paths = [path for path in args.paths if path not in runs]
-    recorded = recorded_runs(paths)
+    files = [file for found in recordings.values() for file in found]
     if args.check:
-        _check(paths)
+        _check(files)
+    headers = [header for header in map(read_header, files) if header is not None]
+    recorded = {Path(header.run).resolve() for header in headers if header.run is not None}
     unrecorded = [path for path in runs if path.resolve() not in recorded]
     try:
         with tempfile.TemporaryDirectory() as recordings:
@@ -81,27 +85,16 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def is_unrecorded_run(path: Path) -> bool:
-    """Whether the directory is a run with an agent but without recorded episodes."""
-    return (path / AGENT_FILE).is_file() and not any(path.rglob(f"*{SUFFIX}"))
+def _recordings(path: Path) -> list[Path]:
+    if path.is_dir():
+        return sorted(path.rglob(f"*{SUFFIX}"))
+    return [path] if path.is_file() else []
 
 
-def recorded_runs(paths: Sequence[Path]) -> set[Path]:
-    """The run directories of the recorded agents. Raises EpisodesError."""
-    headers = map(read_header, _recordings(paths))
-    return {Path(header.run).resolve() for header in headers if header is not None and header.run is not None}
-
-
-def _recordings(paths: Sequence[Path]) -> list[Path]:
-    files = [file for path in paths if path.is_dir() for file in sorted(path.rglob(f"*{SUFFIX}"))]
-    return [*files, *(path for path in paths if path.is_file())]
-
-
-def _check(paths: Sequence[Path]) -> None:
+def _check(files: Sequence[Path]) -> None:
     """Plays the recordings again. Raises EpisodesError naming the first file with a difference."""
     from lilgym_mp.evaluation.replay import check_recording
 
-    files = _recordings(paths)
     for file in files:
         check_recording(read_episodes(file))
     print(f"checked: {len(files)} recordings, every action played again")

@@ -82,9 +82,8 @@ def run(args: argparse.Namespace) -> int:
             requires_tokens=not is_local,
             hosts=(*LOOPBACK_HOSTS, args.host) if is_local else None,
         )
-        app = create_app(options)
         url = _url(args.host, listening.getsockname()[1])
-        _serve(app, listening, url=url, opens=args.open, is_local=is_local, proxies=args.trusted_proxy)
+        _serve(create_app(options), listening, url=url, is_local=is_local, args=args)
     return 0
 
 
@@ -133,9 +132,7 @@ def server_config(app: FastAPI, proxies: list[str]) -> uvicorn.Config:
     )
 
 
-def _serve(
-    app: FastAPI, listening: socket.socket, *, url: str, opens: bool, is_local: bool, proxies: list[str]
-) -> None:
+def _serve(app: FastAPI, listening: socket.socket, *, url: str, is_local: bool, args: argparse.Namespace) -> None:
     """Serves until Ctrl-C or SIGTERM."""
     import uvicorn
 
@@ -144,17 +141,16 @@ def _serve(
     with app.state.services.database.write_session() as session:
         token = issue_operator_token(session)
     organiser_url = f"{url}/login?token={token}"
-    lines = (f"serving at        {url}", f"organiser's link  {organiser_url}", "Ctrl-C stops it")
 
     class Server(uvicorn.Server):
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
-            print(*lines, sep="\n", flush=True)
-            if opens:
+            print(f"serving at        {url}\norganiser's link  {organiser_url}\nCtrl-C stops it", flush=True)
+            if args.open:
                 threading.Thread(target=webbrowser.open, args=[url if is_local else organiser_url]).start()
 
     # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
     threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
     with suppress(KeyboardInterrupt):  # raised again by uvicorn once all connections are closed
-        Server(server_config(app, proxies)).run(sockets=[listening])
+        Server(server_config(app, args.trusted_proxy)).run(sockets=[listening])
     print("stopped", file=sys.stderr)

@@ -44,7 +44,7 @@ class Session:
             "show": self._show,
             "back": lambda: self.begin(task_id=self._env.task.id),
             "next": self.begin,
-            "help": self._help,
+            "help": lambda: self._say("\n".join([*command_help(self._env.dynamics.appearance), *HELP])),
             "quit": self._quit,
         }
 
@@ -123,9 +123,6 @@ class Session:
     def _legal(self) -> None:
         legal = np.flatnonzero(self._env.action_masks())
         self._say("\n".join(legal_commands(self._env.dynamics.appearance, legal.tolist())))
-
-    def _help(self) -> None:
-        self._say("\n".join([*command_help(self._env.dynamics.appearance), *HELP]))
 
     def _quit(self) -> None:
         self.is_over = True

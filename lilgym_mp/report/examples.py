@@ -96,14 +96,11 @@ def failure_items(data: ReportData) -> Iterator[Item]:
         for run, episode in played:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:
-                hint = f"Kind of error: {kind}. Open the task with: {_play_command(run, episode)}"
+                settings = run.header.settings
+                task = f"--corpus {settings.corpus} --split {run.header.split} --task {episode.task}"
+                command = f"lilgym-mp play {settings.configuration} {task}"
+                hint = f"Kind of error: {kind}. Open the task with: {command}"
                 examples[kind] = film_strip(run, episode, hint)
         shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
         if shown:
             yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)
-
-
-def _play_command(run: Recording, episode: RecordedEpisode) -> str:
-    settings = run.header.settings
-    task_set = f"{settings.configuration} --corpus {settings.corpus} --split {run.header.split}"
-    return f"lilgym-mp play {task_set} --task {episode.task}"

@@ -72,14 +72,12 @@ def make_report(
 def check_directory(directory: Path) -> None:
     """Raises OutputError unless the directory is new, empty or holds an earlier report."""
     writable_directory(directory.absolute().parent)
-    if directory.is_dir() and any(directory.iterdir()) and not _is_report(directory / PAGE_FILE):
-        raise OutputError(f"{directory} holds something other than a report; choose a new directory")
+    if directory.is_dir() and any(directory.iterdir()):
+        page = directory / PAGE_FILE
+        if not page.is_file() or GENERATOR not in page.read_text(encoding="utf-8", errors="replace")[:1000]:
+            raise OutputError(f"{directory} holds something other than a report; choose a new directory")
     if directory.exists() and not directory.is_dir():
         raise OutputError(f"cannot write a report to {directory}: it is a file; name a directory")
-
-
-def _is_report(page: Path) -> bool:
-    return page.is_file() and GENERATOR in page.read_text(encoding="utf-8", errors="replace")[:1000]
 
 
 def replace_directory(directory: Path, write: Callable[[Path], object]) -> Path:

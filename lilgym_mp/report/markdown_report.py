@@ -31,7 +31,9 @@ def check_document(file: Path) -> None:
 
 def write_document(file: Path, data: ReportData, made: Sequence[tuple[str, Sequence[Item]]], command: str) -> None:
     """Writes the page and its pictures; `command` is quoted as its origin."""
-    blocks = [f"# {_title(data)}", *_origin(data, command)]
+    corpus = {"lilgym": "official", "builtin": "builtin"}.get(data.header.settings.corpus, data.header.corpus)
+    title = f"Results on the {corpus} corpus: {', '.join(data.splits)}"
+    blocks = [f"# {title}", *_origin(data, command)]
     for heading, items in made:
         item_blocks = [block for item in items for block in _item_blocks(file, item)]
         blocks += [f"## {heading}", *item_blocks] if item_blocks else []
@@ -41,11 +43,6 @@ def write_document(file: Path, data: ReportData, made: Sequence[tuple[str, Seque
 def _without_markup(block: str) -> str:
     """The block with HTML in names from recordings escaped; code blocks show it as it is."""
     return block if block.endswith(FENCE) else block.replace("<", "&lt;")
-
-
-def _title(data: ReportData) -> str:
-    corpus = {"lilgym": "official", "builtin": "builtin"}.get(data.header.settings.corpus, data.header.corpus)
-    return f"Results on the {corpus} corpus: {', '.join(data.splits)}"
 
 
 def _origin(data: ReportData, command: str) -> Iterator[str]:

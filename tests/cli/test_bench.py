@@ -17,9 +17,8 @@ from PIL import Image
 
 from lilgym_mp.benchmark import Bench, Effort, Workload, benchmark_cases, players
 from lilgym_mp.benchmark.catalogue import COPY_GROUP, BenchmarkCase
-from lilgym_mp.benchmark.chart import COLOURS, scaling_chart
 from lilgym_mp.benchmark.players import Play, Timing
-from lilgym_mp.benchmark.report import BEGIN, END, DocumentError, insert_tables, report_text
+from lilgym_mp.benchmark.report import BEGIN, COLOURS, END, DocumentError, insert_tables, report_text, scaling_chart
 from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
 from lilgym_mp.cli import main
 

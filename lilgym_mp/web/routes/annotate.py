@@ -27,16 +27,7 @@ from lilgym_mp.web.program_evaluator import (
     ProgramEvaluationError,
     QuotaExceeded,
 )
-from lilgym_mp.web.store.models import (
-    Assignment,
-    Batch,
-    Person,
-    Review,
-    Statement,
-    StatementScene,
-    Submission,
-    now,
-)
+from lilgym_mp.web.store.models import Assignment, Batch, Person, Review, Statement, StatementScene, Submission, now
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()

@@ -20,9 +20,8 @@ from lilgym_mp.programs.tracing import trace
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
-from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.app_services import Catalogue, Services
 from lilgym_mp.web.bodies import Body, ProgramPart, Reward, SceneBody, png, scene_body
-from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import AppearanceName, Name, SplitName
 from lilgym_mp.web.run_directory import FoundFile, RunDirectory, UnreadableRecording, read_recording

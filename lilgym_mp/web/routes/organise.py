@@ -30,14 +30,7 @@ from lilgym_mp.web.field_types import SplitName
 from lilgym_mp.web.routes import annotate
 from lilgym_mp.web.routes.annotate import MAX_ROW_ID, RowId
 from lilgym_mp.web.routes.review import disputed_statements, skipped_statements, submission_records
-from lilgym_mp.web.store.models import (
-    Assignment,
-    Batch,
-    Person,
-    Statement,
-    StatementScene,
-    TutorialAnswer,
-)
+from lilgym_mp.web.store.models import Assignment, Batch, Person, Statement, StatementScene, TutorialAnswer
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()

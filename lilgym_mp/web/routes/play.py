@@ -23,10 +23,9 @@ from lilgym_mp.programs.tracing import trace
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
-from lilgym_mp.web.app_services import AppServices, Services
+from lilgym_mp.web.app_services import AppServices, Catalogue, Services
 from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
 from lilgym_mp.web.bodies import Body, LegalBody, ProgramPart, Reward, SceneBody, scene_body
-from lilgym_mp.web.catalogue import Catalogue
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import ConfigurationName, ItemTypeQuery, Name, RandomId, RulesName, SplitName
 from lilgym_mp.web.store.models import PlayedEpisode, Visitor

@@ -21,23 +21,14 @@ from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.jsonlines import LabelledScene, entry_json
 from lilgym_mp.scene import Scene
 from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.authentication import (
-    CurrentOrganiser,
-)
+from lilgym_mp.web.authentication import CurrentOrganiser
 from lilgym_mp.web.bodies import Body
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import ShortText
 from lilgym_mp.web.program_evaluator import EvaluatorBusy, ProgramEvaluationError, QuotaExceeded
 from lilgym_mp.web.routes import annotate
 from lilgym_mp.web.routes.annotate import ACCEPTED, MAX_ROW_ID, RowId
-from lilgym_mp.web.store.models import (
-    Assignment,
-    Person,
-    Review,
-    Statement,
-    StatementScene,
-    Submission,
-)
+from lilgym_mp.web.store.models import Assignment, Person, Review, Statement, StatementScene, Submission
 
 router = APIRouter(prefix="/api/annotate", tags=["annotate"])
 

@@ -264,7 +264,11 @@ def recording(recording_id: RecordingId, services: Services) -> RecordingBody:
         has_decisions=bool(decisions),
         has_judgements=any(decision.steps_to_go is not None for decision in decisions),
         command=_rerecord_command(header, read.path.parent),
-        comparable=[_summary(one) for one in files if one.file.id != recording_id and _same_tasks(one.header, header)],
+        comparable=[
+            _summary(one)
+            for one in files
+            if one.file.id != recording_id and one.header and _task_set(one.header) == _task_set(header)
+        ],
     )
 
 
@@ -349,12 +353,8 @@ def _rerecord_command(header: Header, directory: FilePath) -> str:
     return f"lilgym-mp evaluate {' '.join(words)} --record {directory} --record-decisions --force"
 
 
-def _same_tasks(one: Header | None, other: Header) -> bool:
-    return one is not None and (one.settings.configuration, one.split, one.tasks_sha256) == (
-        other.settings.configuration,
-        other.split,
-        other.tasks_sha256,
-    )
+def _task_set(header: Header) -> tuple[str, str, str]:
+    return header.settings.configuration, header.split, header.tasks_sha256
 
 
 def _counts(names: Iterable[str]) -> list[CountBody]:

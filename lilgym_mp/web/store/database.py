@@ -17,7 +17,7 @@ from alembic.config import Config
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
 from alembic.util import CommandError as AlembicError
-from sqlalchemy import Engine, create_engine, event, inspect, text
+from sqlalchemy import URL, Engine, create_engine, event, inspect, text
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import ArgumentError, DBAPIError, NoSuchModuleError, SQLAlchemyError, TimeoutError
 from sqlalchemy.orm import Session
@@ -101,51 +101,41 @@ def open_database(url: str) -> Database:
 
     Raises DatabaseError if it cannot be reached, written or locked, or belongs to another program or version.
     """
-    label = _without_password(url)
-    engine = _create_engine(url, label)
-    try:
-        _migrate(engine, label)
-        with Database(engine).write_session():
-            pass
-    except DBAPIError as fault:
-        engine.dispose()
-        raise DatabaseError(f"database {label}: {_reason(fault)}") from None
-    except (SQLAlchemyError, AlembicError) as fault:
-        engine.dispose()
-        raise DatabaseError(f"database {label}: {str(fault).splitlines()[0]}") from None
-    except DatabaseError:
-        engine.dispose()
-        raise
-    return Database(engine)
-
-
-def _without_password(url: str) -> str:
-    try:
-        return make_url(url).render_as_string(hide_password=True)
-    except ArgumentError:
-        return repr(url)
-
-
-def _create_engine(url: str, label: str) -> Engine:
-    options: dict[str, Any] = {"pool_pre_ping": True, "pool_size": 20, "max_overflow": 30}
+    label, engine = repr(url), None
     try:
         parsed = make_url(url)
-        if parsed.get_backend_name() == "sqlite":
-            options = {"pool_size": 40, "connect_args": {"timeout": LOCK_SECONDS, "check_same_thread": False}}
-            if parsed.database in (None, "", ":memory:"):
-                raise DatabaseError(f"database {label}: an in-memory database would lose its data; name a file")
-        elif parsed.get_backend_name() != "postgresql":
-            raise DatabaseError(f"database {label}: must be SQLite or PostgreSQL")
-        engine = create_engine(parsed, **options)
+        label = parsed.render_as_string(hide_password=True)
+        engine = _create_engine(parsed)
+        _migrate(engine)
+        database = Database(engine)
+        with database.write_session():
+            return database
     except (ArgumentError, NoSuchModuleError):
-        raise DatabaseError(
-            f"database {label}: not a database URL such as sqlite:///file.sqlite3 or postgresql+psycopg://host/name"
-        ) from None
+        reason = "not a database URL such as sqlite:///file.sqlite3 or postgresql+psycopg://host/name"
     except ModuleNotFoundError as fault:
-        raise DatabaseError(f"database {label}: needs {fault.name}: pip install {fault.name}") from None
-    if parsed.get_backend_name() == "sqlite":
-        event.listen(engine, "connect", _prepare_sqlite)
-    return engine
+        reason = f"needs {fault.name}: pip install {fault.name}"
+    except DBAPIError as fault:
+        reason = _reason(fault)
+    except (SQLAlchemyError, AlembicError, DatabaseError) as fault:
+        reason = str(fault).splitlines()[0]
+    if engine is not None:
+        engine.dispose()
+    raise DatabaseError(f"database {label}: {reason}")
+
+
+def _create_engine(url: URL) -> Engine:
+    match url.get_backend_name():
+        case "sqlite" if url.database in (None, "", ":memory:"):
+            raise DatabaseError("an in-memory database would lose its data; name a file")
+        case "sqlite":
+            arguments = {"timeout": LOCK_SECONDS, "check_same_thread": False}
+            engine = create_engine(url, pool_size=40, connect_args=arguments)
+            event.listen(engine, "connect", _prepare_sqlite)
+            return engine
+        case "postgresql":
+            return create_engine(url, pool_pre_ping=True, pool_size=20, max_overflow=30)
+        case _:
+            raise DatabaseError("must be SQLite or PostgreSQL")
 
 
 def _prepare_sqlite(connection: sqlite3.Connection, _: Any) -> None:
@@ -163,7 +153,7 @@ def _reason(fault: DBAPIError) -> str:
     return message
 
 
-def _migrate(engine: Engine, label: str) -> None:
+def _migrate(engine: Engine) -> None:
     """Upgrades the schema to the current revision, in one transaction."""
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
@@ -174,11 +164,11 @@ def _migrate(engine: Engine, label: str) -> None:
     if current == tuple(scripts.get_heads()):
         return
     if not current and tables:
-        raise DatabaseError(f"database {label}: holds tables of another program ({', '.join(tables[:3])}, ...)")
+        raise DatabaseError(f"holds tables of another program ({', '.join(tables[:3])}, ...)")
     known = {script.revision for script in scripts.walk_revisions()}
     if set(current) - known:
         raise DatabaseError(
-            f"database {label}: was written by another version ({', '.join(current)}); "
+            f"was written by another version ({', '.join(current)}); "
             "pip install --upgrade lilgym-mp, or name another file"
         )
     with engine.begin() as connection:
@@ -186,6 +176,3 @@ def _migrate(engine: Engine, label: str) -> None:
             connection.execute(text("BEGIN IMMEDIATE"))
         config.attributes["connection"] = connection
         command.upgrade(config, "head")
-
-
-__all__ = ["COOKIE_KEY", "Database", "DatabaseError", "open_database"]
