@@ -23,7 +23,7 @@ from lilgym_mp.options import (
     check_at_least,
     task_sets_with_id,
 )
-from lilgym_mp.terminal import Progress, table
+from lilgym_mp.terminal import Progress, shows_colours, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
@@ -79,7 +79,6 @@ def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
     for name, choices in SET_CHOICES.items():
         show.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
     show.add_argument("--image", type=Path, metavar="FILE", help="write the picture to FILE as PNG")
-    show.add_argument("--plain", action="store_true", help="draw with letters instead of colours")
 
 
 def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -230,7 +229,7 @@ def _show(args: argparse.Namespace) -> int:
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)
-    print(task_text(task, tasks, coloured=not args.plain and sys.stdout.isatty()))
+    print(task_text(task, tasks, coloured=shows_colours()))
     if args.image:
         picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
         write_atomically(writable_file(args.image), lambda unfinished: picture.save(unfinished, format="PNG"))

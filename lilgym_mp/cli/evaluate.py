@@ -76,8 +76,10 @@ def add_parser(subparsers: Any) -> None:
     add_split(parser, "dev")
     add_seed(parser, "of the policies")
     add_number(parser, "--passes", 1, "episodes per task")
-    parser.add_argument("--sampled", action="store_true", help="short for --actions sampled")
-    parser.add_argument(
+    modes = parser.add_mutually_exclusive_group()
+    short = {"action": "store_const", "const": [SAMPLED], "help": "short for --actions sampled"}
+    modes.add_argument("--sampled", dest="actions", **short)
+    modes.add_argument(
         "--actions",
         nargs="+",
         choices=[GREEDY, SAMPLED],
@@ -112,8 +114,6 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     check_at_least(args, 0, "seed")
     check_at_least(args, 1, "passes", "threads")
-    if args.sampled and args.actions:
-        raise CommandError("--sampled is short for --actions sampled; leave one of them out")
     if args.record is None and (args.optimal or args.record_decisions):
         raise CommandError(f"{'--optimal' if args.optimal else '--record-decisions'} needs --record DIR")
     if args.judge_decisions and not args.record_decisions:
@@ -178,8 +178,6 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     agent = open_agent(path, args.device)
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
-    if args.sampled:
-        action_modes = [SAMPLED]
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
     own = AS_TRAINED if getattr(agent, "chooses_actions", False) else GREEDY
     common = {

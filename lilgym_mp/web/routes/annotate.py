@@ -433,6 +433,3 @@ async def check_program(services: AppServices, person: Person, program: str, sce
         )
     agrees = all(truth is label for truth, (_, label) in zip(scene_truths, scenes, strict=True))
     return ACCEPTED if agrees else FAILED
-
-
-router.include_router(api)

@@ -302,6 +302,3 @@ def _outcomes_by_statement(file: FoundFile) -> dict[str, list[RunOutcome]]:
         )
         index.setdefault(episode.statement, []).append(outcome)
     return index
-
-
-router.include_router(api)

@@ -340,6 +340,3 @@ def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
         proposer_message=max(0, proposer_message),
         verifier_message=max(0, verifier_message),
     )
-
-
-router.include_router(api)

@@ -19,6 +19,7 @@ from lilgym_mp.web.store.models import Person, Visitor
 from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
+api = APIRouter(prefix="/api/session", tags=["session"])
 EXAMPLE = Scene.of(
     [
         Item(5, 8, Shape.CIRCLE, Colour.YELLOW, Size.LARGE),
@@ -52,15 +53,11 @@ async def health() -> dict[str, str]:  # async: needs no thread, so a busy threa
     return {"status": "ok"}
 
 
-@router.get("/api/session", tags=["session"])
+@api.get("")
 def session(caller: CurrentCaller) -> SessionBody:
     """This browser's CSRF token, and the person logged in."""
     person = caller.person
-    return SessionBody(
-        csrf_token=caller.csrf_token,
-        person=person.name if person else None,
-        role=person.role if person else None,
-    )
+    return SessionBody(csrf_token=caller.csrf_token, person=person and person.name, role=person and person.role)
 
 
 @router.get("/login", include_in_schema=False)
@@ -83,7 +80,7 @@ async def login(
     return RedirectResponse("/annotate", 303)
 
 
-@router.post("/api/session/logout", tags=["session"], status_code=204)
+@api.post("/logout", status_code=204)
 async def logout(services: Services, caller: CurrentCaller) -> None:
     """Logs the browser out."""
 

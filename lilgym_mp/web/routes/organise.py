@@ -273,6 +273,3 @@ def _assign(session: Session, new: NewRedistribution, work: Sequence[tuple[int, 
         raise http_error(409, "these people have already had all of these statements; choose others")
     session.flush()
     return CreatedBatch(id=batch.id, assignments=created)
-
-
-router.include_router(api)

@@ -445,6 +445,3 @@ def _results(successes: Any) -> Select[str, int, Any, Any]:
         successes.label("successes"),
         func.avg(PlayedEpisode.reward).label("mean_reward"),
     ).where(*_IS_COUNTED)
-
-
-router.include_router(api)

@@ -30,7 +30,7 @@ from lilgym_mp.web.routes import annotate
 from lilgym_mp.web.routes.annotate import ACCEPTED, MAX_ROW_ID, RowId
 from lilgym_mp.web.store.models import Assignment, Person, Review, Statement, StatementScene, Submission
 
-router = APIRouter(prefix="/api/annotate", tags=["annotate"])
+api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
 KEPT, DISPUTED = "kept", "disputed"
 MAX_COMPARED_SCENES = 300  # scenes used for inter-annotator agreement
@@ -133,7 +133,7 @@ def _eligible_submissions(records: Iterable[SubmissionRecord]) -> dict[int, dict
     return found
 
 
-@router.get("/reviews")
+@api.get("/reviews")
 async def reviews(
     services: Services,
     person: CurrentOrganiser,
@@ -202,7 +202,7 @@ def _comparison_scenes(session: Session, appearance: str) -> list[Scene]:
     return [Scene.empty(), *map(Scene.from_json, rows)]
 
 
-@router.post("/submissions/{submission_id}/reviews", status_code=204)
+@api.post("/submissions/{submission_id}/reviews", status_code=204)
 async def review(services: Services, person: CurrentOrganiser, submission_id: RowId, new: NewReview) -> None:
     """Reviews a submission; its author sees the verdict and the note."""
 
@@ -236,7 +236,7 @@ def _kept_programs(records: Sequence[SubmissionRecord]) -> dict[int, str]:
     }
 
 
-@router.get("/export", response_class=Response)
+@api.get("/export", response_class=Response)
 def export(services: Services, person: CurrentOrganiser) -> Response:
     """The kept statements as a corpus file, which `lilgym-mp data check` accepts."""
     with services.database.read_session() as session, tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
@@ -268,7 +268,7 @@ def _corpus_entries(session: Session, programs: Mapping[int, str]) -> Iterator[d
         )
 
 
-@router.get("/statistics")
+@api.get("/statistics")
 def statistics(services: Services, person: CurrentOrganiser) -> StatisticsBody:
     counted = func.count(Statement.id), func.count(StatementScene.id)
     with services.database.read_session() as session:

@@ -166,6 +166,3 @@ def _tutorial_task(name: str) -> TutorialTask:
     if name not in TASKS_BY_NAME:
         raise http_error(404, f"no tutorial task {name!r}; choose from {', '.join(TASKS_BY_NAME)}")
     return TASKS_BY_NAME[name]
-
-
-router.include_router(api)

@@ -418,6 +418,3 @@ def _decision_body(decision: Decision, rows: int) -> DecisionBody:
         likeliest=[LikelyAction(action=describe(action), probability=share) for action, share in decision.likeliest],
         programs=[LikelyProgram(program=program, probability=share) for program, share in decision.programs.items()],
     )
-
-
-router.include_router(api)

@@ -35,6 +35,16 @@ class Base(DeclarativeBase):
     )
 
 
+class Created:
+    """Columns of most tables."""
+
+    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
+
+
+class Numbered(Created):
+    id: Mapped[int] = mapped_column(Integer, primary_key=True)
+
+
 class Secret(Base):
     """A random string that must survive a restart, such as the key that signs cookies."""
 
@@ -43,28 +53,25 @@ class Secret(Base):
     value: Mapped[str] = mapped_column(String(200))
 
 
-class Person(Base):
+class Person(Numbered, Base):
     """An organiser or annotator, who logs in with a token."""
 
     __tablename__ = "people"
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     name: Mapped[str] = mapped_column(String(80), unique=True)
     role: Mapped[str] = mapped_column(String(20))  # "organiser" or "annotator"
     token_hash: Mapped[str | None] = mapped_column(String(64), unique=True)  # None: revoked
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Visitor(Base):
+class Visitor(Created, Base):
     """A browser, identified by its cookie; inserted on its first login or episode."""
 
     __tablename__ = "visitors"
     id: Mapped[str] = mapped_column(String(43), primary_key=True)
     nickname: Mapped[str | None] = mapped_column(String(40))  # shown on the leaderboard
     token_hash: Mapped[str | None] = mapped_column(String(64))  # of the token it logged in with; None: not logged in
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class PlayedEpisode(Base):
+class PlayedEpisode(Created, Base):
     """An episode played by a visitor; its MDP state is rebuilt by replaying the actions."""
 
     __tablename__ = "played_episodes"
@@ -80,20 +87,17 @@ class PlayedEpisode(Base):
     reward: Mapped[float] = mapped_column(Float, default=0.0)
     outcome: Mapped[str | None] = mapped_column(String(20), index=True)  # None: in progress
     shown_solution: Mapped[bool] = mapped_column(default=False)  # before the end: excluded from statistics
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
     changed: Mapped[datetime] = mapped_column(UTCDateTime, default=now, onupdate=now)
 
 
-class Statement(Base):
+class Statement(Numbered, Base):
     """A statement to annotate."""
 
     __tablename__ = "statements"
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     name: Mapped[str] = mapped_column(String(200), unique=True)  # its id in the imported file
     text: Mapped[str] = mapped_column(Text)
     appearance: Mapped[str] = mapped_column(String(20))
     split: Mapped[str] = mapped_column(String(10))
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
 class StatementScene(Base):
@@ -107,21 +111,18 @@ class StatementScene(Base):
     label: Mapped[bool]
 
 
-class Batch(Base):
+class Batch(Numbered, Base):
     """A group of assignments created together."""
 
     __tablename__ = "batches"
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     name: Mapped[str] = mapped_column(String(80), unique=True)
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Assignment(Base):
+class Assignment(Numbered, Base):
     """An annotation task: a statement assigned to a person, with the draft of its program."""
 
     __tablename__ = "assignments"
     __table_args__ = (UniqueConstraint("statement_id", "person_id"),)
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     batch_id: Mapped[int] = mapped_column(ForeignKey("batches.id"), index=True)
     statement_id: Mapped[int] = mapped_column(ForeignKey("statements.id"), index=True)
     person_id: Mapped[int] = mapped_column(ForeignKey("people.id"), index=True)
@@ -130,15 +131,13 @@ class Assignment(Base):
     draft: Mapped[str] = mapped_column(Text, default="")
     draft_version: Mapped[int] = mapped_column(Integer, default=0)
     opened: Mapped[datetime | None] = mapped_column(UTCDateTime)  # when first opened
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Submission(Base):
+class Submission(Numbered, Base):
     """An immutable submission for an assignment: a program that agrees with the shown scene, or a skip."""
 
     __tablename__ = "submissions"
     __table_args__ = (UniqueConstraint("assignment_id", "key"),)
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     assignment_id: Mapped[int] = mapped_column(ForeignKey("assignments.id"), index=True)
     key: Mapped[str] = mapped_column(String(64))  # idempotency key chosen by the client
     verdict: Mapped[str] = mapped_column(String(10))  # accepted, failed (on a hidden scene), skipped
@@ -148,26 +147,22 @@ class Submission(Base):
     comment: Mapped[str] = mapped_column(Text, default="")
     question: Mapped[str] = mapped_column(Text, default="")  # question to the organisers
     seconds: Mapped[float] = mapped_column(Float)  # since the assignment was first opened
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class Review(Base):
+class Review(Numbered, Base):
     """An organiser's review of a submission; the latest one counts."""
 
     __tablename__ = "reviews"
-    id: Mapped[int] = mapped_column(Integer, primary_key=True)
     submission_id: Mapped[int] = mapped_column(ForeignKey("submissions.id"), index=True)
     reviewer_id: Mapped[int] = mapped_column(ForeignKey("people.id"))
     verdict: Mapped[str] = mapped_column(String(10))  # kept, disputed, rejected
     note: Mapped[str] = mapped_column(Text, default="")
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
 
 
-class TutorialAnswer(Base):
+class TutorialAnswer(Created, Base):
     """A person's accepted program for a tutorial task."""
 
     __tablename__ = "tutorial_answers"
     person_id: Mapped[int] = mapped_column(ForeignKey("people.id"), primary_key=True)
     task: Mapped[str] = mapped_column(String(40), primary_key=True)
     program: Mapped[str] = mapped_column(Text)
-    created: Mapped[datetime] = mapped_column(UTCDateTime, default=now)
