@@ -43,17 +43,6 @@ SHARED = (
     "rules",
     "grid",
 )
-HEADER = (
-    "proposer",
-    "verifier",
-    "games",
-    "success",
-    "J",
-    "complete T/F",
-    "sound T/F",
-    "lies accepted",
-    "exploitability",
-)
 LEGEND = """\
 success: the MDP's, in %. complete, sound: % of true claims accepted and of false ones refused, by target true / false.
 J: mean over targets of completeness + soundness - 100; 0 for a verifier that knows the target alone.
@@ -127,7 +116,7 @@ def run(args: argparse.Namespace) -> int:
     for game in games:
         rows = [_row(result) for result in results if result["protocol"] == game.settings.protocol]
         print(f"\n{game.configuration}, {game.settings.protocol}, {args.split}, corpus {game.settings.corpus}\n")
-        print(table(HEADER, rows))
+        print(table(list(rows[0]), [list(row.values()) for row in rows]))
     print(f"\n{LEGEND}")
     if args.json is not None:
         write_json(args.json, {"results": results})
@@ -257,21 +246,23 @@ def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Playe
     return Player(str(path), AgentPartner(policy), "image", path)
 
 
-def _row(result: Mapping[str, Any]) -> tuple[str, ...]:
+def _row(result: Mapping[str, Any]) -> dict[str, str]:
+    """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
-    return (
-        result["proposer"],
-        result["verifier"],
-        f"{result['games']:,}",
-        _percent(result["success"]),
-        _percent(result["j"], digits=0),
-        *(
-            " / ".join(_percent(each.get(name), digits=0) for each in by_target)
-            for name in ("completeness", "soundness")
-        ),
-        _percent(result["accepted_false_claims"]),
-        _percent(result["exploitability"]),
+    complete, sound = (
+        " / ".join(_percent(each.get(name), digits=0) for each in by_target) for name in ("completeness", "soundness")
     )
+    return {
+        "proposer": result["proposer"],
+        "verifier": result["verifier"],
+        "games": f"{result['games']:,}",
+        "success": _percent(result["success"]),
+        "J": _percent(result["j"], digits=0),
+        "complete T/F": complete,
+        "sound T/F": sound,
+        "lies accepted": _percent(result["accepted_false_claims"]),
+        "exploitability": _percent(result["exploitability"]),
+    }
 
 
 def _percent(share: float | None, digits: int = 1) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,11 +66,11 @@ def run(args: argparse.Namespace) -> int:
     results = args.out or RESULTS / args.file.stem
     threads = 1 if args.ray is not None else max(1, (os.cpu_count() or 1) // jobs)
     attempts = make_attempts(plan, results, threads)
-    with Display(attempts) as display:
+    with display(attempts) as update:
         if args.ray is None:
-            run_locally(attempts, jobs, display.update, UPDATE_SECONDS)
+            run_locally(attempts, jobs, update, UPDATE_SECONDS)
         else:
-            run_on_ray(attempts, args.ray, threads, display.update, UPDATE_SECONDS)
+            run_on_ray(attempts, args.ray, threads, update, UPDATE_SECONDS)
     failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
@@ -80,49 +81,43 @@ def run(args: argparse.Namespace) -> int:
     return FAILED if failed else 0
 
 
-class Display:
-    """Shows the runs' statuses: as a live table on a terminal, else as a line per change. A context manager."""
+@contextmanager
+def display(attempts: Sequence[Attempt], console: Console | None = None) -> Iterator[Callable[[], None]]:
+    """Shows the runs' statuses: as a live table on a terminal, else as a line per change; yields what updates it.
 
-    def __init__(self, attempts: Sequence[Attempt], console: Console | None = None) -> None:
-        """`console`: standard output by default."""
-        from rich import get_console
-        from rich.live import Live
+    `console`: standard output by default.
+    """
+    from rich import get_console
+    from rich.live import Live
 
-        self._attempts = attempts
-        self._printed: dict[str, str] = {}  # last status by run
-        console = console or get_console()
-        live = Live(console=console, get_renderable=self._table, auto_refresh=False)
-        self._live = live if console.is_terminal else None
+    console = console or get_console()
+    if console.is_terminal:
+        with Live(console=console, get_renderable=lambda: _table(attempts), auto_refresh=False) as live:
+            live.refresh()
+            yield live.refresh
+        return
+    printed: dict[str, str] = {}  # last status by run
 
-    def __enter__(self) -> Display:
-        if self._live is not None:
-            self._live.start(refresh=True)
-        self.update()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._live is not None:
-            self._live.stop()
-
-    def update(self) -> None:
-        if self._live is not None:
-            self._live.refresh()
-            return
-        for attempt in self._attempts:
+    def print_changes() -> None:
+        for attempt in attempts:
             name, status = attempt.planned.name, status_text(attempt)
-            if self._printed.get(name, "waiting") != status:
+            if printed.get(name, "waiting") != status:
                 print(f"{name}: {status}", flush=True)
-            self._printed[name] = status
+            printed[name] = status
 
-    def _table(self) -> Table:
-        from rich.table import Table
+    print_changes()
+    yield print_changes
 
-        table = Table(box=None, header_style="bold")
-        for column in ("run", "state", "done", "time", "left"):
-            table.add_column(column, justify="left" if column in ("run", "state") else "right")
-        for attempt in self._attempts:
-            table.add_row(*row(attempt))
-        return table
+
+def _table(attempts: Sequence[Attempt]) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold")
+    for column in ("run", "state", "done", "time", "left"):
+        table.add_column(column, justify="left" if column in ("run", "state") else "right")
+    for attempt in attempts:
+        table.add_row(*row(attempt))
+    return table
 
 
 def row(attempt: Attempt) -> list[str]:

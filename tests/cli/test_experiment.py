@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.experiment import Display, format_duration, row
+from lilgym_mp.cli.experiment import display, format_duration, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
 from lilgym_mp.options import CommandError
@@ -301,18 +301,18 @@ def test_display__is_a_live_table_on_a_terminal_and_lines_elsewhere(tmp_path: Pa
     (tmp_path / "runs" / "one").mkdir(parents=True)
     (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
     screen = io.StringIO()
-    with Display(attempts, Console(file=screen, force_terminal=True, width=90)) as display:
+    with display(attempts, Console(file=screen, force_terminal=True, width=90)) as update:
         attempts[0].status, attempts[0].seconds = RunStatus.TRAINING, 30.0
-        display.update()
+        update()
         attempts[0].location = "on 10.0.0.7"
-        display.update()
+        update()
     shown = screen.getvalue()
     for text in ("run", "state", "left", "one", "waiting", "training on 10.0.0.7", "25 %", "0:30", "1:30"):
         assert text in shown
-    with Display(attempts, Console(file=io.StringIO())) as display:
+    with display(attempts, Console(file=io.StringIO())) as update:
         attempts[1].status = RunStatus.TRAINING
-        display.update()
-        display.update()
+        update()
+        update()
     assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: training\n"
 
 
