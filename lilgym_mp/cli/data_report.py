@@ -113,13 +113,13 @@ def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
 def task_lines(task: Task, tasks: TaskSet) -> list[str]:
     """Everything about a task except its picture."""
     shown = sorted((*phenomena(task.program), *syntactic_phenomena(task.statement)), key=PHENOMENA.index)
-    truth = task.truth(task.start)
+    truth, target = task.truth(task.start), str(task.target).lower()
     return [
         f"task {task.id!r} of {tasks.provenance}",
         f"statement  {task.statement}",
         f"program    {task.program.strip()}",
-        f"target     {_word(task.target)}: make the statement {_word(task.target)}",
-        f"truth      {_word(truth)} in this scene{' already' if truth == task.target else ''}",
+        f"target     {target}: make the statement {target}",
+        f"truth      {str(truth).lower()} in this scene{' already' if truth == task.target else ''}",
         f"phenomena  {', '.join(shown) or 'none'}",
         f"form       {statement_form(task.statement)}",
     ]
@@ -128,7 +128,3 @@ def task_lines(task: Task, tasks: TaskSet) -> list[str]:
 def task_text(task: Task, tasks: TaskSet, *, coloured: bool) -> str:
     """The task and its start scene, drawn with characters."""
     return render.text(task.start, task_lines(task, tasks), coloured=coloured)
-
-
-def _word(truth: bool) -> str:
-    return "true" if truth else "false"

@@ -64,10 +64,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _windowed(env: LilGymEnv) -> tuple[Session, Callable[[Session], None]]:
     """A session that shows its messages in a window, and the function that plays it there."""
-    from lilgym_mp.cli.play_window import ControlPanel, open_window, play
+    from lilgym_mp.cli.play_window import ControlPanel, play
     from lilgym_mp.cli.session import Session
 
-    open_window()
     panel = ControlPanel(env.dynamics.appearance)
 
     def say(text: str) -> None:

@@ -108,7 +108,10 @@ def play(session: Session, panel: ControlPanel) -> None:
 
     Raises CommandError without pygame or without a display.
     """
-    window = open_window()
+    try:
+        window = Window(FPS)
+    except gym.error.DependencyNotInstalled as error:
+        raise CommandError(str(error).replace('render_mode="human"', "--window")) from None
     pygame: Any = import_module("pygame")
     keys = {getattr(pygame, f"K_{word[0]}"): word for word in COMMANDS}
     try:
@@ -130,11 +133,3 @@ def play(session: Session, panel: ControlPanel) -> None:
         raise CommandError(f"cannot open a window: {error}; play without --window") from None
     finally:
         window.close()
-
-
-def open_window() -> Window:
-    """A window, which becomes visible with its first picture. Raises CommandError without pygame."""
-    try:
-        return Window(FPS)
-    except gym.error.DependencyNotInstalled as error:
-        raise CommandError(str(error).replace('render_mode="human"', "--window")) from None

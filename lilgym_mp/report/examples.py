@@ -52,12 +52,10 @@ def example_episode(run: Recording) -> RecordedEpisode | None:
 def film_strip(run: Recording, episode: RecordedEpisode, *extra: str) -> FilmStrip:
     """The start scene and the scene after each action; `extra`: further lines above the frames."""
     settings = run.header.settings
-    target = "true" if episode.target else "false"
-    outcome = episode.outcome.replace("_", " ") + (
-        f" ({episode.invalid_reason.replace('_', ' ')})" if episode.invalid_reason else ""
-    )
+    reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
+    outcome = f"{episode.outcome}{reason}".replace("_", " ")
     head = [
-        f"“{episode.statement}”  Make it {target}.",
+        f"“{episode.statement}”  Make it {str(episode.target).lower()}.",
         f"{settings.configuration}, {run.header.split}, task {episode.task}: {outcome}, reward {episode.reward:+.1f}",
         *extra,
     ]
@@ -79,11 +77,9 @@ def _frames(settings: Settings, episode: RecordedEpisode) -> list:
 def _program(run: Recording, episode: RecordedEpisode) -> FilmStrip:
     settings = run.header.settings
     visited = scenes(settings.dynamics(), episode.start, episode.actions)
-    words = {True: "true", False: "false"}
-    frames = [
-        (draw(visited[0], "half"), f"start: {words[not episode.target]}" if len(episode.actions) > 1 else "start"),
-        (draw(visited[-1], "half"), f"at STOP: {words[episode.target]}"),
-    ]
+    before = f"start: {str(not episode.target).lower()}" if len(episode.actions) > 1 else "start"
+    captions = before, f"at STOP: {str(episode.target).lower()}"
+    frames = [(draw(visited[index], "half"), caption) for index, caption in zip((0, -1), captions, strict=True)]
     return FilmStrip([f"“{episode.statement}”", *wrap(episode.program, 150, break_on_hyphens=False)], frames)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import secrets
 import threading
 import time
-from collections import OrderedDict
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -22,7 +21,7 @@ IDLE_SECONDS = 2 * 3600.0  # until an unused game is evicted
 MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
 
 
-@dataclass
+@dataclass(eq=False)
 class LiveGame:
     """A game in progress: its engine, the two seats, and bookkeeping outside of the game state.
 
@@ -85,7 +84,7 @@ class LiveGames:
     """All games in progress, by seat key; limited in number and idle time."""
 
     def __init__(self) -> None:
-        self._seats: OrderedDict[str, tuple[LiveGame, Role]] = OrderedDict()
+        self._seats: dict[str, tuple[LiveGame, Role]] = {}
         self._lock = threading.Lock()
 
     def add(self, game: LiveGame, roles: Iterable[Role]) -> dict[Role, str]:
@@ -108,17 +107,14 @@ class LiveGames:
 
     def __len__(self) -> int:
         """The number of games, not of seats."""
-        return len({id(game) for game, _ in self._seats.values()})
+        return len({game for game, _ in self._seats.values()})
 
     def _evict(self, visitor: str) -> None:
         """Drops idle games, then the least recently used beyond the limits, counting one to be added by the visitor."""
-        now = time.monotonic()
-        games = sorted({id(game): game for game, _ in self._seats.values()}.values(), key=lambda game: game.last_used)
-        alive = [game for game in games if now - game.last_used <= IDLE_SECONDS]
-        own = [game for game in alive if game.visitor == visitor]
-        dropped = {id(game) for game in games} - {id(game) for game in alive}
-        dropped |= {id(game) for game in own[: max(0, len(own) - MAX_GAMES_PER_VISITOR + 1)]}
-        left = [game for game in alive if id(game) not in dropped]
-        dropped |= {id(game) for game in left[: max(0, len(left) - MAX_GAMES + 1)]}
-        for key in [key for key, (game, _) in self._seats.items() if id(game) in dropped]:
-            del self._seats[key]
+        now, own, kept = time.monotonic(), 1, set[LiveGame]()
+        for game in sorted({game for game, _ in self._seats.values()}, key=lambda game: game.last_used, reverse=True):
+            own += game.visitor == visitor
+            is_surplus = len(kept) >= MAX_GAMES - 1 or (game.visitor == visitor and own > MAX_GAMES_PER_VISITOR)
+            if now - game.last_used <= IDLE_SECONDS and not is_surplus:
+                kept.add(game)
+        self._seats = {key: seat for key, seat in self._seats.items() if seat[0] in kept}

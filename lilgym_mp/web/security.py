@@ -6,7 +6,6 @@ import asyncio
 import hmac
 import time
 from collections import OrderedDict
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import SplitResult, urlsplit
 
 from anyio.to_thread import run_sync
@@ -93,7 +92,7 @@ class Guard:
     async def _admit(self, scope: Scope, headers: Headers) -> Caller:
         """The caller. Raises HTTPException for too many requests, or without a login or CSRF token."""
         path: str = scope["path"]
-        caller = scope["caller"] = self._signer.caller(_cookie(headers))
+        caller = scope["caller"] = self._signer.caller(Request(scope).cookies.get(COOKIE))
         address = scope["client"][0] if scope.get("client") else ""
         keys = (address, address if caller.is_new else caller.id)
         if self._buckets is not None and not all(map(_TokenBuckets.take, self._buckets, keys)):
@@ -168,11 +167,3 @@ def _split(url: str) -> SplitResult:
         return urlsplit(url)
     except ValueError:
         return urlsplit("")
-
-
-def _cookie(headers: Headers) -> str | None:
-    try:
-        morsel = SimpleCookie(headers.get("cookie", "")).get(COOKIE)
-    except CookieError:
-        return None
-    return morsel.value if morsel else None

@@ -52,9 +52,13 @@ class Database:
             yield session
 
     @contextmanager
-    def write_session(self) -> Iterator[Session]:
-        """A write session outside of requests, as at startup; requests use `write`."""
-        with self._session(LOCK_SECONDS) as session:
+    def write_session(self, lock_seconds: float | None = None) -> Iterator[Session]:
+        """A write session outside of requests, as at startup; requests use `write`. Waits at most LOCK_SECONDS."""
+        with Session(self.engine, expire_on_commit=False) as session, session.begin():
+            if self._is_sqlite:
+                seconds = LOCK_SECONDS if lock_seconds is None else lock_seconds
+                session.connection().exec_driver_sql(f"PRAGMA busy_timeout={int(1000 * seconds)}")
+                session.connection().exec_driver_sql("BEGIN IMMEDIATE")
             yield session
 
     async def write(self, work: Callable[[Session], T]) -> T:
@@ -69,18 +73,10 @@ class Database:
             seconds = deadline - time.monotonic()
             if seconds <= 0:
                 raise TimeoutError("other writes did not end in time")
-            with self._session(seconds) as session:
+            with self.write_session(seconds) as session:
                 return work(session)
 
         return await asyncio.wrap_future(self._writers.submit(run_in_session))
-
-    @contextmanager
-    def _session(self, lock_seconds: float) -> Iterator[Session]:
-        with Session(self.engine, expire_on_commit=False) as session, session.begin():
-            if self._is_sqlite:
-                session.connection().exec_driver_sql(f"PRAGMA busy_timeout={int(1000 * lock_seconds)}")
-                session.connection().exec_driver_sql("BEGIN IMMEDIATE")
-            yield session
 
     def secret(self, name: str) -> str:
         """The secret with that name, generated on the first call."""
