@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib.util import find_spec
@@ -86,7 +86,8 @@ def run(args: argparse.Namespace) -> int:
     print(f"{len(episodes):,} demonstrations of {len(reports):,} tasks, {unsolved:,} of them without a solution")
     if args.out is not None:
         data, metadata = arrays(episodes, dynamics, images=args.images), _metadata(settings, args)
-        _write_npz(args.out, lambda path: write_npz(path, data, metadata))
+        write_atomically(args.out, lambda path: write_npz(path, data, metadata))
+        print(f"npz: {args.out}")
     if args.minari is not None:
         _write_minari(episodes, settings, args)
         print(f"Minari: {args.minari}")
@@ -101,7 +102,8 @@ def _run_sets(settings: Settings, args: argparse.Namespace) -> int:
     complete = sum(found.complete for _, found, _ in states)
     print(f"{len(states):,} states of {len(tasks):,} tasks, {complete:,} of their sets complete")
     about = {**_metadata(settings, args), **exploration}
-    _write_npz(args.out, partial(write_action_sets, states=states, dynamics=dynamics, about=about))
+    write_atomically(args.out, partial(write_action_sets, states=states, dynamics=dynamics, about=about))
+    print(f"npz: {args.out}")
     return 0
 
 
@@ -121,11 +123,6 @@ def _check(args: argparse.Namespace) -> None:
         if args.out.suffix != ".npz":
             raise CommandError(f"--out must name a file that ends in .npz, not {str(args.out)!r}")
         fresh_file(args.out, force=args.force)
-
-
-def _write_npz(path: Path, write: Callable[[Path], object]) -> None:
-    write_atomically(path, write)
-    print(f"npz: {path}")
 
 
 def _metadata(settings: Settings, args: argparse.Namespace) -> dict[str, Any]:

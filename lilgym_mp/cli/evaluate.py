@@ -218,14 +218,11 @@ def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
 def training_facts(description: ModelDescription) -> dict[str, float]:
     """The steps and CPU minutes of an agent's training, as far as its description has them."""
     details, recipe = description.details, description.recipe
-    facts: dict[str, float] = {}
-    if (steps := details.get("steps", recipe.get("steps"))) is not None:
-        facts["steps"] = steps
-    if (minutes := details.get("cpu_minutes")) is not None:
-        facts["cpu_minutes"] = minutes
-    elif (seconds := details.get("cpu_seconds", details.get("seconds"))) is not None:
-        facts["cpu_minutes"] = round(seconds / 60, 2)
-    return facts
+    seconds, minutes = details.get("cpu_seconds", details.get("seconds")), details.get("cpu_minutes")
+    if minutes is None and seconds is not None:
+        minutes = round(seconds / 60, 2)
+    facts = {"steps": details.get("steps", recipe.get("steps")), "cpu_minutes": minutes}
+    return {name: value for name, value in facts.items() if value is not None}
 
 
 def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[Settings]:
@@ -252,13 +249,10 @@ def _has_tasks(settings: Settings, split: str) -> bool:
 
 def warnings(results: Sequence[Result]) -> list[str]:
     """Notes on results that the table alone does not explain."""
-    notes: list[str] = []
-    for result in results:
-        stopped = sum(len(episode.actions) == 1 for episode in result.episodes)
-        trained = "run" in result.named.details
-        if trained and stopped == len(result.episodes) and result.summary.accuracy < 0.5:
-            notes.append(
-                f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
-                " evaluate sampled actions (--actions sampled), or train it longer"
-            )
-    return notes
+    return [
+        f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
+        " evaluate sampled actions (--actions sampled), or train it longer"
+        for result in results
+        if "run" in result.named.details and result.summary.accuracy < 0.5
+        if all(len(episode.actions) == 1 for episode in result.episodes)
+    ]

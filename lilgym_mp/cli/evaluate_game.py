@@ -145,8 +145,11 @@ class GameToPlay:
 
     def result(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> dict[str, Any]:
         measured = self._measure(proposer, verifier, args).to_json()
+        # Once for each verifier: in the row of its own run's proposer, or else of the expert.
+        own = [player for player in self.proposers.values() if player.run == verifier.run]
+        is_first = proposer is (own[0] if own else self.proposers["expert"])
         exploitability = None
-        if args.best_response is not None and verifier.run is not None and proposer is self._first_opponent(verifier):
+        if args.best_response is not None and verifier.run is not None and is_first:
             exploitability = self._exploitability(verifier, args)
         return {
             "proposer": proposer.name,
@@ -160,11 +163,6 @@ class GameToPlay:
             "exploitability": exploitability,
             **measured,
         }
-
-    def _first_opponent(self, verifier: Player) -> Player:
-        """In whose row the verifier's exploitability is given: its own run's proposer, or else the expert."""
-        own = [player for player in self.proposers.values() if player.run == verifier.run]
-        return own[0] if own else self.proposers["expert"]
 
     def _exploitability(self, verifier: Player, args: argparse.Namespace) -> float:
         """The share of games in which a proposer trained against the verifier gets a false claim accepted."""

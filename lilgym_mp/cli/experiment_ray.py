@@ -100,13 +100,11 @@ def _connect(address: str) -> Any:
 
 
 def _check_corpora(attempts: Sequence[Attempt]) -> None:
-    for attempt in attempts:
-        for words in attempt.planned.commands:
-            corpus = words[words.index("--corpus") + 1] if "--corpus" in words else NAMED_CORPORA[0]
-            if corpus not in NAMED_CORPORA and not Path(corpus).is_absolute():
-                raise CommandError(
-                    f"corpus: {corpus} is a relative path; --ray needs an absolute path that exists on all nodes"
-                )
+    for words in [words for attempt in attempts for words in attempt.planned.commands]:
+        corpus = words[words.index("--corpus") + 1] if "--corpus" in words else NAMED_CORPORA[0]
+        if corpus not in NAMED_CORPORA and not Path(corpus).is_absolute():
+            rule = "--ray needs an absolute path that exists on all nodes"
+            raise CommandError(f"corpus: {corpus} is a relative path; {rule}")
 
 
 def _execute(

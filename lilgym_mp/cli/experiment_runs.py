@@ -58,10 +58,10 @@ class Attempt:
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
 
-    def load_finished(self) -> bool:
+    def load_finished(self) -> None:
         """Loads the result if the run was finished earlier; raises CommandError if its commands were different."""
         if not self.marker.exists():
-            return False
+            return
         try:
             finished = json.loads(self.marker.read_text(encoding="utf-8"))
             commands, seconds = list(finished["commands"]), float(finished["seconds"])
@@ -75,7 +75,6 @@ class Attempt:
                 " choose another directory with --out"
             )
         self.status, self.seconds = RunStatus.FINISHED, seconds
-        return True
 
     def execute(self) -> None:
         """Trains or resumes training, unless already trained, then evaluates. Failures are stored, never raised."""

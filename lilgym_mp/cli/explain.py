@@ -19,7 +19,6 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import Plan, Planner
 
 DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
@@ -60,12 +59,16 @@ def add_parser(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     import torch
 
+    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.explanation import explanation_lines
 
     if args.statement is None and args.task is None:
         raise CommandError("name a statement, or a task with --task")
     torch.set_num_threads(max(1, args.threads))
-    agent = _agent(args)
+    agent = open_agent(args.agent, args.device)
+    if not isinstance(agent, ParseAndPlanAgent):
+        raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
     settings, task = _settings_and_task(args)
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
@@ -78,16 +81,6 @@ def run(args: argparse.Namespace) -> int:
         film_frames(args.film, [_film(plan, planner, statement, task.target)])
         print(f"film: {args.film}")
     return 0
-
-
-def _agent(args: argparse.Namespace) -> ParseAndPlanAgent:
-    from lilgym_mp.learning.agents import open_agent
-    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-
-    agent = open_agent(args.agent, args.device)
-    if not isinstance(agent, ParseAndPlanAgent):
-        raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
-    return agent
 
 
 def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:

@@ -87,7 +87,7 @@ def run(args: argparse.Namespace) -> int:
     )
     episodes = _play(player, args)
     summary = summarise(episodes)
-    print(*_summary_lines(summary), sep="\n")
+    _print_summary(summary)
     if args.out is not None:
         names = ("agent", "option", "split", "scene", "retries", "history", "seed")
         options = {**{name: getattr(args, name) for name in names}, "legal_actions": player.legal_actions}
@@ -156,17 +156,13 @@ def _key_and_value(text: str) -> tuple[str, Any]:
     return key, value
 
 
-def _summary_lines(summary: Summary) -> list[str]:
-    tokens = (
-        f"{summary.prompt_tokens:,} tokens read, {summary.completion_tokens:,} written, "
-        if summary.prompt_tokens is not None and summary.completion_tokens is not None
-        else ""
-    )
-    return [
-        f"success      {summary.success:.1%} ({summary.successes} of {summary.episodes};"
-        f" 95 % interval {summary.success_low:.1%} to {summary.success_high:.1%})",
-        f"progression  {summary.progression:.3f} ± {summary.progression_deviation:.3f}",
-        f"reward       {summary.mean_reward:+.2f} in {summary.mean_actions:.1f} actions",
-        f"answers      {summary.answers}, {summary.misunderstood} of them without a valid action",
-        f"cost         {tokens}{summary.seconds:.1f} seconds",
-    ]
+def _print_summary(summary: Summary) -> None:
+    tokens = ""
+    if summary.prompt_tokens is not None and summary.completion_tokens is not None:
+        tokens = f"{summary.prompt_tokens:,} tokens read, {summary.completion_tokens:,} written, "
+    interval = f"95 % interval {summary.success_low:.1%} to {summary.success_high:.1%}"
+    print(f"success      {summary.success:.1%} ({summary.successes} of {summary.episodes}; {interval})")
+    print(f"progression  {summary.progression:.3f} ± {summary.progression_deviation:.3f}")
+    print(f"reward       {summary.mean_reward:+.2f} in {summary.mean_actions:.1f} actions")
+    print(f"answers      {summary.answers}, {summary.misunderstood} of them without a valid action")
+    print(f"cost         {tokens}{summary.seconds:.1f} seconds")

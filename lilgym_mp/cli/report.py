@@ -54,6 +54,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.evaluation.replay import check_recording
     from lilgym_mp.report import make_report
     from lilgym_mp.report.html_report import check_directory
     from lilgym_mp.report.markdown_report import check_document
@@ -66,7 +67,9 @@ def run(args: argparse.Namespace) -> int:
     paths = [path for path in args.paths if path not in runs]
     files = [file for found in recordings.values() for file in found]
     if args.check:
-        _check(files)
+        for file in files:
+            check_recording(read_episodes(file))
+        print(f"checked: {len(files)} recordings, every action played again")
     headers = [header for header in map(read_header, files) if header is not None]
     recorded = {Path(header.run).resolve() for header in headers if header.run is not None}
     unrecorded = [path for path in runs if path.resolve() not in recorded]
@@ -89,15 +92,6 @@ def _recordings(path: Path) -> list[Path]:
     if path.is_dir():
         return sorted(path.rglob(f"*{SUFFIX}"))
     return [path] if path.is_file() else []
-
-
-def _check(files: Sequence[Path]) -> None:
-    """Plays the recordings again. Raises EpisodesError naming the first file with a difference."""
-    from lilgym_mp.evaluation.replay import check_recording
-
-    for file in files:
-        check_recording(read_episodes(file))
-    print(f"checked: {len(files)} recordings, every action played again")
 
 
 def _evaluate(paths: Sequence[Path], directory: Path, corpus: str | None, split: str) -> None:

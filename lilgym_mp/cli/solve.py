@@ -100,9 +100,8 @@ def run(args: argparse.Namespace) -> int:
             if args.replay:
                 played, successes = replay(settings, split, reports)
                 print(f"{name}: {successes:,} of {played:,} solutions succeed in the environment")
-            dynamics = settings.dynamics()
-            source = {"settings": settings.to_json(), "split": split}
-            records.extend({**source, **report_json(report, dynamics)} for report in reports)
+            source, dynamics = {"settings": settings.to_json(), "split": split}, settings.dynamics()
+            records += [{**source, **report_json(report, dynamics)} for report in reports]
     first = chosen[0]
     grid = first.grid if isinstance(first.grid, str) else "x".join(map(str, first.grid))
     print(f"corpus {first.corpus}, rules {first.rules}, horizon {first.dynamics().horizon}, grid {grid}\n")

@@ -71,11 +71,8 @@ def provenance(data: ReportData) -> Item:
     rows: list[list[Cell]] = []
     for command in dict.fromkeys(made.command for made in data.metadata):
         made = sorted((one for one in data.metadata if one.command == command), key=lambda one: one.date)
-        dates, commits, machines = (
-            ", ".join(dict.fromkeys(str(getattr(one, name) or MISSING) for one in made))
-            for name in ("date", "commit", "machine")
-        )
-        rows.append([command, dates, commits, machines, len(made)])
+        columns = [[str(getattr(one, name) or MISSING) for one in made] for name in ("date", "commit", "machine")]
+        rows.append([command, *(", ".join(dict.fromkeys(column)) for column in columns), len(made)])
     note = "Dates are UTC. Commits are those of the checkout, 'with changes' if files differed from it."
     return table("Basis", PROVENANCE_TITLE, ("command", "date", "commit", "machine", "recordings"), rows, note)
 

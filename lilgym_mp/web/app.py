@@ -15,8 +15,7 @@ from lilgym_mp.web.authentication import CookieSigner
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
 from lilgym_mp.web.security import Guard
-from lilgym_mp.web.store import open_database
-from lilgym_mp.web.store.database import COOKIE_KEY
+from lilgym_mp.web.store.database import COOKIE_KEY, open_database
 
 ASSETS = Path(__file__).parent / "assets"
 

@@ -18,7 +18,7 @@ from lilgym_mp.solver import Solver
 from lilgym_mp.web.live_games import LiveGames
 from lilgym_mp.web.program_evaluator import ProgramEvaluator
 from lilgym_mp.web.run_directory import RunDirectory
-from lilgym_mp.web.store import Database
+from lilgym_mp.web.store.database import Database
 from lilgym_mp.web.trained_partners import TrainedPartners
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")

@@ -13,7 +13,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.store import Database
+from lilgym_mp.web.store.database import Database
 from lilgym_mp.web.store.models import Person, Visitor
 
 COOKIE = "lilgym_visitor"

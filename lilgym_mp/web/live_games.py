@@ -52,12 +52,6 @@ class LiveGame:
         wait = self.engine.game.wait_actions[role]
         return [index for index in np.flatnonzero(self.engine.observe(role)["action_mask"]).tolist() if index != wait]
 
-    def act(self, role: Role, action: int) -> None:
-        """Takes a person's action, then as `advance`."""
-        self.own_actions[role].append(self.engine.game.describe(role, action))
-        self.chosen[role] = action
-        self.advance()
-
     def advance(self) -> None:
         """Plays turns until a person must act or the game is over. Responds with 422 if a partner cannot play."""
         try:

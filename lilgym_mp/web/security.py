@@ -16,7 +16,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from lilgym_mp.web.app_services import ServeOptions
 from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Caller, CookieSigner, find_person
 from lilgym_mp.web.errors import error_response
-from lilgym_mp.web.store import Database
+from lilgym_mp.web.store.database import Database
 
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")

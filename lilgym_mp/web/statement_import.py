@@ -34,17 +34,11 @@ class ImportedStatement(NamedTuple):
     scenes: list[tuple[Any, bool]]
 
 
-class ImportResult(NamedTuple):
-    """Valid statements, and error messages for the others."""
+def read_statements(data: bytes, split: str) -> tuple[list[ImportedStatement], list[str]]:
+    """The valid statements of a file in the corpus format or in NLVR's JSON lines, and error messages for the others.
 
-    statements: list[ImportedStatement]
-    faults: list[str]
-
-
-def read_statements(data: bytes, split: str) -> ImportResult:
-    """Reads a file in the corpus format or in NLVR's JSON lines; the first line determines which.
-
-    `split` is assigned to NLVR statements, whose files name no split. Raises CorpusError if the file is unreadable.
+    The first line determines the format. `split` is assigned to NLVR statements, whose files name no split. Raises
+    CorpusError if the file is unreadable.
     """
     faults = FaultLog(stop_at_first=False)
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
@@ -62,7 +56,7 @@ def read_statements(data: bytes, split: str) -> ImportResult:
             except (SceneError, ValueError) as fault:
                 faults.add(statement.where, str(fault))
         messages = [str(fault).replace(f"{path}", "the file") for fault in faults.found]
-    return ImportResult(statements, messages)
+    return statements, messages
 
 
 def _is_corpus(text: str) -> bool:

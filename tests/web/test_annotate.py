@@ -19,7 +19,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.web.authentication import issue_operator_token
 from lilgym_mp.web.program_evaluator import MAX_REQUESTS, ProgramEvaluationError, ProgramEvaluator, QuotaExceeded
 from lilgym_mp.web.routes.tutorial import TASKS
-from lilgym_mp.web.store import open_database
+from lilgym_mp.web.store.database import open_database
 from lilgym_mp.web.store.models import Base
 from tests.web.web_app import Browser, server
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.web.store import DatabaseError, open_database
+from lilgym_mp.web.store.database import DatabaseError, open_database
 from tests.web.test_annotate import API, BLUE, assigned, first_assignment, imported, nlvr_file, submit
 from tests.web.web_app import Browser, server
 

@@ -21,7 +21,7 @@ from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.serve import server_config
 from lilgym_mp.extras import install
 from lilgym_mp.web.app import ServeOptions
-from lilgym_mp.web.store import DatabaseError, open_database
+from lilgym_mp.web.store.database import DatabaseError, open_database
 from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx")

@@ -266,7 +266,9 @@ def act(key: RandomId, taken: SeatAction, services: Services) -> SeatBody:
         index = _action_index(live, role, taken.action, legal)
         if index not in legal:
             raise http_error(409, f"{taken.action} is not legal now; nothing was done")
-        live.act(role, index)
+        live.own_actions[role].append(live.engine.game.describe(role, index))
+        live.chosen[role] = index
+        live.advance()
         return _seat_body(live, role)
 
 

@@ -112,17 +112,16 @@ async def import_file(
 ) -> ImportBody:
     """Imports the file in the request's body: a corpus file, or NLVR's JSON lines, which are added to `split`."""
     data = await request.body()
-
     try:
-        result = await run_sync(statement_import.read_statements, data, split)
+        statements, faults = await run_sync(statement_import.read_statements, data, split)
     except CorpusError as fault:
         raise http_error(422, str(fault)) from None
     added = 0
-    for first in range(0, len(result.statements), IMPORT_BATCH):
-        batch = result.statements[first : first + IMPORT_BATCH]
+    for first in range(0, len(statements), IMPORT_BATCH):
+        batch = statements[first : first + IMPORT_BATCH]
         added += await services.database.write(partial(statement_import.store_statements, statements=batch))
-    first_faults = result.faults[: statement_import.MAX_REPORTED_FAULTS]
-    return ImportBody(read=len(result.statements), added=added, faults=len(result.faults), first_faults=first_faults)
+    first_faults = faults[: statement_import.MAX_REPORTED_FAULTS]
+    return ImportBody(read=len(statements), added=added, faults=len(faults), first_faults=first_faults)
 
 
 # People
