@@ -5,9 +5,6 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 import torch
 from torch import Tensor, nn
@@ -35,7 +32,7 @@ class GameNetwork(BoxTransformer):
         self, appearance: Appearance, vocabulary: Vocabulary, game: Game, *, judges_only: bool = False, **sizes: int
     ) -> None:
         """`judges_only`: the verifier's answers follow from the truth it believes in alone, and it accepts edits."""
-        super().__init__(appearance, vocabulary, **sizes)
+        super().__init__(appearance, vocabulary, separators=False, **sizes)
         width, counts = self.sizes["width"], context_sizes(game)
         self.game, self._judges_only = game, judges_only
         self._claims_every_turn = not game.turn_based
@@ -49,9 +46,6 @@ class GameNetwork(BoxTransformer):
             nn.init.orthogonal_(head.weight, SMALL_GAIN)
             nn.init.zeros_(head.bias)
         self._latest: tuple[States, EncodedStates] | None = None
-
-    def details(self) -> Mapping[str, Any]:
-        return {"words": list(self.vocabulary.words), "sizes": self.sizes}
 
     def clear_cache(self) -> None:
         super().clear_cache()

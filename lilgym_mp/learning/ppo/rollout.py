@@ -146,7 +146,7 @@ class RolloutCollector:
         with torch.no_grad():
             last_values = as_numpy(model(self._observe(table)[1]).values)
         columns = {name: [step[name] for step in collected] for name in collected[0]}
-        arrays = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
+        arrays: dict[str, Any] = {name: None if rows[0] is None else np.stack(rows) for name, rows in columns.items()}
         return Rollout(table=table, statements=self._sampler.statements, last_values=last_values, **arrays)
 
     def _observe(self, table: BoxImageTable) -> tuple[dict[str, Int64Array], States]:
