@@ -99,14 +99,11 @@ def _read_box(pixels: bytes, index: int, shrink: int) -> Box:
     boxes = [Box()] * BOX_COUNT
     boxes[index] = box
     left, middle, right = boxes
-    drawn = draw(Scene((left, middle, right)), _size_of(shrink))[:, _regions(shrink)[index].columns]
+    size = next(name for name, value in SHRINKS.items() if value == shrink)
+    drawn = draw(Scene((left, middle, right)), size)[:, _regions(shrink)[index].columns]
     if drawn.tobytes() != pixels:
         raise _occluded(index, {item.colour for item in items})
     return box
-
-
-def _size_of(shrink: int) -> str:
-    return next(name for name, value in SHRINKS.items() if value == shrink)
 
 
 def _occluded(index: int, colours: Collection[Colour]) -> PerceptionError:

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.arrays import Float32Array, Int64Array
+from lilgym_mp.arrays import Float32Array
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
@@ -42,17 +42,13 @@ class Embedding(Format):
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         indices = state.task_indices
-        self._fill(indices[~self._is_filled[indices]])
-        return {STATEMENT: self._by_task[indices]}
-
-    def _fill(self, task_indices: Int64Array) -> None:
-        for index in task_indices.tolist():
+        for index in indices[~self._is_filled[indices]].tolist():
             statement = self.env_description.tasks[index].statement
-            vector = self._by_statement.get(statement)
-            if vector is None:
-                vector = self._by_statement[statement] = self._encode(statement)
-            self._by_task[index] = self._checked(vector, statement)
+            if statement not in self._by_statement:
+                self._by_statement[statement] = self._checked(self._encode(statement), statement)
+            self._by_task[index] = self._by_statement[statement]
             self._is_filled[index] = True
+        return {STATEMENT: self._by_task[indices]}
 
     def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
         if vector.shape != (self.dimension,):

@@ -143,13 +143,9 @@ def factory(
             f" environments of the proposer-verifier game, not {env!r}"
         )
 
-    wrap.__name__ = wrap.__qualname__ = factory_name(wrapper.__name__)
+    words = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper.__name__)
+    wrap.__name__ = wrap.__qualname__ = f"{words.lower()}_v0"  # `NLVRReward` has `nlvr_reward_v0`
     wrap.__module__ = wrapper.__module__
     wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
     wrap.__signature__ = signature.replace(return_annotation="AnyEnv")  # pyright: ignore[reportFunctionMemberAccess]
     return wrap
-
-
-def factory_name(wrapper: str) -> str:
-    """The name of a wrapper's factory: `NLVRReward` has `nlvr_reward_v0`."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper).lower() + "_v0"

@@ -137,7 +137,10 @@ def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
     yield from cell_lines(appearance)
     for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
-        yield from (f"  {_item_words(item)}{_cell_of(item, index, appearance)}" for item in box.items)
+        for item in box.items:
+            words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
+            place = f"of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
+            yield f"  {words} {place}{_cell_of(item, index, appearance)}"
 
 
 def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
@@ -153,11 +156,6 @@ def drawing_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
     yield from cell_lines(appearance)
     art = drawing(scene, [], mark=lambda item: MARKS[item.shape][item.colour])
     yield ruled(art, appearance.grid)
-
-
-def _item_words(item: Item) -> str:
-    words = f"{item.size.name} {item.colour.name} {item.shape.name}".lower()
-    return f"{words} of {item.side} x {item.side} pixels at ({item.x}, {item.y})"
 
 
 def _cell_of(item: Item, box: int, appearance: Appearance) -> str:

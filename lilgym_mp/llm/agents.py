@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
 
@@ -81,7 +81,11 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
 
     Raises AgentError for a missing module or class, or invalid options.
     """
-    maker = _imported(name if ":" in name else choose("agent", name, AGENTS))
+    path = name if ":" in name else choose("agent", name, AGENTS)
+    try:
+        maker = resolve_name(path)
+    except Exception as error:
+        raise AgentError(f"agent {name!r}: {described(error)}; name it module:Class, importable from here") from error
     try:
         agent = maker(**(options or {}))
     except AgentError:
@@ -98,10 +102,3 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
 def described(error: BaseException) -> str:
     """The type and message of an error."""
     return f"{type(error).__name__}: {error}"
-
-
-def _imported(name: str) -> Callable[..., Any]:
-    try:
-        return resolve_name(name)
-    except Exception as error:
-        raise AgentError(f"agent {name!r}: {described(error)}; name it module:Class, importable from here") from error

@@ -91,7 +91,8 @@ class GameArrays:
         exchanges_spent = (self._rejections >= game.config.exchanges).astype(np.int64)
         decision = self._decision_indices[is_answer, np.minimum(proposal, EDIT), answer, exchanges_spent]
         self._decisions = decision
-        self._holds = self._claims_holding(decision)
+        needed = self._needs_truth[decision]
+        self._holds = (needed & self.goals_reached() if needed.any() else needed).astype(np.int64)
         mdp_move, needs_answer = self._mdp_moves[decision], self._needs_answer[decision]
         result = self._step_mdps(mdp_move, proposal)
         self.rewards = self._reward_table[:, decision, result, self._holds, self.intents]
@@ -126,11 +127,6 @@ class GameArrays:
             message = np.where(legal, message, SILENCE)
             self.messages[role] = np.where(movers, message, self.messages[role])
         return np.where(legal, choice, NO_CHOICE), message
-
-    def _claims_holding(self, decision: Int64Array) -> Int64Array:
-        """(N,) 1 where the judged claim holds and rewards or infos depend on that, otherwise 0."""
-        needed = self._needs_truth[decision]
-        return (needed & self.goals_reached() if needed.any() else needed).astype(np.int64)
 
     def _step_mdps(self, mdp_move: Int64Array, proposal: Int64Array) -> Int64Array:
         """Steps the MDPs as decided. (N,) indices of step results, or `no_mdp_step`."""

@@ -479,9 +479,7 @@ def _padded(own: dict[str, Part], others: dict[str, Part], role: Role) -> dict[s
             )
     padded: dict[str, Part] = {"agent": ConstantPart(spaces.Discrete(len(Role)), np.int64(role))}
     for key in sorted(own.keys() | others.keys()):
-        padded[key] = own[key] if key in own else ConstantPart(others[key].space, _zero(others[key].space))
+        space = others[key].space if key in others else own[key].space
+        zero = np.int64(0) if isinstance(space, spaces.Discrete) else np.zeros(space.shape or (), space.dtype)
+        padded[key] = own[key] if key in own else ConstantPart(space, zero)
     return padded
-
-
-def _zero(space: spaces.Space[Any]) -> Value:
-    return np.int64(0) if isinstance(space, spaces.Discrete) else np.zeros(space.shape or (), space.dtype)
