@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
-from lilgym_mp.learning.agent_files import AGENT_FILE
+from lilgym_mp.learning.learners import AGENT_FILE
 from lilgym_mp.options import CommandError, add_split
 
 RUN_FILE = "run.json"
