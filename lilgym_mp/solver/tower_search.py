@@ -17,6 +17,7 @@ from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, c
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
+from lilgym_mp.task import Task
 
 BoxEdit = AddBlock | RemoveBlock
 
@@ -79,7 +80,7 @@ class TowerSearch:
         edits = 0
         try:
             for edits in range(max_edits + 1):
-                by_class = edits > MAX_EXHAUSTIVE_EDITS and has_program_goal(state.task)
+                by_class = edits > MAX_EXHAUSTIVE_EDITS and _is_separable(state.task)
                 find = self._solution_by_class if by_class else self._solution_by_scene
                 actions = find(state, edits, budget)
                 if actions is not None:
@@ -151,3 +152,7 @@ def _paths(layers: list[Layers[BoxEdit]], goal: Scene) -> list[tuple[BoxEdit, ..
 def _path(layers: Layers[BoxEdit], after: Box, index: int) -> tuple[BoxEdit, ...]:
     """The edits of box `index` that lead to `after`."""
     return tuple(edit._replace(box=index) for edit in layers.path(after))
+
+
+def _is_separable(task: Task) -> bool:
+    return has_program_goal(task) and class_space(programs_of(task)).classes.separable
