@@ -68,10 +68,10 @@ def load_generated(corpus: str, appearance: str, start: str, split: str) -> Task
     entries = generated_entries(spec, appearance, split)
     sha256 = hashlib.sha256(repr([(entry.statement, entry.program) for entry in entries]).encode()).hexdigest()
     provenance = Provenance(corpus, NAME, corpus, appearance, start, split, sha256)
-    make = _scratch_tasks if start == SCRATCH else _flipit_tasks
     names = (f"{appearance}-{split}-{spec.level}-{spec.seed}-{number}" for number in range(1, len(entries) + 1))
     return TaskSet(
-        (task for name, entry in zip(names, entries, strict=True) for task in make(name, entry, appearance)), provenance
+        (task for name, entry in zip(names, entries, strict=True) for task in _tasks(name, entry, appearance, start)),
+        provenance,
     )
 
 
@@ -130,14 +130,13 @@ def split_of(program: str) -> str:
     )
 
 
-def _scratch_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
-    yield Task(name, entry.statement, entry.program, True, APPEARANCES[appearance].check_scene(Scene.empty()))
-
-
-def _flipit_tasks(name: str, entry: Entry, appearance: str) -> Iterator[Task]:
-    for letter, start in zip("abcdefgh", entry.starts, strict=False):
-        scene = APPEARANCES[appearance].check_scene(start.scene)
-        yield Task(f"{name}-{letter}", entry.statement, entry.program, not start.label, scene)
+def _tasks(name: str, entry: Entry, appearance: str, start: str) -> Iterator[Task]:
+    check_scene = APPEARANCES[appearance].check_scene
+    if start == SCRATCH:
+        yield Task(name, entry.statement, entry.program, True, check_scene(Scene.empty()))
+        return
+    for letter, (scene, label, _) in zip("abcdefgh", entry.starts, strict=False):
+        yield Task(f"{name}-{letter}", entry.statement, entry.program, not label, check_scene(scene))
 
 
 def _is_number(text: str) -> bool:

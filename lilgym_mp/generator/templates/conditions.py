@@ -80,12 +80,11 @@ class BoxConditionTemplates(PhraseTemplates):
     def colour(self) -> tuple[str, ...]:
         return (self.choice(COLOURS),)
 
-    def two_disjoint_attributes(self) -> tuple[AttributeWords, AttributeWords]:
-        """Attribute words such that no item matches both."""
-        while True:
-            one, other = self.attributes(), self.attributes()
-            if disjoint(one, other):
-                return one, other
+    def two_disjoint_nouns(self) -> tuple[NounTemplate, NounTemplate]:
+        """Noun phrases of attribute words such that no item matches both."""
+        while not disjoint(one := self.attributes(), other := self.attributes()):
+            pass
+        return NounTemplate(one), NounTemplate(other)
 
     # Words about several items
 
@@ -323,7 +322,7 @@ class BoxConditionTemplates(PhraseTemplates):
         return (self.choice(least), at_least(2)) if self.chance(0.7) else (self.choice(most), Quantity(1, 2))
 
     def contains_more(self) -> ConditionTemplate:
-        one, other = map(NounTemplate, self.two_disjoint_attributes())
+        one, other = self.two_disjoint_nouns()
         order = self.pick("more", "more", "fewer", "equal")
         words = self.comparison(one, other, order, None)
         return ConditionTemplate(self.comparison_test(one, other, order, None, ITEMS), words, kind="comparison")
@@ -400,8 +399,7 @@ class BoxConditionTemplates(PhraseTemplates):
 
     def either_item(self) -> ConditionTemplate:
         """ "either a circle or a square" """
-        one, other = self.two_disjoint_attributes()
-        first, second = NounTemplate(one), NounTemplate(other)
+        first, second = self.two_disjoint_nouns()
         text = f"{self.pick('either ', '')}{self.indefinite(first)} or {self.indefinite(second)}"
         return ConditionTemplate(
             f"(exist({box_items(first)}) or exist({box_items(second)}))",
@@ -431,9 +429,8 @@ class BoxConditionTemplates(PhraseTemplates):
 
     def exactly_these(self) -> ConditionTemplate:
         """ "only a circle and two squares": nothing else."""
-        one, other = self.two_disjoint_attributes()
+        noun_templates = self.two_disjoint_nouns()
         numbers = self.pick(1, 1, 2, 2, 3), self.pick(1, 1, 2)
-        noun_templates = NounTemplate(one), NounTemplate(other)
         named = [
             self.indefinite(noun)
             if number == 1 and self.chance(0.4)

@@ -295,8 +295,7 @@ class ItemTemplates(BoxConditionTemplates):
 
     def count_comparison(self) -> TrainingPair:
         """A comparison of two counts of items."""
-        one, other = self.two_disjoint_attributes()
-        first, second = NounTemplate(one), NounTemplate(other)
+        first, second = self.two_disjoint_nouns()
         order, margin = self.pick("more", "more", "fewer", "equal", "more", "fewer", "equal", "at least"), None
         if order == "more" and self.chance(0.15):
             margin = self.pick(1, 1, 2, 3)
@@ -340,9 +339,8 @@ class ItemTemplates(BoxConditionTemplates):
 
     def two_item_counts(self) -> TrainingPair:
         """ "there are two circles and one black square" """
-        one, other = self.two_disjoint_attributes()
+        first_noun, second_noun = self.two_disjoint_nouns()
         first, second = self.quantity(4, none=0), self.quantity(4, none=0.2)
-        first_noun, second_noun = NounTemplate(one), NounTemplate(other)
         opening = self.existential(self.quantified(first, first_noun))
         conjunction = (
             "but" if second == NONE and self.chance(0.6) else self.pick("and", "and", "and", ", and", "as well as")
@@ -427,9 +425,8 @@ class ItemTemplates(BoxConditionTemplates):
             )  # fmt: skip
             boxes = boxes_where(f"exist({box_items(noun, BOX)})")
             return TrainingPair(text, quantity_test(exactly(1), boxes))
-        one, other = self.two_disjoint_attributes()
+        first_noun, second_noun = self.two_disjoint_nouns()
         first, second = self.quantity_in_box(3), self.quantity_in_box(3)
-        first_noun, second_noun = NounTemplate(one), NounTemplate(other)
         things = f"{self.quantified(first, first_noun).text} and {self.quantified(second, second_noun).text}"
         text = self.pick(f"there are {things} {same}", f"{things} are {same}", f"there is {things} {same}")
         first_test = quantity_test(first, box_items(first_noun, BOX))

@@ -232,14 +232,9 @@ class PhraseTemplates:
         return f"{self.pick('no less than', 'no fewer than', 'a minimum of')} {number}"
 
     def exact(self, number: int) -> str:
-        draw = self.rng.random()
         word = self.number(number)
-        if draw < 0.45:
-            return word
-        if draw < 0.8:
-            return f"exactly {word}"
-        if draw < 0.9:
-            return f"only {word}"
+        if text := self.drawn((0.45, word), (0.8, f"exactly {word}"), (0.9, f"only {word}"), (1, "")):
+            return text
         if number == 1:
             return self.pick("a single", "only one", "just one", "only a single", "exactly one")
         if number == 2:
