@@ -78,12 +78,11 @@ class _Evaluator:
                 satisfied = all(self.satisfies(placed, predicate) for placed in items)
                 return satisfied and (bool(items) or self.interpretation.vacuous) if positive else not satisfied
             case sem.CountComparison(one, order, other, margin):
-                counts = (len(self.denoted(self.items, one)), len(self.denoted(self.items, other)))
-                return _ordered(counts, order) if margin is None else counts[0] - counts[1] == _signed(order, margin)
+                return _ordered(len(self.denoted(self.items, one)), order, len(self.denoted(self.items, other)), margin)
             case sem.BoxComparison(noun, one, order, other, towers):
-                pair = (self.boxes[one], self.boxes[other])
-                counts = (len(self.denoted(pair[0], noun)), len(self.denoted(pair[1], noun)))
-                return _ordered(counts, order) and (all(pair) or not towers)
+                left, right = self.boxes[one], self.boxes[other]
+                holds_order = _ordered(len(self.denoted(left, noun)), order, len(self.denoted(right, noun)))
+                return holds_order and (bool(left and right) or not towers)
             case sem.EqualCounts(noun, same):
                 return len({len(self.denoted(box, noun)) for box in self.boxes}) == (1 if same else len(self.boxes))
             case sem.Parity(noun, even):
@@ -231,10 +230,8 @@ def _value(placed: PlacedItem, attribute: sem.Attribute) -> int:
     return getattr(placed.item, attribute)
 
 
-def _ordered(counts: tuple[int, int], order: sem.Order) -> bool:
-    one, other = counts
-    return {sem.Order.MORE: one > other, sem.Order.FEWER: one < other, sem.Order.EQUAL: one == other}[order]
-
-
-def _signed(order: sem.Order, margin: int) -> int:
-    return margin if order is sem.Order.MORE else -margin
+def _ordered(one: int, order: sem.Order, other: int, margin: int | None = None) -> bool:
+    if order is sem.Order.EQUAL:
+        return one == other
+    excess = one - other if order is sem.Order.MORE else other - one
+    return excess > 0 if margin is None else excess == margin
