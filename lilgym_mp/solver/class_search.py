@@ -6,7 +6,7 @@ distances of its boxes. So the nearest goals are found among the few class tripl
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from typing import Any
 
@@ -63,17 +63,17 @@ class ClassSpace:
         self.classes = BoxClasses(programs)
         self._programs = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
         self._truths: dict[ClassTriple, int] = {}
-        self._reachable: dict[Hashable, ReachableClasses] = {}
+        self._reachable: dict[Layers[Any], ReachableClasses] = {}
         self.retained: dict[str, Any] = {}  # objects to which the cached reachable classes refer
 
-    def reachable(self, key: Hashable, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
-        """The reachable classes of the box that `key` identifies.
+    def reachable(self, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
+        """The reachable classes of the box that has these layers.
 
         `box_cost`: the budget spent on finding the class of a box, in units of class triples examined.
         """
-        found = self._reachable.get(key)
+        found = self._reachable.get(layers)
         if found is None:
-            found = self._reachable[key] = ReachableClasses(layers, self.classes, box_cost)
+            found = self._reachable[layers] = ReachableClasses(layers, self.classes, box_cost)
         return found
 
     def truths(self, triple: ClassTriple) -> int:

@@ -132,9 +132,8 @@ class _BoxReachability:
         self._box = box
         self._abstraction = abstraction
         self._item_classes = [abstraction.classes.of(item) for item in box.items]
-        abstract_box = abstraction.from_classes(self._item_classes)
         self._layers = abstraction.layers(box)
-        self.reachable = space.reachable(("abstract", abstract_box), self._layers, ABSTRACT_BOX_COST)
+        self.reachable = space.reachable(self._layers, ABSTRACT_BOX_COST)
         self._refinements: dict[tuple[int, int], Refinement | NoRefinement] = {}  # by edits and class
         self._first_actions: dict[tuple[int, int], FirstActions] = {}  # by edits and class
 

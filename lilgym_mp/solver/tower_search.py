@@ -45,10 +45,9 @@ def _successors(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[t
 class TowerReachability:
     """The box classes that can be reached from a scene, and how."""
 
-    def __init__(self, layers: Sequence[Layers[BoxEdit]], scene: Scene, space: ClassSpace) -> None:
+    def __init__(self, layers: Sequence[Layers[BoxEdit]], space: ClassSpace) -> None:
         self._layers = layers
-        boxes = zip(scene.boxes, layers, strict=True)
-        self.reachable = [space.reachable(("stack", box.items), layer) for box, layer in boxes]
+        self.reachable = list(map(space.reachable, layers))
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit]:
         """Edits that lead to boxes of these classes, `edit_counts` in each box. Raises BudgetExhaustedError."""
@@ -138,7 +137,7 @@ class TowerSearch:
         return True
 
     def reachability(self, programs: tuple[str, ...], scene: Scene) -> TowerReachability:
-        return TowerReachability(self._layers(scene), scene, class_space(programs))
+        return TowerReachability(self._layers(scene), class_space(programs))
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
