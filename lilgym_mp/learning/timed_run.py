@@ -114,7 +114,7 @@ class TimedRun(ABC, Generic[Measured]):
 
     def check_unspent(self) -> None:
         """Raises TrainingRunError if a resumed run has spent the budget."""
-        if self.is_over():
+        if self.counters.steps and self.is_over():
             given = " or ".join(f"--{name}" for name, value in self.budget._asdict().items() if value is not None)
             raise TrainingRunError(
                 f"the run in {self.files.path} already has {self.counters.steps:,} steps; request more with {given}"
