@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.single import LilGymEnv
 
 ALGORITHM = "lilgym_mp expert"
-HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
 
 
 def write_minari(
