@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.single import LilGymEnv
 
 ALGORITHM = "lilgym_mp expert"
+HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
 
 
 def write_minari(
@@ -84,7 +85,7 @@ def _compress(storage: Any) -> None:
     h5py: Any = import_module("h5py")
     path: Path = storage.data_path / "main_data.hdf5"
     smaller = path.with_suffix(".tmp")
-    with h5py.File(path, "r") as source, h5py.File(smaller, "w", libver=("v110", "v110"), track_order=True) as target:
+    with h5py.File(path, "r") as source, h5py.File(smaller, "w", libver=HDF5_FORMAT, track_order=True) as target:
         _copy_compressed(source, target)
     smaller.replace(path)
     storage.update_metadata({"dataset_size": storage.get_size()})
