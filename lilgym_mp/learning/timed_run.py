@@ -121,7 +121,7 @@ class TimedRun(ABC, Generic[Measured]):
             )
 
     def optimise(self, stop: StopRequest | None = None) -> None:
-        """Takes steps until the budget is spent, or a stop is requested."""
+        """Takes steps until the budget is spent, or a stop is requested. Raises TrainingRunError if it allows none."""
         recent: list[Measured] = []
         saved = reported = Every(self.counters.steps, self.seconds())
         while not self.is_over() and not (stop is not None and stop.requested):
@@ -136,6 +136,10 @@ class TimedRun(ABC, Generic[Measured]):
                 saved = now
         if recent:
             self.report(recent)
+        if not self.counters.steps and self.is_over():
+            raise TrainingRunError(
+                f"{self.budget.minutes:g} minutes were spent before the first step; give more minutes"
+            )
 
     @contextmanager
     def errors_located(self) -> Iterator[None]:

@@ -227,6 +227,13 @@ def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, a
         train_reward_model(settings, small_recipe(settings), tmp_path, **arguments)  # type: ignore[arg-type]
 
 
+def test_budget_spent_before_the_first_step__saves_no_agent(statements: str, tmp_path: Path):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first step"):
+        train_reward_model(settings, small_recipe(settings), tmp_path / "run", minutes=1e-5)
+    assert not (tmp_path / "run" / AGENT_FILE).exists()
+
+
 def test_own_tasks__are_of_new_statements_and_named_in_the_supervision(statements: str, tmp_path: Path):
     own = load_tasks("builtin", "tower", "flipit", "train")
     known = {own[0].statement, load_tasks("builtin", "tower", "flipit", "dev")[0].statement}
