@@ -10,6 +10,8 @@ TORCH = $(if $(TORCH_INDEX),--index-url '$(TORCH_INDEX)') $(shell grep '^torch==
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export PYRIGHT_PYTHON_IGNORE_WARNINGS := 1
+# Test processes and the commands they start would otherwise compile every module anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 # Use official data and recordings next to the checkout unless the variables are set.
 ifneq ($(wildcard ../shared/lilgym),)

@@ -211,7 +211,7 @@ def test_builtin_programs__truth_follows_every_allowed_augmentation():
 
 def test_official_programs__truth_follows_every_allowed_augmentation(official_data: Path):
     corpus = str(official_data)
-    assert check_truths(pairs_of(corpus, "train")[::2], some_scenes(corpus, 8)) > 1000
+    assert check_truths(pairs_of(corpus, "train")[::4], some_scenes(corpus, 8)) > 500
 
 
 def test_task__overlapping_shapes_are_refused():

@@ -43,7 +43,7 @@ from lilgym_mp.learning.timed_run import Budget
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 
 SMALL = GameRecipe(
-    envs=8, same_statement=2, rollout=128, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
+    envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
 JOINT = GameSettings.of(protocol="joint")
 STATEMENTS = {
@@ -68,7 +68,7 @@ def three(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def trained(
-    path: Path, steps: int = 256, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
+    path: Path, steps: int = 128, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
 ) -> GameAgent:
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
 
@@ -167,31 +167,31 @@ def test_best_response__stopped_early_counts_for_nothing():
 
     settings = GameSettings.of(protocol="audit")
     with pytest.raises(KeyboardInterrupt):
-        best_response(ALWAYS_ACCEPT, Role.PROPOSER, settings, steps=512, recipe=SMALL, on_progress=interrupt)
+        best_response(ALWAYS_ACCEPT, Role.PROPOSER, settings, steps=256, recipe=SMALL, on_progress=interrupt)
 
 
 # Every game
 
 
 @pytest.mark.parametrize(
-    ("protocol", "rewards", "changes"),
+    ("verifier", "protocol", "rewards", "changes"),
     [
-        ("veto", "common", {}),
-        ("veto", "correctness", {"ending": "verifier"}),
-        ("joint", "common", {"ending": "agreement"}),
-        ("joint", "common", {"ending": "either", "appearance": "scatter"}),
-        ("audit", "hidden", {}),
-        ("audit", "brier", {"verdict_bins": 5}),
-        ("critique", "common", {"message_size": 3, "message_cost": 0.01}),
+        ("both", "veto", "common", {}),
+        ("cross-entropy", "veto", "correctness", {"ending": "verifier"}),
+        ("cross-entropy", "joint", "common", {"ending": "agreement"}),
+        ("both", "joint", "common", {"ending": "either", "appearance": "scatter"}),
+        ("cross-entropy", "audit", "hidden", {}),
+        ("both", "audit", "brier", {"verdict_bins": 5}),
+        ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
+        ("cross-entropy", "critique", "common", {}),
     ],
 )
-@pytest.mark.parametrize("verifier", ["both", "cross-entropy"])
 def test_train__every_protocol_gives_agents_that_play(
-    tmp_path: Path, own: str, protocol: str, rewards: str, changes: dict[str, Any], verifier: str
+    tmp_path: Path, own: str, verifier: str, protocol: str, rewards: str, changes: dict[str, Any]
 ):
     settings = GameSettings.of(protocol=protocol, rewards=rewards, corpus=own, start="flipit", **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
-    trained(tmp_path, 256, recipe, settings)
+    trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
     assert isinstance(agent, GameAgent)
     env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, start="flipit", split="dev", **changes)
@@ -218,26 +218,26 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
         trained(
             tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=lambda progress, done: heard.append(progress)
         )
-    assert [progress.steps for progress in heard] == [128, 256] * 3
+    assert [progress.steps for progress in heard] == [64, 128] * 3
     recorded = [json.loads(line) for line in (tmp_path / "a" / "progress.jsonl").read_text().splitlines()]
-    assert [line["steps"] for line in recorded] == [128, 256]
+    assert [line["steps"] for line in recorded] == [64, 128]
     assert equal(tmp_path / "a", tmp_path / "b")
     assert not equal(tmp_path / "a", tmp_path / "c")
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
-    trained(tmp_path / "whole", 512, schedule_free())
+    trained(tmp_path / "whole", 256, schedule_free())
 
     def interrupt(progress: Progress, done: float) -> None:
-        if progress.steps == 256:
+        if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
-    cut = trained(tmp_path / "cut", 512, schedule_free(), on_progress=interrupt)
-    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (256, True)
+    cut = trained(tmp_path / "cut", 256, schedule_free(), on_progress=interrupt)
+    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (128, True)
     assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
-    with pytest.raises(TrainingRunError, match="already has 512 steps"):
-        trained(tmp_path / "cut", 512, schedule_free(), resume=True)
+    with pytest.raises(TrainingRunError, match="already has 256 steps"):
+        trained(tmp_path / "cut", 256, schedule_free(), resume=True)
 
 
 def schedule_free() -> GameRecipe:
@@ -272,8 +272,8 @@ def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, m
         return found
 
     monkeypatch.setattr(RolloutPlayer, "play", spoilt)
-    with pytest.raises(TrainingError, match=r"not finite at step 256 .* try a lower learning-rate"):
-        trained(tmp_path / "run", 512, resume=True)
+    with pytest.raises(TrainingError, match=r"not finite at step 128 .* try a lower learning-rate"):
+        trained(tmp_path / "run", 256, resume=True)
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
 
 
@@ -304,7 +304,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
-    run = Run(JOINT, SMALL, tmp_path / "game", {}, tmp_path / "single", "cpu", Budget(None, 128), resume=False)
+    run = Run(JOINT, SMALL, tmp_path / "game", {}, tmp_path / "single", "cpu", Budget(None, 64), resume=False)
     own = run.networks["shared"].state_dict()
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
 
@@ -320,7 +320,7 @@ def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Pa
             tmp_path / "rounds",
             [tmp_path / "first"],
             rounds=rounds,
-            steps=128,
+            steps=64,
         )
 
     assert [path.name for path in play(1)] == ["first", "sneak-0"]
@@ -370,24 +370,24 @@ def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
     state = torch.load(copy / "checkpoint.pt", weights_only=True)
     torch.save({**state, "networks": {}}, copy / "checkpoint.pt")
     with pytest.raises(TrainingRunError, match="is not of this run"):
-        trained(copy, 512, resume=True)
+        trained(copy, 256, resume=True)
 
 
 # The command
 
 
 def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "64", "--batch-size", "64", "--no-recolour"]
     run = ["--out", str(tmp_path / "run")]
     game = ["train", "game", "TowerFlipIt", "--protocol", "joint"]
-    assert main([*game, "--rewards", "common", "--seed", "3", *run, "--steps", "128", *small]) == 0
+    assert main([*game, "--rewards", "common", "--seed", "3", *run, "--steps", "64", *small]) == 0
     said = capsys.readouterr().out
     assert "proposer_0 and verifier_0 learn" in said
     assert "evaluate-game" in said
-    assert main(["train", "game", "--resume", *run, "--steps", "256"]) == 0
+    assert main(["train", "game", "--resume", *run, "--steps", "128"]) == 0
     assert load_agent(tmp_path / "run" / "agent.safetensors").recipe.seed == 3
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
-    audit = ["train", "game", "TowerScratch", "--protocol", "audit", "--rewards", rewards, *small, "--steps", "128"]
+    audit = ["train", "game", "TowerScratch", "--protocol", "audit", "--rewards", rewards, *small, "--steps", "64"]
     assert main([*audit, "--out", str(tmp_path / "audit")]) == 0
     rounds = [*audit, "--out", str(tmp_path / "rounds"), "--proposers", str(tmp_path / "audit"), "--rounds", "1"]
     assert main(rounds) == 0
