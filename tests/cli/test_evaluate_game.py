@@ -12,16 +12,23 @@ from lilgym_mp.cli import evaluate_game, main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.game import population
+from tests.own_corpus import write_own_corpus
 
 
 class Trained:
     """A trained agent of the game, as `learning.agents.open_agent` gives it."""
 
-    def __init__(self, **settings: Any) -> None:
-        self.settings = GameSettings(start="scratch", corpus="builtin", **settings)
+    def __init__(self, corpus: str, protocol: str = "audit") -> None:
+        self.settings = GameSettings(start="scratch", corpus=corpus, protocol=protocol)
 
     def partner(self, role: Role) -> Any:
         return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A small corpus."""
+    return str(write_own_corpus(tmp_path_factory.mktemp("corpus") / "own.jsonl"))
 
 
 def results(file: Path) -> dict[tuple[str, str], dict[str, Any]]:
@@ -37,24 +44,27 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
     return trained
 
 
-def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: str, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "results.json"
-    assert main(["evaluate-game", "--protocol", "audit", "--configuration", "TowerScratch", "--json", str(file)]) == 0
+    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
+    assert main(["evaluate-game", *game, "--json", str(file)]) == 0
     found = results(file)
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
     lie = found["expert-sneaky", "always-accept"]
     assert (lie["success"], lie["exploitability"]) == (0.0, None)
     assert lie["accepted_false_claims"] > 0.9
     assert lie["by_target"] == {
-        "true": {"games": 150, "success_rate": 0.0, "completeness": None, "soundness": 0.0, "j": None}
+        "true": {"games": 3, "success_rate": 0.0, "completeness": None, "soundness": 0.0, "j": None}
     }
-    assert found["helpful", "target-only"]["j"] == 0.0
+    assert found["random", "target-only"]["j"] == 0.0
     assert found["helpful", "oracle"]["configuration"] == "TowerScratch"
-    assert "TowerScratch, audit, dev, corpus builtin" in capsys.readouterr().out
+    assert f"TowerScratch, audit, dev, corpus {own}" in capsys.readouterr().out
 
 
-def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path: Path, runs: dict[str, Trained]):
-    runs["a"] = Trained(protocol="audit")
+def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
+    tmp_path: Path, own: str, runs: dict[str, Trained]
+):
+    runs["a"] = Trained(own)
     file = tmp_path / "results.json"
     assert main(["evaluate-game", "a", "--json", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
@@ -63,9 +73,9 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(tmp_path:
 
 @pytest.mark.parametrize("role", [None, Role.VERIFIER])
 def test_best_response__is_trained_once_for_each_verifier(
-    tmp_path: Path, runs: dict[str, Trained], monkeypatch: pytest.MonkeyPatch, role: Role | None
+    tmp_path: Path, own: str, runs: dict[str, Trained], monkeypatch: pytest.MonkeyPatch, role: Role | None
 ):
-    runs["a"] = Trained(protocol="audit")
+    runs["a"] = Trained(own)
     partner = runs["a"].partner
     monkeypatch.setattr(runs["a"], "partner", lambda asked: partner(asked) if role in (None, asked) else None)
     frozen: list[Any] = []
@@ -80,15 +90,15 @@ def test_best_response__is_trained_once_for_each_verifier(
     assert frozen == [SCRIPTED["oracle"]]
 
 
-def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, runs: dict[str, Trained]):
-    runs |= {"a": Trained(protocol="audit"), "b": Trained(protocol="audit")}
+def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, own: str, runs: dict[str, Trained]):
+    runs |= {"a": Trained(own), "b": Trained(own)}
     file = tmp_path / "results.json"
     assert main(["evaluate-game", "a", "b", "--cross-play", "--json", str(file)]) == 0
     assert len(results(file)) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
 
 
 def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: pytest.CaptureFixture[str]):
-    runs |= {"a": Trained(protocol="audit"), "b": Trained(protocol="veto")}
+    runs |= {"a": Trained("builtin"), "b": Trained("builtin", "veto")}
     assert main(["evaluate-game", "a", "b"]) == 2
     assert "a and b play different games: protocol 'audit' and 'veto'" in capsys.readouterr().err
     assert main(["evaluate-game", "a", "--protocol", "veto"]) == 2
