@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -50,6 +49,7 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
     from lilgym_mp.cli.experiment_ray import run_on_ray
     from lilgym_mp.cli.experiment_runs import RunStatus, make_attempts, run_locally
+    from lilgym_mp.envs.workers import usable_cores
 
     check_at_least(args, 1, "jobs")
     jobs = args.jobs or 1
@@ -64,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
             print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands if words))
         return 0
     results = args.out or RESULTS / args.file.stem
-    threads = 1 if args.ray is not None else max(1, (os.cpu_count() or 1) // jobs)
+    threads = 1 if args.ray is not None else max(1, usable_cores() // jobs)
     attempts = make_attempts(plan, results, threads)
     with display(attempts) as update:
         if args.ray is None:

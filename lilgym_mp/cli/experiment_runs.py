@@ -23,6 +23,7 @@ from lilgym_mp.options import CommandError
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps a second on Scatter
 SHUTDOWN_SECONDS = 30.0  # time for interrupted runs to save
 
 
@@ -119,7 +120,7 @@ class Attempt:
         """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""
         if self._stopped.is_set():
             raise _Failed("not started")
-        environment = {**os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
+        environment = {**HUGE_PAGES, **os.environ, **dict.fromkeys(THREAD_VARIABLES, str(self.threads))}
         with self.log.open("ab") as log:
             log.write(f"$ lilgym-mp {' '.join(words)}\n".encode())
             log.flush()

@@ -110,7 +110,7 @@ def _write(directory: Path, data: ReportData, made: Sequence[tuple[str, Sequence
         (directory / name).mkdir()
     chapter_contexts = [(heading, [_write_item(directory, item) for item in items]) for heading, items in made]
     settings = data.header.settings
-    counts = f"{len(data.agents)} agents, {sum(len(entry.runs) for entry in data.entries)} recordings"
+    counts = f"Agents: {len(data.agents)}, recordings: {sum(len(entry.runs) for entry in data.entries)}"
     page = template.render(
         title=f"lilGym results, {settings.corpus} corpus",
         subtitle=f"{counts}; configurations {', '.join(data.configurations)}; splits {', '.join(data.splits)};"

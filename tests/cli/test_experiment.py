@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display, format_duration, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
@@ -167,6 +167,19 @@ def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest
     assert {line.split(":")[0] for line in capsys.readouterr().out.splitlines()} == {"ppo-TowerScratch-1"}
     assert main(["experiment", file, "--only", "ppo-TowerScratch-2"]) == USAGE_ERROR
     assert "unknown run 'ppo-TowerScratch-2'; choose from ppo-TowerScratch-0, ppo-" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="only Linux pins processes to cores")
+@pytest.mark.parametrize(("cores", "jobs", "threads"), [({0}, [], 1), ({0, 1, 2, 3}, ["--jobs", "2"], 2)])
+def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cores: set[int], jobs: list[str], threads: int
+):
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: cores)
+    seen: list[int] = []
+    monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
+    file = str(write_file(tmp_path / "a.toml", SMALL))
+    assert main(["experiment", file, "--out", str(tmp_path / "out"), *jobs]) == 0
+    assert seen == [threads]
 
 
 @pytest.mark.long
@@ -324,6 +337,23 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["before"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"other options: \['before'\], not \['evaluate'\]"):
         make_attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
+
+
+@pytest.mark.parametrize(("given", "used"), [(None, "glibc.malloc.hugetlb=1"), ("glibc.malloc.check=3",) * 2])
+def test_attempt__commands_use_huge_pages_unless_malloc_is_tuned_already(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str | None, used: str
+):
+    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
+    if given is not None:
+        monkeypatch.setenv("GLIBC_TUNABLES", given)
+
+    def start(command: list[str], *, env: dict[str, str], **_: object) -> None:
+        raise OSError(env["GLIBC_TUNABLES"])
+
+    monkeypatch.setattr(subprocess, "Popen", start)
+    (tmp_path / "logs").mkdir()
+    with pytest.raises(OSError, match=f"^{used}$"):
+        Attempt(PlannedRun("a", ("train",), ()), tmp_path, threads=1)._call(["train"])
 
 
 def test_row__shows_progress_and_time_left(tmp_path: Path):
