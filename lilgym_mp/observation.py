@@ -15,7 +15,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.render import image_shape
 from lilgym_mp.rules import Dynamics
-from lilgym_mp.scene import BOX_COUNT, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
 from lilgym_mp.task import Task
 
 MAX_STATEMENT_LENGTH = 256  # characters; the space grows for longer statements
@@ -78,3 +78,13 @@ def item_array(scene: Scene, capacity: int) -> Int16Array:
         if box.items:
             array[index, : len(box.items)] = box.items
     return array
+
+
+def scene_of(array: Int16Array) -> Scene:
+    """The scene whose `item_array` is `array`."""
+    return Scene.of(*([_item(row) for row in box if row[-1] != EMPTY] for box in array.tolist()))
+
+
+def _item(row: list[int]) -> Item:
+    x, y, shape, colour, size = row
+    return Item(x, y, Shape(shape), Colour(colour), Size(size))

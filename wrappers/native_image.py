@@ -11,7 +11,7 @@ from gymnasium import spaces
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
-from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, SceneFormat, scene_of
+from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, SceneFormat
 
 SIZE = "native"
 
@@ -26,7 +26,7 @@ class NativeDrawing(SceneFormat):
         return {IMAGE: image_space(SIZE)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {IMAGE: np.stack([draw(scene_of(items), SIZE) for items in state.items])}
+        return {IMAGE: np.stack([draw(each.scene, SIZE) for each in state.states()])}
 
 
 class NativeImage(EnvWrapper[NativeDrawing]):

@@ -34,7 +34,7 @@ from lilgym_mp.scene import (
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
-from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation, scene_of
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 TARGET = "target"  # observation key
 ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
@@ -85,18 +85,10 @@ class TextFormat(Transformation):
         )
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
-        legal = state.action_masks() if self._lists_legal else itertools.repeat(None)
-        return tuple(
-            text_of(
-                self.env_description.dynamics,
-                State(self.env_description.tasks[index], scene_of(items), steps),
-                legal=mask,
-                is_drawn=self._is_drawn,
-            )
-            for index, steps, items, mask in zip(
-                state.task_indices.tolist(), state.steps.tolist(), state.items, legal, strict=self._lists_legal
-            )
-        )
+        masks = state.action_masks() if self._lists_legal else itertools.repeat(None)
+        dynamics, is_drawn = self.env_description.dynamics, self._is_drawn
+        states = zip(state.states(), masks, strict=self._lists_legal)
+        return tuple(text_of(dynamics, each, legal=mask, is_drawn=is_drawn) for each, mask in states)
 
     def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""

@@ -17,9 +17,8 @@ from gymnasium import spaces
 from lilgym_mp.actions import STOP
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.observation import EMPTY, item_array, item_capacity
+from lilgym_mp.observation import item_array, item_capacity
 from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
@@ -244,13 +243,3 @@ def unstacked(space: spaces.Space[Any], batch: Batch) -> list[Any]:
 def to_python(value: Any) -> Any:
     """Converts NumPy scalars to Python numbers; returns anything else unchanged."""
     return value.item() if isinstance(value, np.generic) else value
-
-
-def scene_of(array: Int16Array) -> Scene:
-    """The scene whose `item_array` is `array`."""
-    return Scene.of(*([_item(row) for row in box if row[-1] != EMPTY] for box in array.tolist()))
-
-
-def _item(row: list[int]) -> Item:
-    x, y, shape, colour, size = row
-    return Item(x, y, Shape(shape), Colour(colour), Size(size))

@@ -21,7 +21,6 @@ from lilgym_mp.wrappers.transformation import (
     Transformation,
     WrongEnvironment,
     change_tasks,
-    scene_of,
     stacked,
     unstacked,
 )
@@ -192,29 +191,8 @@ class FinalEnvState(EnvState):
     """The final state of episodes, after environments (k,) have been reset in autoreset mode SAME_STEP."""
 
     def __init__(self, description: EnvDescription, env: Any, env_ids: Int64Array) -> None:
-        super().__init__(description)
-        self._env = env
-        self._base, self._env_ids = env.unwrapped, env_ids
-
-    @property
-    def task_indices(self) -> Int64Array:
-        return self._base.last_task_indices[self._env_ids]
-
-    @property
-    def steps(self) -> Int64Array:
-        return self._base.last_steps[self._env_ids]
-
-    @property
-    def items(self) -> Int16Array:
-        return self._base.last_scene_array()[self._env_ids]
-
-    def states(self) -> Sequence[State]:
-        """The k final states, computed lazily."""
-        if not self._states:
-            tasks = [self._description.tasks[task] for task in self.task_indices.tolist()]
-            columns = zip(tasks, map(scene_of, self.items), self.steps.tolist(), strict=True)
-            self._states = [State(*fields) for fields in columns]
-        return self._states
+        super().__init__(description, env.unwrapped.last_states(env_ids))
+        self._env, self._env_ids = env, env_ids
 
     def action_masks(self) -> BoolArray:
         inner = self._env

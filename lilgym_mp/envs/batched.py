@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, NoReturn, cast
+from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import gymnasium as gym
 import numpy as np
@@ -19,14 +19,14 @@ from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_c
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.rendering import RENDER_FPS, Renderer, caption
-from lilgym_mp.observation import Observation, observation_space, statement_arrays
+from lilgym_mp.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
 _REASON_NAMES = np.array([*map(str, INVALID_REASONS), None], object)  # NO_REASON is the last
 
-TaskOperation = Callable[[TaskSet], TaskSet]
+T = TypeVar("T")
 Observations = dict[str, Any]  # "image" (N, height, width, 3) uint8, "statement" N texts, "target" (N,) int64
 Infos = dict[str, Any]
 
@@ -95,32 +95,18 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """Raises ClosedEnvironmentError if the environment is closed."""
         check_open(closed=self.closed)
 
-    def _reset(self, request: ResetRequest) -> None:
-        self._engine.reset(request)
+    def _everywhere(self, method: Callable[..., T], *arguments: Any) -> list[T]:
+        """Calls a method of the engine of each process; returns their results, in the order of the environments."""
+        return [method(self._engine, *arguments)]
 
-    def _step(self) -> None:
-        self._engine.step()
-
-    def _write(self, what: str) -> None:
-        """Updates the buffers' "mask", "goal" or "items"."""
-        self._engine.write(what)
-
-    def _states(self) -> list[State]:
-        return self._engine.states()
-
-    def _change_tasks(self, change: TaskOperation) -> None:
-        """Applies `change` to the tasks that environments draw from; `self.tasks` has changed already."""
-        self._engine.set_tasks(self.tasks)
-
-    def change_tasks(self, change: TaskOperation) -> None:
+    def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on, which must reset all environments.
 
-        `change` must be importable by name, since workers apply it too. The observation space does not change, so
-        that statements and numbers of items must fit it.
+        The observation space does not change, so that statements and numbers of items must fit it.
         """
         self._check_open()
         self._set_tasks(change(self.tasks))
-        self._change_tasks(change)
+        self._everywhere(Engine.set_tasks, self.tasks)
 
     def _set_tasks(self, tasks: TaskSet) -> None:
         self.tasks = tasks
@@ -153,11 +139,8 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, env_ids)
         self._evaluated = 0 if all_envs else self._evaluated
-        self._reset(
-            ResetRequest(
-                env_ids, [seeds[env_id] for env_id in env_ids], [tasks[env_id] for env_id in env_ids], all_envs
-            )
-        )
+        chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids] for column in (seeds, tasks))
+        self._everywhere(Engine.reset, ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs))
         for env_id in env_ids.tolist():
             self._seeds[env_id] = self._seeds[env_id] if seeds[env_id] is None else seeds[env_id]
         self._is_started = True
@@ -208,7 +191,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """
         self._check_started()  # also checks that the environment is open, before anything is written
         self._buffers.action[:] = self._checked(actions)
-        self._step()
+        self._everywhere(Engine.step)
         result = self._buffers.result
         table = self._results
         return (
@@ -352,46 +335,34 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def action_masks(self) -> BoolArray:
         """(N, actions) a new array: whether each action is valid now."""
-        return self._written("mask")
+        return self._written(Engine.write_masks, "mask")
 
     def goal_reached(self) -> BoolArray:
         """(N,) a new array: whether STOP would be rewarded +1 now."""
-        return self._written("goal")
+        return self._written(Engine.write_goals, "goal")
 
     def scene_array(self) -> Int16Array:
         """(N, 3, capacity, 5) a new array: `observation.item_array` of each scene."""
-        return self._written("items")
+        return self._written(Engine.write_items, "items")
 
-    def _written(self, what: str) -> Any:
+    def _written(self, write: Callable[[Engine], None], name: str) -> Any:
         self._check_started()
-        self._write(what)
-        return getattr(self._buffers, what).copy()
+        self._everywhere(write)
+        return getattr(self._buffers, name).copy()
 
     def states(self) -> list[State]:
         """The current state of each environment."""
         self._check_started()
-        return self._states()
+        return [state for states in self._everywhere(Engine.states) for state in states]
 
-    @property
-    def last_task_indices(self) -> Int64Array:
-        """(N,) a new array: `task_indices` of the episodes that ended last (autoreset mode SAME_STEP)."""
-        return self._buffers.last_task.copy()
-
-    @property
-    def last_steps(self) -> Int64Array:
-        """(N,) a new array: `steps` of the episodes that ended last (autoreset mode SAME_STEP)."""
-        return self._buffers.last_steps.copy()
-
-    def last_scene_array(self) -> Int16Array:
-        """(N, 3, capacity, 5) a new array: `scene_array` at the end of the episodes that ended last (SAME_STEP)."""
-        return self._buffers.last_items.copy()
-
-    def encode_actions(self, actions: Any) -> Int64Array:
-        """(N,) indices of actions (N, slots) in the released array form. Raises ActionError."""
-        if not is_list(actions):
-            raise ActionError(f"actions must be arrays in the released form, one for each environment, not {actions!r}")
-        appearance = self.dynamics.appearance
-        return np.array([appearance.encode(appearance.from_array(action)) for action in actions], np.int64)
+    def last_states(self, env_ids: Int64Array) -> list[State]:
+        """The final states of the episodes that ended last in environments (k,) (autoreset mode SAME_STEP)."""
+        buffers = self._buffers
+        tasks = [self.tasks[task] for task in buffers.last_task[env_ids].tolist()]
+        columns = zip(
+            tasks, map(scene_of, buffers.last_items[env_ids]), buffers.last_steps[env_ids].tolist(), strict=True
+        )
+        return [State(*fields) for fields in columns]
 
     def render(self) -> tuple[UInt8Array | str, ...] | None:
         """A frame (304, 784, 3) or text for each environment, by render mode."""

@@ -89,6 +89,11 @@ class ResetRequest(NamedTuple):
     tasks: Sequence[int | None]  # (k,) task indices; None: the next task
     all_envs: bool  # whether the whole batch is reset, which restarts an evaluation
 
+    def part(self, first: int, stop: int) -> ResetRequest:
+        """The request for environments first .. stop - 1, with env ids relative to `first`."""
+        low, high = np.searchsorted(self.env_ids, [first, stop]).tolist()
+        return ResetRequest(self.env_ids[low:high] - first, self.seeds[low:high], self.tasks[low:high], self.all_envs)
+
 
 class Engine:
     """Steps environments `first` .. `first + N - 1` of a batch, over their slice of its buffers."""
@@ -114,16 +119,11 @@ class Engine:
         self.tasks = tasks
         self._task_count = len(tasks)
         self.core = make_core(self.dynamics, tasks, self.buffers, self._image_size)
-        self._writers = {
-            "mask": self.core.write_masks,
-            "goal": self.core.write_goals,
-            "items": self.core.write_items,
-        }
 
     def reset(self, request: ResetRequest) -> None:
-        """Starts episodes in some environments; the others keep their state."""
-        env_ids, seeds, tasks, all_envs = request
+        """Starts episodes in some environments of the batch; the others keep their state."""
         buffers = self.buffers
+        env_ids, seeds, tasks, all_envs = request.part(self._first, self._first + len(buffers.action))
         buffers.started[:] = False
         for env_id, seed in zip(env_ids.tolist(), seeds, strict=True):
             if seed is not None or self._generators[env_id] is None:
@@ -187,9 +187,14 @@ class Engine:
         self._repeats[env_id] = task >= len(self.tasks)
         return task if task < len(self.tasks) else global_id % len(self.tasks)
 
-    def write(self, what: str) -> None:
-        """Updates the buffers' "mask", "goal" or "items"."""
-        self._writers[what]()
+    def write_masks(self) -> None:
+        self.core.write_masks()
+
+    def write_goals(self) -> None:
+        self.core.write_goals()
+
+    def write_items(self) -> None:
+        self.core.write_items()
 
     def states(self) -> list[State]:
         """The current state of each environment."""

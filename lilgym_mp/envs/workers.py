@@ -1,13 +1,15 @@
 """Environments in several processes that share one block of memory.
 
-The calling process steps the first slice of the batch itself, each worker process another slice. The caller sends a
-command by increasing a counter in shared memory. A process that waits for a counter spins briefly, then yields, then
-blocks on a pipe. Only resets, states and tracebacks go through pipes. A worker exits when its caller exits, or when
-no process holds the other ends of its pipes.
+The calling process steps the first slice of the batch itself, each worker process another slice. `Counter`s in shared
+memory say how many calls of its `Engine` a worker has been told to make, and how many it has made. A process that
+waits for a counter spins briefly, then yields, then sleeps until its pipe is readable. Pipes carry only the arguments
+and results of some calls, tracebacks, and None to wake a process. A worker exits when its caller exits, or when no
+process holds the other end of its pipe.
 """
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import signal
@@ -15,29 +17,28 @@ import sys
 import threading
 import traceback
 import weakref
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
-from enum import IntEnum
 from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from numbers import Real
 from time import perf_counter
-from typing import Any, NoReturn
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.batched import LilGymVectorEnv, TaskOperation
+from lilgym_mp.envs.batched import LilGymVectorEnv, T
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.render import image_shape
-from lilgym_mp.rules import State
 
 AUTO = "auto"
 MIN_ENVS_PER_PROCESS = 64  # fewest environments per process with "auto"
@@ -45,11 +46,22 @@ SPIN_SECONDS = 100e-6
 YIELD_SECONDS = 1e-3
 PAGES = 3  # copies of the images in shared memory that the caller can hold at a time; beyond that it copies them itself
 NO_PAGE = -1
-POLL_SECONDS = 0.2  # time between checks that the other processes are alive
 START_SECONDS = 120.0  # time limit for a worker's imports and tasks
 JOIN_SECONDS = 1.0
 LONGEST_WAIT = 1e6  # seconds; the longest wait that the system accepts
 DESCRIPTORS = 12  # file descriptors that starting a worker takes; Python leaks some if they run out half-way
+
+WRITERS = (Engine.write_masks, Engine.write_goals, Engine.write_items)
+METHODS: tuple[Callable[..., Any], ...] = (Engine.step, Engine.reset, Engine.set_tasks, Engine.states, *WRITERS)
+INDICES: Mapping[object, int] = {method: index for index, method in enumerate(METHODS)}
+CLOSE = len(METHODS)  # instead of a method's index: the worker is to exit
+COPYING = (Engine.step, Engine.reset)  # methods after which the images are copied to a page
+TAKING_ARGUMENTS = (Engine.reset, Engine.set_tasks)
+
+LINE = ALIGNMENT // 8  # 64-bit fields of a cache line
+# Held while workers are started and by any fork: no process is forked while another thread imports something here.
+_starting = threading.RLock()
+os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
 
 
 class WorkerError(RuntimeError):
@@ -57,93 +69,70 @@ class WorkerError(RuntimeError):
     been closed."""
 
 
-class Command(IntEnum):
-    RESET = 0
-    STEP = 1
-    MASK = 2
-    GOAL = 3
-    ITEMS = 4
-    STATES = 5
-    TASKS = 6
-    CLOSE = 7
+class Counter:
+    """A counter on a cache line of shared memory: one process increases it, and another waits for it."""
 
-
-COPIED = (Command.RESET, Command.STEP)  # commands that return observations
-_WRITES = {"mask": Command.MASK, "goal": Command.GOAL, "items": Command.ITEMS}
-_WRITTEN = {command: what for what, command in _WRITES.items()}
-
-_FIELDS = ALIGNMENT // 8  # 64-bit fields of a cache line
-# Held while workers are started and by any fork: no process is forked while another thread imports something here.
-_starting = threading.RLock()
-os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
-
-
-class WorkerControl:
-    """Command and reply counters of one worker in shared memory, each on its own cache line."""
-
-    LINES = 2
-
-    def __init__(self, fields: memoryview, index: int) -> None:
-        self._fields = fields
+    def __init__(self, line: memoryview) -> None:
+        """`line`: the count, whether the waiting process sleeps, and what the increasing process adds."""
+        self._line = line
         self._lock = threading.RLock()
-        self._command_field = (index * self.LINES) * _FIELDS
-        self._reply_field = self._command_field + _FIELDS
 
     def _fence(self) -> None:
         """A memory fence: orders this process's writes before its next reads."""
         with self._lock:
             pass
 
-    def send(self, count: int, command: Command, page: int = NO_PAGE) -> None:
-        self._fields[self._command_field + 1] = command
-        self._fields[self._command_field + 3] = page
-        self._fence()
-        self._fields[self._command_field] = count
-
     @property
-    def sent(self) -> int:
-        """Number of commands sent."""
-        return self._fields[self._command_field]
+    def added(self) -> tuple[int, int]:
+        return self._line[2], self._line[3]
 
-    @property
-    def command(self) -> Command:
-        return Command(self._fields[self._command_field + 1])
-
-    @property
-    def page(self) -> int:
-        """The page that images are copied to, or NO_PAGE."""
-        return self._fields[self._command_field + 3]
-
-    def acknowledge(self, count: int) -> None:
+    def increase(self, wake_pipe: Connection, first: int = 0, second: int = 0) -> None:
+        """Increases the count, with two numbers for the other process, which is woken if it sleeps."""
+        line = self._line
+        line[2], line[3] = first, second
         self._fence()
-        self._fields[self._reply_field] = count
-
-    @property
-    def acknowledged(self) -> int:
-        """Number of commands carried out."""
-        return self._fields[self._reply_field]
-
-    def set_asleep(self, *, worker: bool, asleep: bool) -> None:
-        self._fields[(self._command_field if worker else self._reply_field) + 2] = asleep
+        line[0] += 1
         self._fence()
+        if line[1]:
+            wake_pipe.send(None)
 
-    def is_asleep(self, *, worker: bool) -> bool:
-        self._fence()
-        return bool(self._fields[(self._command_field if worker else self._reply_field) + 2])
+    def wait_for(self, count: int, spin_seconds: float, sleep: Callable[[], None]) -> None:
+        """Waits until the count is reached. `sleep` returns when the other process has woken this one."""
+        line = self._line
+        end = perf_counter() + spin_seconds
+        while line[0] < count and perf_counter() < end:
+            pass
+        end += YIELD_SECONDS
+        while line[0] < count and perf_counter() < end:
+            os.sched_yield()
+        while line[0] < count:
+            line[1] = True
+            self._fence()
+            if line[0] < count:
+                sleep()
+            line[1] = False
 
 
-def _spin_until(ready: Callable[[], bool], spin_seconds: float) -> bool:
-    """Waits briefly for `ready`; whether it became true."""
-    end = perf_counter() + spin_seconds
-    while perf_counter() < end:
-        if ready():
-            return True
-    end += YIELD_SECONDS
-    while perf_counter() < end:
-        if ready():
-            return True
-        os.sched_yield()
-    return ready()
+class Inbox:
+    """The messages that come through a pipe, besides those that only wake this process."""
+
+    def __init__(self, pipe: Connection) -> None:
+        self._pipe = pipe
+        self._messages: deque[Any] = deque()
+
+    def collect(self) -> None:
+        """Reads one message, for which it waits. Raises EOFError or OSError if the other process is gone."""
+        message = self._pipe.recv()
+        if isinstance(message, str):
+            raise WorkerError(message)
+        if message is not None:
+            self._messages.append(message)
+
+    def take(self) -> Any:
+        """The oldest message, for which it waits."""
+        while not self._messages:
+            self.collect()
+        return self._messages.popleft()
 
 
 @dataclass(frozen=True)
@@ -154,61 +143,55 @@ class Assignment:
     shared: SharedMemory
     array_specs: Mapping[str, ArraySpec]  # of the arrays in shared memory
     spin_seconds: float
-    index: int = 0
-    first: int = 0  # of its environments
-    stop: int = 0
+    index: int
+    part: slice  # of the batch
+
+    def memory(self) -> tuple[Counter, Counter, Buffers, UInt8Array]:
+        """The worker's counters of calls and of replies, and the batch's buffers and pages, copies of the images
+        (pages, N, height, width, 3)."""
+        arrays = arrays_in(self.shared.memory, self.array_specs)
+        lines, pages = arrays.pop("lines"), arrays.pop("pages")
+        calls, replies = (Counter(line.data) for line in lines[self.index])
+        return calls, replies, Buffers(**arrays), pages
 
 
-def _map_memory(assignment: Assignment) -> tuple[memoryview, Buffers, UInt8Array]:
-    """The control fields, the buffers, and the pages (pages, N, height, width, 3) for copies of images."""
-    arrays = arrays_in(assignment.shared.memory, assignment.array_specs)
-    control, pages = arrays.pop("control"), arrays.pop("pages")
-    return control.ravel().data, Buffers(**arrays), pages
-
-
-def _worker_main(
-    assignment: Assignment,
-    messages: Connection,
-    wake_pipe: Connection,
-    caller_wake_pipe: Connection,
-    inherited: Sequence[Connection],
-) -> None:
-    """Main loop of a worker: executes commands until it is closed or the caller is gone.
+def _worker_main(assignment: Assignment, pipe: Connection, inherited: Sequence[Connection]) -> None:
+    """Main loop of a worker: makes calls until it is closed or the caller is gone.
 
     `inherited`: the caller's ends of pipes, which are open in a forked worker.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the caller handles Ctrl-C
     for connection in inherited:
         connection.close()
+    inbox = Inbox(pipe)
+
+    def sleep() -> None:
+        if pipe not in wait([pipe, *exit_fds]):
+            raise EOFError
+        inbox.collect()
+
     try:
         exit_fds = _exit_fds_of_caller()
-        fields, buffers, pages = _map_memory(assignment)
-        part = slice(assignment.first, assignment.stop)
+        calls, replies, buffers, pages = assignment.memory()
+        part = assignment.part
         engine = Engine(assignment.settings, buffers.slice(part.start, part.stop), part.start)
-        messages.send(None)
-        control = WorkerControl(fields, assignment.index)
-        count = 0
-        while _wait_for_command(control, count, wake_pipe, exit_fds, assignment.spin_seconds):
-            count += 1
-            command = control.command
-            if command is Command.CLOSE:
+        for count in itertools.count(1):
+            replies.increase(pipe)
+            calls.wait_for(count, assignment.spin_seconds, sleep)
+            index, page = calls.added
+            if index == CLOSE:
                 break
-            _execute(engine, command, messages)
-            if control.page != NO_PAGE:
-                pages[control.page, part] = engine.buffers.image
-            control.acknowledge(count)
-            if control.is_asleep(worker=False):
-                caller_wake_pipe.send_bytes(b"!")
+            method = METHODS[index]
+            result = method(engine, *(inbox.take() if method in TAKING_ARGUMENTS else ()))
+            if page != NO_PAGE:
+                pages[page, part] = engine.buffers.image
+            if result is not None:
+                pipe.send(result)
     except (BrokenPipeError, ConnectionResetError, EOFError):
         return  # the caller is gone
     except Exception:
-        _send_error(traceback.format_exc(), messages, caller_wake_pipe)
-
-
-def _send_error(fault: str, messages: Connection, caller_wake_pipe: Connection) -> None:
-    with suppress(OSError):  # the caller is gone
-        messages.send(fault)
-        caller_wake_pipe.send_bytes(b"!")
+        with suppress(OSError):  # the caller is gone
+            pipe.send(f"worker {assignment.index} raised:\n{traceback.format_exc()}")
 
 
 def _exit_fds_of_caller() -> list[int]:
@@ -229,55 +212,39 @@ def _exit_fds_of_caller() -> list[int]:
     return exit_fds
 
 
-def _wait_for_command(
-    control: WorkerControl, count: int, wake_pipe: Connection, exit_fds: Sequence[int], spin_seconds: float
-) -> bool:
-    """Waits for the next command; False if the caller is gone, which makes one of `exit_fds` readable."""
-
-    def sent() -> bool:
-        return control.sent > count
-
-    while not _spin_until(sent, spin_seconds):
-        control.set_asleep(worker=True, asleep=True)
-        readable = [] if sent() else wait([wake_pipe, *exit_fds])
-        control.set_asleep(worker=True, asleep=False)
-        if wake_pipe in readable:
-            wake_pipe.recv_bytes()
-        elif readable:
-            return False
-    return True
-
-
-def _execute(engine: Engine, command: Command, messages: Connection) -> None:
-    if command is Command.STEP:
-        engine.step()
-    elif command is Command.RESET:
-        engine.reset(messages.recv())
-    elif command is Command.STATES:
-        messages.send(engine.states())
-    elif command is Command.TASKS:
-        change: TaskOperation = messages.recv()
-        engine.set_tasks(change(engine.tasks))
-    else:
-        engine.write(_WRITTEN[command])
-
-
 @dataclass(frozen=True, eq=False)
 class _Worker:
     """The caller's handle of a worker."""
 
-    index: int
-    first: int
-    stop: int
+    assignment: Assignment
     process: BaseProcess
-    control: WorkerControl
-    messages: Connection
-    wake_pipe: Connection  # wakes the worker
-    caller_wake_pipe: Connection  # wakes the caller
+    calls: Counter
+    replies: Counter
+    pipe: Connection
+    inbox: Inbox
 
-    @property
-    def connections(self) -> tuple[Connection, ...]:
-        return self.messages, self.wake_pipe, self.caller_wake_pipe
+    def wait_for(self, count: int, seconds: float) -> None:
+        """Waits until the worker has replied `count` times. Raises WorkerError if it fails."""
+        end = perf_counter() + seconds
+
+        def sleep() -> None:
+            left = max(0.0, min(end - perf_counter(), LONGEST_WAIT))
+            if not wait([self.pipe, self.process.sentinel], left):
+                raise WorkerError(f"worker {self.assignment.index} has not responded for {seconds:g} seconds")
+            try:
+                if not self.pipe.poll():
+                    raise EOFError
+                self.inbox.collect()
+            except (EOFError, OSError):
+                raise WorkerError(self._exit_message()) from None
+
+        self.replies.wait_for(count, self.assignment.spin_seconds, sleep)
+
+    def _exit_message(self) -> str:
+        self.process.join(JOIN_SECONDS)
+        code, part = self.process.exitcode, self.assignment.part
+        how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with exit code {code}"
+        return f"worker {self.assignment.index} (environments {part.start} to {part.stop - 1}) died {how}"
 
 
 class WorkerVectorEnv(LilGymVectorEnv):
@@ -315,45 +282,40 @@ class WorkerVectorEnv(LilGymVectorEnv):
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)
-        self._count = 0
+        self._replies = 1  # that each worker has been asked for; the first says that it has started
         pages = PAGES if copy and count > 1 else 0
         specs = {
-            "control": ArraySpec((count, WorkerControl.LINES, _FIELDS), np.int64),
+            "lines": ArraySpec((count, 2, LINE), np.int64),
             **checked.array_specs(),
             "pages": ArraySpec((pages, checked.num_envs, *image_shape(checked.image_size)), np.uint8),
         }
-        self._shared = SharedMemory(buffers_size(specs))
-        self._finalizer = weakref.finalize(self, _stop_workers, self._workers, self._shared, self._owner)
-        self._spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
-        shared = Assignment(checked, self._shared, specs, self._spin_seconds)
-        fields, buffers, self._pages = _map_memory(shared)
+        self._shared = shared = SharedMemory(buffers_size(specs))
+        self._finalizer = weakref.finalize(self, _stop_workers, self._workers, shared, self._owner)
+        bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
+        spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0
+        own, *others = (
+            Assignment(checked, shared, specs, spin_seconds, index, slice(bounds[index], bounds[index + 1]))
+            for index in range(count)
+        )
+        _, _, buffers, self._pages = own.memory()
         # The array over each page that the caller may hold
         self._page_users: list[weakref.ref[Any] | None] = [None] * pages
         self._page = NO_PAGE
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
-        bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
-        self._own = slice(0, bounds[1])
-        assignments = [
-            replace(shared, index=index, first=bounds[index], stop=bounds[index + 1]) for index in range(1, count)
-        ]
+        self._own = own.part
         try:
-            self._start(context, checked, assignments, fields)
+            with _starting:
+                _check_room(len(others), shared)
+                if others and context.get_start_method() == "fork":
+                    _warm_up(checked)
+                self._engine = Engine(checked, buffers.slice(0, own.part.stop))
+                for assignment in others:
+                    _start_worker(context, assignment, self._workers)
+            for worker in self._workers:
+                worker.wait_for(self._replies, START_SECONDS)
         except BaseException:
             self.close()
             raise
-
-    def _start(
-        self, context: Any, settings: BatchSettings, assignments: Sequence[Assignment], fields: memoryview
-    ) -> None:
-        with _starting:
-            _check_room(len(assignments), self._shared)
-            if assignments and context.get_start_method() == "fork":
-                _warm_up(settings)
-            self._engine = Engine(settings, self._buffers.slice(0, self._own.stop))
-            for assignment in assignments:
-                _start_worker(context, assignment, fields, self._workers)
-        for worker in self._workers:
-            self._receive(worker, START_SECONDS)
 
     @property
     def num_workers(self) -> int:
@@ -365,27 +327,33 @@ class WorkerVectorEnv(LilGymVectorEnv):
         """Process ids of workers 1, 2, ...; worker 0 is the calling process."""
         return tuple(worker.process.pid or 0 for worker in self._workers)
 
-    def _reset(self, request: ResetRequest) -> None:
-        payloads = [_slice_request(request, worker.first, worker.stop) for worker in self._workers]
+    def _everywhere(self, method: Callable[..., T], *arguments: Any) -> list[T]:
+        """Stops all workers on any failure."""
+        self._check_open()
+        page = NO_PAGE
+        if method in COPYING:
+            page = self._page = self._free_page()
+        try:
+            self._call_workers(INDICES[method], page, arguments)
+            results = super()._everywhere(method, *arguments)
+            if page != NO_PAGE:
+                self._pages[page, self._own] = self._engine.buffers.image
+            for worker in self._workers:
+                worker.wait_for(self._replies, self._timeout)
+                if results[0] is not None:
+                    results.append(worker.inbox.take())
+            return results
+        except BaseException:
+            self.close()
+            raise
 
-        def own_part() -> None:
-            self._engine.reset(_slice_request(request, 0, self._own.stop))
-            self._copy_own_images()
-
-        self._page = self._free_page()
-        self._run_everywhere(Command.RESET, own_part, payloads)
-
-    def _step(self) -> None:
-        self._page = self._free_page()
-        self._run_everywhere(Command.STEP, self._own_step)
-
-    def _own_step(self) -> None:
-        self._engine.step()
-        self._copy_own_images()
-
-    def _copy_own_images(self) -> None:
-        if self._page != NO_PAGE:
-            self._pages[self._page, self._own] = self._engine.buffers.image
+    def _call_workers(self, index: int, page: int, arguments: tuple[Any, ...]) -> None:
+        self._replies += 1
+        for worker in self._workers:
+            with suppress(OSError):  # it has died, which waiting for it reports
+                if arguments:
+                    worker.pipe.send(arguments)
+                worker.calls.increase(worker.pipe, index, page)
 
     def _free_page(self) -> int:
         """A page that the caller no longer holds, or NO_PAGE."""
@@ -401,103 +369,6 @@ class WorkerVectorEnv(LilGymVectorEnv):
         root = np.frombuffer(self._pages[self._page].data, np.uint8)
         self._page_users[self._page] = weakref.ref(root)
         return root.reshape(self._pages.shape[1:])
-
-    def _write(self, what: str) -> None:
-        self._run_everywhere(_WRITES[what], lambda: self._engine.write(what))
-
-    def _states(self) -> list[State]:
-        states: list[State] = []
-
-        def collect() -> None:
-            states.extend(self._engine.states())
-            for worker in self._workers:
-                states.extend(self._receive(worker, self._timeout))
-
-        self._run_everywhere(Command.STATES, collect)
-        return states
-
-    def _change_tasks(self, change: TaskOperation) -> None:
-        self._run_everywhere(Command.TASKS, lambda: self._engine.set_tasks(self.tasks), [change] * len(self._workers))
-
-    def _run_everywhere(self, command: Command, own_part: Callable[[], None], payloads: Sequence[object] = ()) -> None:
-        """Executes a command in every process. Stops all workers on any failure."""
-        self._check_open()
-        try:
-            self._send_command(command, payloads)
-            own_part()
-            for worker in self._workers:
-                self._wait_for_worker(worker)
-        except BaseException:
-            self.close()
-            raise
-
-    def _send_command(self, command: Command, payloads: Sequence[object]) -> None:
-        self._count += 1
-        try:
-            for worker, payload in zip(self._workers, payloads, strict=False):
-                worker.messages.send(payload)
-            for worker in self._workers:
-                worker.control.send(self._count, command, self._page if command in COPIED else NO_PAGE)
-                if worker.control.is_asleep(worker=True):
-                    worker.wake_pipe.send_bytes(b"!")
-        except OSError:  # the worker is gone
-            self._raise_worker_failure()
-
-    def _wait_for_worker(self, worker: _Worker) -> None:
-        """Waits until the worker has executed the last command. Raises WorkerError if it fails."""
-        control, count = worker.control, self._count
-
-        def acknowledged() -> bool:
-            return control.acknowledged >= count
-
-        if _spin_until(acknowledged, self._spin_seconds):
-            return
-        end = perf_counter() + self._timeout
-        while not acknowledged():
-            control.set_asleep(worker=False, asleep=True)
-            if not acknowledged():
-                self._wait_for_wake_up(worker)
-            control.set_asleep(worker=False, asleep=False)
-            if perf_counter() > end and not acknowledged():
-                raise WorkerError(f"worker {worker.index} has not responded for {self._timeout:g} seconds")
-
-    def _wait_for_wake_up(self, worker: _Worker) -> None:
-        """Blocks until the worker wakes this process, at most POLL_SECONDS. Raises WorkerError if it failed."""
-        readable = wait([worker.caller_wake_pipe, worker.messages, worker.process.sentinel], POLL_SECONDS)
-        if worker.caller_wake_pipe in readable:
-            try:
-                worker.caller_wake_pipe.recv_bytes()
-            except (EOFError, OSError):
-                self._raise_worker_failure()
-        if worker.messages in readable or worker.process.sentinel in readable:
-            self._raise_worker_failure()
-
-    def _receive(self, worker: _Worker, seconds: float) -> Any:
-        """The worker's next message. Raises WorkerError if it is a traceback or none comes."""
-        readable = wait([worker.messages, worker.process.sentinel], min(seconds, LONGEST_WAIT))
-        if worker.messages in readable:
-            try:
-                message = worker.messages.recv()
-            except (EOFError, OSError):  # it died, perhaps while sending
-                raise WorkerError(_exit_message(worker)) from None
-            if isinstance(message, str):
-                raise WorkerError(f"worker {worker.index} raised:\n{message}")
-            return message
-        if readable:
-            raise WorkerError(_exit_message(worker))
-        raise WorkerError(f"worker {worker.index} has not responded for {seconds:g} seconds")
-
-    def _raise_worker_failure(self) -> NoReturn:
-        """Raises WorkerError for the worker that raised or died."""
-        end = perf_counter() + JOIN_SECONDS
-        while perf_counter() < end:
-            for worker in self._workers:
-                with suppress(OSError):
-                    while worker.messages.poll():
-                        self._receive(worker, 0)
-                if not worker.process.is_alive():
-                    raise WorkerError(_exit_message(worker))
-        raise WorkerError("a worker closed its pipe, but none has died")
 
     def _check_open(self) -> None:
         super()._check_open()
@@ -520,9 +391,8 @@ def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> N
     """
     started = [worker for worker in workers if os.getpid() == owner and worker.process.pid is not None]
     for worker in started:
-        worker.control.send(worker.control.sent + 1, Command.CLOSE)
         with suppress(OSError):  # it has ended already
-            worker.wake_pipe.send_bytes(b"!")
+            worker.calls.increase(worker.pipe, CLOSE)
     end = perf_counter() + JOIN_SECONDS
     for worker in started:
         worker.process.join(max(0.0, end - perf_counter()))
@@ -530,19 +400,11 @@ def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> N
             worker.process.kill()
             worker.process.join()
     while workers:
-        for connection in workers[-1].connections:
-            connection.close()
+        workers[-1].pipe.close()
         worker = workers.pop()
         if worker in started:
             worker.process.close()
     shared.release()
-
-
-def _exit_message(worker: _Worker) -> str:
-    worker.process.join(JOIN_SECONDS)
-    code = worker.process.exitcode
-    how = f"by signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"with exit code {code}"
-    return f"worker {worker.index} (environments {worker.first} to {worker.stop - 1}) died {how}"
 
 
 def _check_room(workers: int, shared: SharedMemory) -> None:
@@ -566,31 +428,21 @@ def _warm_up(settings: BatchSettings) -> None:
     engine = Engine(settings, Buffers.new(settings.array_specs()))
     engine.reset(ResetRequest(np.arange(few), [0] * few, [None] * few, all_envs=True))
     engine.step()
-    for what in _WRITES:
-        engine.write(what)
+    for write in WRITERS:
+        write(engine)
     engine.states()
 
 
-def _start_worker(context: Any, assignment: Assignment, fields: memoryview, listed: list[_Worker]) -> None:
+def _start_worker(context: Any, assignment: Assignment, listed: list[_Worker]) -> None:
     """Starts a worker. It is added to `listed` first, so that a worker whose start was interrupted is stopped too."""
     ours, theirs = context.Pipe()
-    wake_receiver, wake_pipe = context.Pipe(duplex=False)
-    caller_wake_pipe, caller_wake_sender = context.Pipe(duplex=False)
     inherited: list[Connection] = []
-    process = context.Process(
-        target=_worker_main,
-        args=(assignment, theirs, wake_receiver, caller_wake_sender, inherited),
-        name=f"lilgym_mp worker {assignment.index}",
-        daemon=True,
-    )
-    control = WorkerControl(fields, assignment.index)
-    listed.append(
-        _Worker(
-            assignment.index, assignment.first, assignment.stop, process, control, ours, wake_pipe, caller_wake_pipe
-        )
-    )
+    name = f"lilgym_mp worker {assignment.index}"
+    process = context.Process(target=_worker_main, args=(assignment, theirs, inherited), name=name, daemon=True)
+    calls, replies, _, _ = assignment.memory()
+    listed.append(_Worker(assignment, process, calls, replies, ours, Inbox(ours)))
     if context.get_start_method() == "fork":
-        inherited += [connection for worker in listed for connection in worker.connections]
+        inherited += [worker.pipe for worker in listed]
     try:
         with _compiler_lock_held(), _interrupts_blocked(context):
             process.start()
@@ -598,8 +450,7 @@ def _start_worker(context: Any, assignment: Assignment, fields: memoryview, list
         raise WorkerError(f"worker {assignment.index} cannot be started: {fault}") from fault
     finally:
         inherited.clear()
-        for connection in (theirs, wake_receiver, caller_wake_sender):
-            connection.close()
+        theirs.close()
 
 
 def _compiler_lock_held() -> AbstractContextManager[object]:
@@ -620,14 +471,6 @@ def _interrupts_blocked(context: Any) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _slice_request(request: ResetRequest, first: int, stop: int) -> ResetRequest:
-    """The part of a request for environments first .. stop - 1, with env ids relative to `first`."""
-    low, high = np.searchsorted(request.env_ids, [first, stop]).tolist()
-    return ResetRequest(
-        request.env_ids[low:high] - first, request.seeds[low:high], request.tasks[low:high], request.all_envs
-    )
 
 
 def usable_cores() -> int:

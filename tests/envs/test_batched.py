@@ -203,22 +203,6 @@ def test_scene_array__holds_the_items_of_each_box() -> None:
             assert [tuple(slot) for slot in slots if slot[0] >= 0] == [tuple(item) for item in box.items]
 
 
-@pytest.mark.parametrize(
-    ("id", "arrays"),
-    [
-        (TOWER, [[0, -1, -1], [1, 2, 1], [2, 1, -1]]),
-        (SCATTER, [[0] + [-1] * 5, [1, 3, 4, 2, 1, 0], [2, 8, 0, -1, -1, -1]]),
-    ],
-)
-def test_encode_actions__equals_encode_action_of_single_environments(id: str, arrays: list[list[int]]) -> None:
-    single = gym.make(id).unwrapped
-    assert batch(id, 3).encode_actions(arrays).tolist() == [single.encode_action(array) for array in arrays]
-    with pytest.raises(ActionError, match="an action array must be"):
-        batch(id, 3).encode_actions([[1, 2]])
-    with pytest.raises(ActionError, match=r"actions must be arrays in the released form, .* not 5"):
-        batch(id, 3).encode_actions(5)
-
-
 def test_render__equals_frames_of_single_environments() -> None:
     mode = AutoresetMode.DISABLED
     ours = batch(TOWER, 2, mode, render_mode="rgb_array")

@@ -92,7 +92,7 @@ def test_an_environment_that_is_dropped__leaves_no_process_and_no_descriptor(sta
 
 
 @pytest.mark.parametrize("start_method", ["fork", *LONG_STARTS])
-def test_workers__exit_if_their_wake_pipe_is_closed(start_method: str) -> None:
+def test_workers__exit_if_their_pipe_is_closed(start_method: str) -> None:
     env = make(start_method=start_method)
     pids = env.worker_pids
     env._finalizer.detach()  # nothing tells them to end
@@ -113,7 +113,7 @@ def test_copy_and_pickle__are_refused() -> None:
 def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     env = make()
     pids = env.worker_pids
-    monkeypatch.setattr(env, "_send_command", lambda *_: None)  # the command is sent, and nobody is there to take it
+    monkeypatch.setattr(env, "_call_workers", lambda *_: setattr(env, "_replies", env._replies + 1))  # nobody hears it
     os.kill(pids[0], signal.SIGKILL)
     assert_gone(pids[:1])
     with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):

@@ -15,7 +15,7 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.envs import shared_memory
-from lilgym_mp.envs.engine import ResetRequest
+from lilgym_mp.envs.engine import Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv, checked_worker_count, usable_cores
 from tests.envs.alike import assert_alike
@@ -183,7 +183,7 @@ def test_a_worker_that_raises__passes_on_its_traceback(workers: WorkerVectorEnv)
     no_such_task = len(workers.tasks)
     workers._buffers.action[:] = 0
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
-        workers._reset(ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], all_envs=True))
+        workers._everywhere(Engine.reset, ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], True))
     assert_gone(pids)
 
 
@@ -196,10 +196,10 @@ def test_after_a_failure__the_environment_is_closed(workers: WorkerVectorEnv) ->
 
 
 def test_an_interrupt_in_the_caller__ends_the_workers(workers: WorkerVectorEnv) -> None:
-    def interrupted() -> None:
+    def interrupted(env_ids: object) -> None:
         raise KeyboardInterrupt
 
-    workers._engine.step = interrupted
+    workers._engine.core.step = interrupted
     pids = workers.worker_pids
     with pytest.raises(KeyboardInterrupt):
         workers.step(np.zeros(8, np.int64))
