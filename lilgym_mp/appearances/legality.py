@@ -46,32 +46,15 @@ class BoxLegality:
 
     def addable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows, footprints): whether an ADD to the cell is valid in a box with `items`."""
-        by_cell = np.bitwise_or.reduce(self._free_corners(items), axis=-1)
-        return by_cell.any(axis=2).transpose(2, 1, 0)
-
-    def first_places(self, items: Iterable[Item]) -> tuple[NDArray[np.int64], NDArray[np.int64], BoolArray]:
-        """(cells, footprints): x and y where an item of the footprint added to the cell is placed before snapping, and
-        whether there is such a place. Cells are in the order of their columns, then rows."""
-        columns, rows = self._grid
-        width, height = self._cell
-        free = self._free_corners(items).transpose(3, 1, 0, 4, 2).reshape(columns * rows, FOOTPRINT_COUNT, -1)
-        some = free != 0
-        first = some.argmax(axis=2)  # by column from the left, then by word from the top
-        word = np.take_along_axis(free, first[:, :, None], axis=2)[:, :, 0].astype(np.uint64)
-        lowest = np.frexp((word & (~word + np.uint64(1))).astype(np.float64))[1] - 1
-        pixel_column, part = np.divmod(first, height // self._pixels)
-        column, row = np.divmod(np.arange(columns * rows)[:, None], rows)
-        return column * width + pixel_column, row * height + part * self._pixels + lowest, some.any(axis=2)
-
-    def _free_corners(self, items: Iterable[Item]) -> Words:
-        """(footprints, rows, words of a cell's column, columns, cell width) bitmasks: free corners."""
-        free = self._allowed.copy()
+        free = self._allowed.copy()  # bitmasks of free corners
         for item in items:
             place, clear = self._clear_of(item.footprint, item.x, item.y)
             here = free[place]
             here &= clear
         columns, rows = self._grid
-        return free.reshape(FOOTPRINT_COUNT, rows, -1, columns, self._cell[0])
+        by_column = free.reshape(FOOTPRINT_COUNT, rows, -1, columns, self._cell[0])
+        by_cell = np.bitwise_or.reduce(by_column, axis=-1)
+        return by_cell.any(axis=2).transpose(2, 1, 0)
 
     def removable(self, items: Iterable[Item]) -> BoolArray:
         """(columns, rows): whether one of `items` covers part of the cell."""

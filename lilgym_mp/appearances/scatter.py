@@ -183,22 +183,32 @@ class Scatter:
             return Edit(scene, InvalidReason.SEPARATOR)
         box_index, x = place
         y = row * self.cell[1]
-        footprint = FOOTPRINTS[shape][size]
-        if x > placement.LAST_CORNER[footprint] or y > placement.LAST_CORNER[footprint]:
-            return Edit(scene, InvalidReason.OUT_OF_BOX)
         items = scene.boxes[box_index].items
+        found = self.place(FOOTPRINTS[shape][size], x, y, box_index, items, rules)
+        if isinstance(found, InvalidReason):
+            return Edit(scene, found)
+        x, y = found
+        item = new_tuple(Item, (x, y, shape, colour, size))
+        return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
+
+    def place(
+        self, footprint: int, x: int, y: int, box_index: int, items: Sequence[Item], rules: placement.PlacementRules
+    ) -> tuple[int, int] | InvalidReason:
+        """The position of an item added to the cell with top-left pixel (x, y) of a box with `items`, or why it cannot
+        be added."""
+        if x > placement.LAST_CORNER[footprint] or y > placement.LAST_CORNER[footprint]:
+            return InvalidReason.OUT_OF_BOX
         tables = placement.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)
         if clearance == placement.OVERLAPPING:
             found = placement.searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
-                return Edit(scene, InvalidReason.OVERLAP)
+                return InvalidReason.OVERLAP
             x, y = found
             _, closest = tables.closest(footprint, x, y, items)
-        if closest is not None and not self.is_native:
-            x, y = placement.snapped(footprint, x, y, closest, items, box_index, rules)
-        item = new_tuple(Item, (x, y, shape, colour, size))
-        return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
+        if closest is None or self.is_native:
+            return x, y
+        return placement.snapped(footprint, x, y, closest, items, box_index, rules)
 
     def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
         place = self._columns[action.column]
@@ -206,11 +216,17 @@ class Scatter:
             return Edit(scene, InvalidReason.SEPARATOR)
         box_index, x = place
         box = scene.boxes[box_index]
-        areas = [self._area_in_cell(item, x, action.row * self.cell[1]) for item in box.items]
-        largest = max(areas, default=0)
-        if largest == 0:
+        position = self.covering(box.items, x, action.row * self.cell[1])
+        if position < 0:
             return Edit(scene, InvalidReason.NOTHING_TO_REMOVE)
-        return Edit(scene.with_box(box_index, box.without(areas.index(largest))))
+        return Edit(scene.with_box(box_index, box.without(position)))
+
+    def covering(self, items: Sequence[Item], x: int, y: int) -> int:
+        """The position of the item that covers most of the cell with top-left pixel (x, y), the first of equals; -1 if
+        none covers any of it."""
+        areas = [self._area_in_cell(item, x, y) for item in items]
+        largest = max(areas, default=0)
+        return areas.index(largest) if largest else -1
 
     def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
         width, height = self.cell

@@ -8,13 +8,13 @@ scenes therefore finds how few edits can suffice and which; `refinement` turns t
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cache, cached_property
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Colour, Item, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Item
 from lilgym_mp.solver.box_editor import ItemType
 from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
 from lilgym_mp.solver.layered_search import Layers
@@ -44,14 +44,6 @@ class ItemClasses:
         self.representatives = [canonical_items()[first] for first in firsts]  # by class
         self.canonical_counts: list[int] = np.bincount(classes).tolist()  # number of canonical items of each class
         self.item_types = _one_colour_per_footprint(classes, len(firsts))  # by class
-
-    @cached_property
-    def by_item_type(self) -> Int64Array | None:
-        """(27,) the class of each item type, in the order of action indices; None if classes depend on position."""
-        by_zone = self.by_canonical_item.reshape(len(Size), -1, len(Shape), len(Colour))
-        if (by_zone != by_zone[:, :1]).any():
-            return None
-        return by_zone[:, 0].transpose(1, 2, 0).ravel()
 
     def __len__(self) -> int:
         return len(self.representatives)

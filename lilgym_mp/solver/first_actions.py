@@ -197,15 +197,11 @@ class _BoxReachability:
                 yield from self._removal_actions(position)
 
     def _addition_table(self) -> edit_tables.AdditionTable:
-        frame_x = edit_tables.frame_x_of(self.editor.rules, self.editor.index)
-        return edit_tables.addition_table(self.editor.scatter, self.editor.rules, frame_x, self._box.items)
+        return edit_tables.addition_table(self.editor.scatter, self.editor.rules, self.editor.index, self._box.items)
 
     def _additions(self, item_class: int) -> Int64Array:
         """The additions of items of the class, as indices in the addition table."""
         classes = self._abstraction.classes
-        if classes.by_item_type is not None:
-            item_types = edit_tables.addable_item_types(self.editor.scatter, self.editor.rules, self._box.items)
-            return (item_types & (classes.by_item_type == item_class)).ravel().nonzero()[0]
         canonical = self._addition_table().canonical
         return ((classes.by_canonical_item[canonical] == item_class) & (canonical >= 0)).nonzero()[0]
 
@@ -252,11 +248,11 @@ class _BoxReachability:
         chosen[self._additions(item_class)] = True
         by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
         cells, footprints = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT).nonzero()
-        left, top = table.x[cells, footprints], table.y[cells, footprints]
+        left, top = table.places[cells, footprints].T
         sides = np.array(FOOTPRINT_SIDES)[footprints]
         squares = np.stack([left, top, left + sides, top + sides], axis=1)
         feasible, complete = self._feasible_additions(_PlacedItems(squares, footprints), remainders, budget)
-        allowed = np.zeros((len(table.valid), FOOTPRINT_COUNT), np.bool_)
+        allowed = np.zeros((len(table.places), FOOTPRINT_COUNT), np.bool_)
         allowed[cells[feasible], footprints[feasible]] = True
         by_item_type &= allowed.reshape(-1, len(Shape), 1, len(Size))
         return FirstActions(frozenset(self._addition_actions(chosen.nonzero()[0])), complete)

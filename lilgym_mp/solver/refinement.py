@@ -123,7 +123,7 @@ class _Refiner:
         corners = self.editor.corners(box)[:: self.step]
         for item_type in classes.item_types[item_class]:
             for x, y in corners:
-                if classes.by_item_type is not None or classes.of(Item(x, y, *item_type)) == item_class:
+                if classes.of(Item(x, y, *item_type)) == item_class:
                     yield from self._addition(box, item_type, x, y, item_class)
                 else:
                     later.append((item_type, x, y))

@@ -14,7 +14,7 @@ from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, ItemClasses
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.edit_tables import addition_actions, addition_table, frame_x_of, removal_actions
+from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_actions
 from lilgym_mp.solver.first_actions import ScatterReachability
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
@@ -130,7 +130,7 @@ class ScatterSearch:
             for edit, after in self._editors[index].all_edits(box):
                 yield [self._scatter.encode(edit)], after
             return
-        table = addition_table(self._scatter, self._placement, frame_x_of(self._placement, index), box.items)
+        table = addition_table(self._scatter, self._placement, index, box.items)
         groups: dict[Hashable, list[int]] = {}  # by position, footprint and class
         for addition in (table.canonical >= 0).nonzero()[0].tolist():
             item = table.item(addition)

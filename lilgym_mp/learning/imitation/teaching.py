@@ -26,7 +26,6 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.solver.edit_tables import (
     addition_actions,
     addition_table,
-    frame_x_of,
     removal_table,
 )
 from lilgym_mp.task import Task
@@ -140,9 +139,9 @@ def _equivalent(dynamics: Dynamics, scene: Scene, edit: Action) -> list[int]:
         """The actions on a box, and what each does to it, negative if nothing."""
         items = scene.boxes[index].items
         if is_addition:
-            done = addition_table(scatter, placement, frame_x_of(placement, index), items).canonical
+            done = addition_table(scatter, placement, index, items).canonical
             return np.array(addition_actions(scatter, index, np.arange(len(done)))), done
-        done = removal_table(scatter.cell, items)
+        done = removal_table(scatter, items)
         return np.arange(len(done)) + remove_index(scatter.box_cells[index].start, scatter.cell_count), done
 
     found = {index: results(index) for index in range(len(scene.boxes))}

@@ -34,7 +34,6 @@ from lilgym_mp.solver.canonical_items import canonical_items
 from lilgym_mp.solver.edit_tables import (
     addition_actions,
     addition_table,
-    frame_x_of,
     removal_actions,
     removal_table,
 )
@@ -323,9 +322,9 @@ class _ScatterSearch:
         """One addition for each canonical item that the rules allow, and every possible removal."""
         items = scene.boxes[index].items
         placement = self._dynamics.rules.placement
-        canonical = addition_table(self._scatter, placement, frame_x_of(placement, index), items).canonical
+        canonical = addition_table(self._scatter, placement, index, items).canonical
         additions = [_Edit(index, one, -1) for one in np.unique(canonical[canonical >= 0]).tolist()]
-        positions = removal_table(self._scatter.cell, items)
+        positions = removal_table(self._scatter, items)
         return additions + [_Edit(index, -1, one) for one in np.unique(positions[positions >= 0]).tolist()]
 
     @staticmethod
@@ -352,7 +351,7 @@ class _ScatterSearch:
         if edit.canonical < 0:
             actions = removal_actions(self._scatter, edit.box, items, edit.position)
         else:
-            table = addition_table(self._scatter, placement, frame_x_of(placement, edit.box), items)
+            table = addition_table(self._scatter, placement, edit.box, items)
             actions = addition_actions(self._scatter, edit.box, np.flatnonzero(table.canonical == edit.canonical))
         return actions[0] if actions else None
 
