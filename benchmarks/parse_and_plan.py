@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import torch
 
-from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.comparison import training_statements
 from lilgym_mp.evaluation.report import markdown_table

@@ -27,8 +27,8 @@ from builtin_report import SolvedEntry, write_report
 
 from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import check_corpus, load_tasks, words, write_corpus
-from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.corpus.held_out import statement_digest
+from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.generator import LEVELS, Draft, Entry, ScenePool, StartScene, drafts, validate_draft
 from lilgym_mp.generator.meanings.generated_corpus import split_of
 from lilgym_mp.generator.meanings.start_selection import TruthTable, select_starts

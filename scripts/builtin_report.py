@@ -9,8 +9,8 @@ from pathlib import Path
 
 from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus import words
-from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.generator import StartScene
 from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 

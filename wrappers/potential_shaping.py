@@ -11,7 +11,7 @@ import numpy as np
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
-from lilgym_mp.solver.value import value
+from lilgym_mp.solver.solution import value
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.transformation import EnvDescription, Transformation
 

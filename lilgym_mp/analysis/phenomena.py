@@ -15,7 +15,19 @@ from itertools import combinations
 
 from lilgym_mp.analysis import structure
 from lilgym_mp.corpus.spelling import plain_words
-from lilgym_mp.programs.syntax import Call, Display, Lambda, Logic, Node, Not, SceneName, WordName, parse
+from lilgym_mp.programs.syntax import (
+    Call,
+    Display,
+    Lambda,
+    Logic,
+    Node,
+    Not,
+    SceneName,
+    WordName,
+    free_variables,
+    parse,
+    walk,
+)
 from lilgym_mp.scene import BOX_COUNT
 
 CACHE_SIZE = 8_192  # cached programs and statements
@@ -112,11 +124,10 @@ def _has_coordination(tree: Node) -> bool:
     """`or`, `union`, or a list or set of several literal values; or `and` joins conditions, at least two of which
     select items or boxes (a filter, `All`, `Any`, ...).
     """
-    if any(isinstance(node, Logic) and node.operator == "or" for node in structure.nodes(tree)):
+    if any(isinstance(node, Logic) and node.operator == "or" for node in walk(tree)):
         return True
     if structure.uses(tree, "OR", "union", "union_all") or any(
-        isinstance(node, Display) and len(node.elements) > 1 and structure.is_literal(node)
-        for node in structure.nodes(tree)
+        isinstance(node, Display) and len(node.elements) > 1 and structure.is_literal(node) for node in walk(tree)
     ):
         return True
     return any(
@@ -134,7 +145,7 @@ def _has_negation(tree: Node) -> bool:
     """`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero."""
     return (
         structure.uses(tree, "NOT")
-        or any(isinstance(node, Not) for node in structure.nodes(tree))
+        or any(isinstance(node, Not) for node in walk(tree))
         or any(
             operator in ("!=", "not in") or _says_none(left, operator, right) or structure.literal_bool(right) is False
             for left, operator, right in structure.comparisons(tree)
@@ -159,7 +170,7 @@ def _has_comparison(tree: Node) -> bool:
 
 def _has_spatial_relation(tree: Node) -> bool:
     """A word about walls, corners, touching, above or below, or the level in a tower (`is_top`, `is_second`, ...)."""
-    words = [node.word for node in structure.nodes(tree) if isinstance(node, Call | WordName)]
+    words = [node.word for node in walk(tree) if isinstance(node, Call | WordName)]
     return any(
         word.name in _LEVEL_WORDS
         or (word.group in ("walls", "two items", "related items") and word.name not in _MEMBERSHIP_WORDS)
@@ -185,9 +196,9 @@ def _has_presupposition(tree: Node) -> bool:
 def _has_coreference(tree: Node) -> bool:
     """A condition on one item refers to the item of an enclosing condition."""
     return any(
-        parameter in structure.free_variables(inner)
+        parameter in free_variables(inner)
         for parameter, body in structure.item_conditions(tree)
-        for inner in structure.nodes(body)
+        for inner in walk(body)
         if isinstance(inner, Lambda) and inner.parameter != parameter
     )
 

@@ -12,14 +12,13 @@ from typing import NamedTuple
 from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena
 from lilgym_mp.analysis.structure import word_names
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.forms import normalised, statement_form
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.official.release import FILE_FACTS, FileFacts
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.released import file_name
 from lilgym_mp.corpus.tasks import TaskSet, contexts
-from lilgym_mp.corpus.tokens import words
+from lilgym_mp.corpus.tokens import normalised, statement_form, words
 from lilgym_mp.programs.syntax import parse
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from lilgym_mp.programs import syntax
+from lilgym_mp.programs.syntax import walk
 
 
 class Compared(NamedTuple):
@@ -23,13 +24,6 @@ FILTERING = ("filter_obj", "filter_color", "filter_shape", "filter_size")
 _VALUE_SETS = ("get_set_colors", "get_set_shapes", "get_set_sizes", "query_color", "query_shape", "query_size")
 
 
-def nodes(tree: syntax.Node) -> Iterator[syntax.Node]:
-    """The node and all its descendants."""
-    yield tree
-    for child in syntax.children(tree):
-        yield from nodes(child)
-
-
 def word_name(node: syntax.Node) -> str | None:
     """The name of the word that the node calls or refers to."""
     return node.word.name if isinstance(node, syntax.Call | syntax.WordName) else None
@@ -37,16 +31,16 @@ def word_name(node: syntax.Node) -> str | None:
 
 def word_names(tree: syntax.Node) -> set[str]:
     """The names of all words that the tree uses."""
-    return {name for node in nodes(tree) if (name := word_name(node)) is not None}
+    return {name for node in walk(tree) if (name := word_name(node)) is not None}
 
 
 def uses(tree: syntax.Node, *names: str) -> bool:
-    return any(word_name(node) in names for node in nodes(tree))
+    return any(word_name(node) in names for node in walk(tree))
 
 
 def calls(tree: syntax.Node, *names: str) -> Iterator[syntax.Call]:
     """The calls of words of those names."""
-    return (node for node in nodes(tree) if isinstance(node, syntax.Call) and node.word.name in names)
+    return (node for node in walk(tree) if isinstance(node, syntax.Call) and node.word.name in names)
 
 
 def arguments(node: syntax.Node) -> tuple[syntax.Node, ...]:
@@ -56,7 +50,7 @@ def arguments(node: syntax.Node) -> tuple[syntax.Node, ...]:
 
 def comparisons(tree: syntax.Node) -> Iterator[Compared]:
     """Every comparison in the tree; a constant operand is moved to the right."""
-    for node in nodes(tree):
+    for node in walk(tree):
         if isinstance(node, syntax.Comparison):
             lefts = (node.left, *node.rights)
             found = [Compared(*pair) for pair in zip(lefts, node.operators, node.rights, strict=False)]
@@ -82,7 +76,7 @@ def literal_bool(node: syntax.Node) -> bool | None:
 
 def is_literal(node: syntax.Node) -> bool:
     """Whether the node is a constant, or a list or set of constants."""
-    return all(isinstance(part, syntax.Constant | syntax.Display) for part in nodes(node))
+    return all(isinstance(part, syntax.Constant | syntax.Display) for part in walk(node))
 
 
 def counted_set(node: syntax.Node) -> syntax.Node | None:
@@ -146,7 +140,7 @@ def conjuncts(node: syntax.Node) -> Iterator[syntax.Node]:
 
 def conjunctions(tree: syntax.Node) -> Iterator[list[syntax.Node]]:
     """The operands of every `and` in the tree."""
-    for node in nodes(tree):
+    for node in walk(tree):
         operands = list(conjuncts(node))
         if len(operands) > 1:
             yield operands
@@ -165,17 +159,17 @@ def are_neighbours(items: syntax.Node) -> bool:
 
 def selections(tree: syntax.Node) -> set[tuple[object, ...]]:
     """Keys of the sets that the tree selects, without those that depend on variables bound in the tree."""
-    bound_inside = {node.parameter for node in nodes(tree) if isinstance(node, syntax.Lambda)}
+    bound_inside = {node.parameter for node in walk(tree) if isinstance(node, syntax.Lambda)}
     return {
         structure_key(node)
-        for node in nodes(tree)
-        if selected_from(node) is not None and not bound_inside & free_variables(node)
+        for node in walk(tree)
+        if selected_from(node) is not None and not bound_inside & syntax.free_variables(node)
     }
 
 
 def item_conditions(tree: syntax.Node) -> Iterator[tuple[str, syntax.Node]]:
     """Parameter and body of every lambda applied to a set other than the boxes."""
-    for node in nodes(tree):
+    for node in walk(tree):
         match arguments(node):
             case (collection, syntax.Lambda(parameter=parameter, body=body)):
                 origins = (collection, *selection_sources(collection))
@@ -183,14 +177,3 @@ def item_conditions(tree: syntax.Node) -> Iterator[tuple[str, syntax.Node]]:
                     yield parameter, body
             case _:
                 continue
-
-
-def free_variables(node: syntax.Node) -> set[str]:
-    """The names of the free variables of the node."""
-    match node:
-        case syntax.Variable(name=name):
-            return {name}
-        case syntax.Lambda(parameter=parameter, body=body):
-            return free_variables(body) - {parameter}
-        case _:
-            return set[str]().union(*map(free_variables, syntax.children(node)))

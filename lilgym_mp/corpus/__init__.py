@@ -5,13 +5,12 @@ docs/corpus.md describes the file format, docs/official_data.md the official rel
 
 from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
-from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.jsonlines import write_corpus
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
 from lilgym_mp.corpus.locations import official_directory, user_cache
 from lilgym_mp.corpus.released import ALL_FILE_NAMES as RELEASED_FILE_NAMES
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
-from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, words
+from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, statement_form, words
 
 __all__ = [
     "RELEASED_FILE_NAMES",

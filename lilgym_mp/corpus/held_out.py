@@ -11,9 +11,9 @@ from functools import cache
 from importlib.resources import files
 
 from lilgym_mp.corpus.faults import NoTasksError
-from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import BUILTIN, OFFICIAL
+from lilgym_mp.corpus.tokens import normalised
 
 FILE = "held_out_statements.txt"  # of lilgym_mp.data: comments after "#", then a digest per line
 SPLITS = ("dev", "test")

@@ -1,4 +1,4 @@
-"""Tokenisation of statements: words, vocabularies, and fixed-length arrays of token ids."""
+"""Words of statements: forms, vocabularies, and fixed-length arrays of token ids."""
 
 from __future__ import annotations
 
@@ -19,6 +19,13 @@ FIRST_WORD = 2
 FORMAT = "lilgym_mp-vocabulary"
 VERSION = 1
 _WORD = re.compile(r"[^\W_]+(?:['\u2019][^\W_]+)*")
+_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+_PLACEHOLDERS: dict[str, str] = {
+    **dict.fromkeys(("yellow", "black", "blue"), "COLOUR"),
+    **dict.fromkeys(("circle", "circles", "square", "squares", "triangle", "triangles"), "SHAPE"),
+    **dict.fromkeys(("small", "medium", "big", "large"), "SIZE"),
+    **dict.fromkeys(_NUMBERS, "NUMBER"),
+}
 
 
 class VocabularyError(ValueError):
@@ -28,6 +35,16 @@ class VocabularyError(ValueError):
 def words(statement: str) -> list[str]:
     """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
     return _WORD.findall(statement.lower())
+
+
+def normalised(statement: str) -> str:
+    """The statement in lower case without punctuation."""
+    return " ".join(words(statement))
+
+
+def statement_form(statement: str) -> str:
+    """The normalised statement with a placeholder for each colour, shape, size and number (words or digits)."""
+    return " ".join("NUMBER" if word.isdigit() else _PLACEHOLDERS.get(word, word) for word in words(statement))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
-from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation.metrics import SuccessCount, Summary, summarise
 from lilgym_mp.evaluation.named_policies import NamedPolicy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from lilgym_mp.actions import Action, Stop
 from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
-from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.corpus.tasks import TaskSet, contexts
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes

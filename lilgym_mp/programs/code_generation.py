@@ -21,7 +21,6 @@ from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
 
 from lilgym_mp.programs import box_functions, costs, ir
-from lilgym_mp.programs.runtime import NAMES
 from lilgym_mp.programs.syntax import (
     METHODS,
     Arithmetic,
@@ -177,7 +176,7 @@ class _Generator:
     def __init__(self, context: _Context, *, kernel: bool) -> None:
         self.context = context
         self.kernel = kernel
-        self.names: dict[str, Any] = dict(NAMES)
+        self.names: dict[str, Any] = dict(box_functions.NAMES)
         self.hoisted: dict[str, str] = {}
         self.max_runs: int = 1  # upper bound on how often the code being generated runs per evaluation
         self.loop_depth = 0

@@ -155,7 +155,7 @@ class _Lowering:
         return self._add(_COMPARISONS[operator], left, right)
 
     def _occurring(self, mask: int, *by_value: int) -> int:
-        """`runtime._occurring`."""
+        """`box_functions._occurring`."""
         zero = self._add(Operation.CONSTANT, 0)
         bits: list[int] = []
         for value, with_value in enumerate(by_value):

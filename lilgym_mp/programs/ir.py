@@ -104,7 +104,7 @@ def only(mask: Code) -> Code:
 
 
 def occurring(mask: Code, by_value: Sequence[Code]) -> Code:
-    """`runtime._occurring`."""
+    """`box_functions._occurring`."""
     return Code(f"occurring({', '.join(code.text for code in (mask, *by_value))})", "occurring", (mask, *by_value))
 
 

@@ -4,7 +4,7 @@
 `optimal_actions(state)` returns the first actions of shortest solutions. `Expert(env).act()` plays an environment.
 docs/solver.md describes the algorithm and its results. The modules:
 
-    solver, solution         entry point and results
+    solver, solution         entry point, results and their values
     goals, weighted_goals    goals as programs with targets; plans for several uncertain goals
     layered_search           breadth-first layers of a box, and search over scenes from those of each box
     tower_search             exact search for Tower
@@ -19,7 +19,7 @@ docs/solver.md describes the algorithm and its results. The modules:
     first_actions            all optimal first actions in Scatter
     box_editor, edit_tables  single edits of a Scatter box, and all of them at once as arrays
 
-The others use the solver: expert, value, curriculum, demonstrations, minari_dataset, action_sets, reports.
+The others use the solver: expert, demonstrations, minari_dataset, action_sets, reports.
 """
 
 from lilgym_mp.solver.expert import Expert

@@ -29,12 +29,14 @@ class AdditionTable(NamedTuple):
     def item(self, addition: int) -> Item:
         """The item that a valid addition adds; `addition` is its index in `canonical`."""
         cell, item_type = divmod(addition, len(ITEM_TYPES))
-        return Item(*self.places[cell, ITEM_TYPE_FOOTPRINTS[item_type]].tolist(), *ITEM_TYPES[item_type])
+        x, y = self.places[cell, ITEM_TYPE_FOOTPRINTS[item_type]].tolist()
+        return Item(x, y, *ITEM_TYPES[item_type])
 
 
 def _corners(scatter: Scatter) -> Iterator[tuple[int, int]]:
     """The top-left pixels of the cells of a box."""
-    return itertools.product(*(range(0, BOX_SIDE, side) for side in scatter.cell))
+    width, height = scatter.cell
+    return itertools.product(range(0, BOX_SIDE, width), range(0, BOX_SIDE, height))
 
 
 @lru_cache(maxsize=CACHE_SIZE)

@@ -1,4 +1,4 @@
-"""What the solver returns: solutions and sets of optimal first actions."""
+"""What the solver returns: solutions and their values, and sets of optimal first actions."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from lilgym_mp.actions import Action
+from lilgym_mp.rules import Dynamics, Outcome
 from lilgym_mp.solver.layered_search import Budget
 
 
@@ -62,3 +63,19 @@ def unsolvable(reason: str, least_edits: int, budget: Budget) -> Solution:
 def not_found(least_edits: int, budget: Budget, reason: str = "") -> Solution:
     reason = reason or f"nothing found in {budget.spent:,} scenes; a larger budget may help"
     return Solution(Status.NOT_FOUND, (), least_edits, budget.spent, reason)
+
+
+def value(solution: Solution, dynamics: Dynamics, discount: float = 1.0) -> float:
+    """The discounted return of the solution; without one, of an immediate STOP, which is then the best action."""
+    signals = dynamics.rules.signals
+    if not solution.solved:
+        return signals[Outcome.WRONG_STOP].reward
+    edits = solution.steps - 1
+    per_edit, success = signals[Outcome.CONTINUES].reward, signals[Outcome.SUCCESS].reward
+    return sum(per_edit * discount**step for step in range(edits)) + success * discount**edits
+
+
+def edit_cost(dynamics: Dynamics) -> float:
+    """The probability of success that makes up for the reward of one more edit."""
+    signals = dynamics.rules.signals
+    return -signals[Outcome.CONTINUES].reward / (signals[Outcome.SUCCESS].reward - signals[Outcome.WRONG_STOP].reward)

@@ -94,7 +94,7 @@ class Solver:
         edit_cost: float = 0.0,
     ) -> WeightedPlan:
         """The plan found with the highest total probability of satisfied goals, less `edit_cost` for each edit, then
-        with the fewest actions. `value.edit_cost` gives the cost that maximises the expected return.
+        with the fewest actions. `solution.edit_cost` gives the cost that maximises the expected return.
 
         `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. `budget`: scenes or class
         triples that may be examined; by default PLAN_BUDGET, or for a single goal, which is solved as by `solve`,

@@ -18,7 +18,7 @@ from lilgym_mp.analysis.phenomena import (
     syntactic_phenomena,
 )
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.programs import ProgramError
 
 ITEMS = "x.all_items_in_box()"

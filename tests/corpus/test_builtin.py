@@ -19,7 +19,7 @@ import pytest
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import TaskSet, Vocabulary, check_corpus, contexts, load_tasks
-from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.generator.meanings.interpretation import holds
 from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 from lilgym_mp.rules import make_dynamics

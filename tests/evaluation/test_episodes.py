@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.actions import AddBlock, Stop
-from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes

@@ -11,7 +11,7 @@ import pytest
 import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
-from lilgym_mp.corpus.forms import normalised
+from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.generator import CorpusSpec, ScenePool, generated_entries, load_generated
 from lilgym_mp.generator.meanings.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES, split_of
 from lilgym_mp.generator.meanings.start_selection import TruthTable

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.corpus.forms import normalised, statement_form
+from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.generator import LEVELS, Draft, ScenePool, drafts, random_meaning, realise, validate_draft
 from lilgym_mp.generator.meanings.interpretation import STANDARD, Interpretation, holds
 from lilgym_mp.generator.meanings.program_realisation import program_source

@@ -13,7 +13,7 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, WeightedGoal, WeightedPlan
-from lilgym_mp.solver.value import edit_cost
+from lilgym_mp.solver.solution import edit_cost
 from tests.scenes import LARGE, B, K, Y, circle, scene, square, tower, triangle
 from tests.solver.tasks import mdp, task
 

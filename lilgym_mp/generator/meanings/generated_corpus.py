@@ -16,11 +16,11 @@ from typing import NamedTuple
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError
-from lilgym_mp.corpus.forms import normalised
 from lilgym_mp.corpus.locations import is_generated
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
+from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.generator.meanings.sampling import LEVELS
 from lilgym_mp.generator.meanings.start_selection import ScenePool
 from lilgym_mp.generator.meanings.validation import Draft, Entry, drafts, is_trivial, validate_draft

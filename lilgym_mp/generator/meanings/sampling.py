@@ -38,9 +38,18 @@ def random_meaning(appearance: str, level: int, rng: random.Random) -> sem.Claus
 
 
 class MeaningSampler:
-    """Samples clauses and their parts; subclasses add those of one appearance."""
+    """Samples clauses and their parts."""
 
+    # Each appearance has its own
     relations: tuple[sem.Relation, ...]
+
+    def samplers_by_level(self) -> dict[int, WeightedSamplers]: ...
+    def attribute(self) -> sem.Attribute: ...
+    def described_items(self) -> sem.NounPhrase: ...
+    def items_in_box(self) -> sem.NounPhrase: ...  # whose counts in one box are of interest
+    def simple_items(self) -> sem.NounPhrase: ...  # described by one attribute
+    def related_to(self, relation: sem.Relation) -> sem.RelatedTo: ...
+    def condition(self) -> sem.BoxCondition: ...
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
@@ -49,9 +58,6 @@ class MeaningSampler:
         weights, samplers = zip(*self.samplers_by_level()[level], strict=True)
         (sample,) = self.rng.choices(samplers, weights)
         return sample()
-
-    def samplers_by_level(self) -> dict[int, WeightedSamplers]:
-        raise NotImplementedError
 
     def pick(self, *options: Option) -> Option:
         return self.rng.choice(options)
@@ -96,28 +102,11 @@ class MeaningSampler:
         """Random colours, as many as one of the numbers."""
         return frozenset(self.rng.sample(list(Colour), self.pick(number, *others) if others else number))
 
-    def attribute(self) -> sem.Attribute:
-        raise NotImplementedError
-
-    def described_items(self) -> sem.NounPhrase:
-        raise NotImplementedError
-
-    def items_in_box(self) -> sem.NounPhrase:
-        """Items whose counts in one box are of interest."""
-        raise NotImplementedError
-
-    def simple_items(self) -> sem.NounPhrase:
-        """Items described by one attribute."""
-        raise NotImplementedError
-
     def related(self) -> sem.RelatedTo | sem.RelatedByAttribute:
         relation = self.pick(*self.relations)
         if self.chance(0.2):
             return sem.RelatedByAttribute(relation, self.attribute(), self.chance(0.6))
         return self.related_to(relation)
-
-    def related_to(self, relation: sem.Relation) -> sem.RelatedTo:
-        raise NotImplementedError
 
     # Conditions of boxes
 
@@ -138,9 +127,6 @@ class MeaningSampler:
         if quantity != exactly(1):
             partitive = self.pick(sem.Partitive.ALL, sem.Partitive.NONE, sem.Partitive.SOME, sem.Partitive.ONE)
         return sem.PartitiveCount(quantity, noun, partitive, given or predicate())
-
-    def condition(self) -> sem.BoxCondition:
-        raise NotImplementedError
 
     def conditions(self, number: int) -> sem.BoxConditions:
         """Compatible conditions, negative ones last."""

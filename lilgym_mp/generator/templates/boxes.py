@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Phrase, pluralised
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, quantity_test
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, exactly
-from lilgym_mp.generator.templates.conditions import BOX_WORDS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.conditions import BOX_WORDS, ConditionTemplate
 from lilgym_mp.generator.templates.items import ItemTemplates
 from lilgym_mp.generator.templates.phrases import NounTemplate, TrainingPair, box_items
 
@@ -26,10 +25,6 @@ class StatementTemplates(ItemTemplates):
         weights, templates = zip(*self.weighted_statements, strict=True)
         (make,) = self.rng.choices(templates, weights)
         return make()
-
-    @cached_property
-    def weighted_statements(self) -> Sequence[WeightedTemplate]:
-        raise NotImplementedError
 
     def box_quantity(self) -> Quantity:
         more = ((0.87, exactly(2)), (0.91, at_least(2)), (0.95, exactly(3)))

@@ -51,6 +51,7 @@ class ConditionTemplate:
 
 
 WeightedTemplate = tuple[float, Callable[[], TrainingPair]]  # weight, template
+WeightedCondition = tuple[float, Callable[[], ConditionTemplate]]  # probability, template; else `contains_some`
 
 
 class BoxConditionTemplates(PhraseTemplates):
@@ -58,11 +59,17 @@ class BoxConditionTemplates(PhraseTemplates):
 
     max_in_box = 6  # items that a statement requires in one box
 
-    def attributes(self) -> AttributeWords:
-        raise NotImplementedError
-
-    def predicate(self) -> PredicateTemplate:
-        raise NotImplementedError
+    # Each appearance has its own
+    @cached_property
+    def weighted_statements(self) -> Sequence[WeightedTemplate]: ...
+    @cached_property
+    def weighted_conditions(self) -> Sequence[WeightedCondition]: ...
+    def attributes(self) -> AttributeWords: ...
+    def attribute_name(self) -> str: ...
+    def attributes_without(self, attribute: str) -> AttributeWords: ...  # random words with no value for the attribute
+    def predicate(self) -> PredicateTemplate: ...
+    def box_word(self) -> str: ...
+    def box_count(self) -> TrainingPair: ...
 
     def condition(self) -> ConditionTemplate:
         draw = self.rng.random()
@@ -71,11 +78,6 @@ class BoxConditionTemplates(PhraseTemplates):
             if draw < 0:
                 return make()
         return self.contains_some()
-
-    @cached_property
-    def weighted_conditions(self) -> Sequence[tuple[float, Callable[[], ConditionTemplate]]]:
-        """Probabilities of the condition templates; the rest is the probability of `contains_some`."""
-        raise NotImplementedError
 
     def colour(self) -> tuple[str, ...]:
         return (self.choice(COLOURS),)
@@ -95,13 +97,6 @@ class BoxConditionTemplates(PhraseTemplates):
             f"are in the same {attribute}" if attribute == "color" else f"are of one {attribute}",
             f"have only one {attribute}",
         )  # fmt: skip
-
-    def attribute_name(self) -> str:
-        raise NotImplementedError
-
-    def attributes_without(self, attribute: str) -> AttributeWords:
-        """Random attribute words without a value for this attribute."""
-        raise NotImplementedError
 
     def variety_words(self, attribute: str, number: int) -> str:
         name = f"{attribute}s"

@@ -432,9 +432,3 @@ class ItemTemplates(BoxConditionTemplates):
         first_test = quantity_test(first, box_items(first_noun, BOX))
         second_test = quantity_test(second, box_items(second_noun, BOX))
         return TrainingPair(text, quantity_test(SOME, boxes_where(f"{first_test} and {second_test}")))
-
-    def box_word(self) -> str:
-        raise NotImplementedError
-
-    def box_count(self) -> TrainingPair:
-        raise NotImplementedError

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import pluralised
 from lilgym_mp.generator.templates.boxes import StatementTemplates
-from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedCondition, WeightedTemplate
 from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     SHAPES,
@@ -241,7 +241,7 @@ class ScatterTemplates(StatementTemplates):
     # Conditions
 
     @cached_property
-    def weighted_conditions(self) -> Sequence[tuple[float, Callable[[], ConditionTemplate]]]:
+    def weighted_conditions(self) -> Sequence[WeightedCondition]:
         return (
             (0.31, self.contains_some), (0.12, lambda: self.total_in_box(8)), (0.15, self.contains_with_predicate),
             (0.06, self.contains_only), (0.07, self.box_variety), (0.05, self.contains_none),

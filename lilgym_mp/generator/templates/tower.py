@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import Phrase, pluralised
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
 from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
 from lilgym_mp.generator.templates.boxes import StatementTemplates
-from lilgym_mp.generator.templates.conditions import ITEMS, TWO_COLOURS, ConditionTemplate, WeightedTemplate
+from lilgym_mp.generator.templates.conditions import (
+    ITEMS,
+    TWO_COLOURS,
+    ConditionTemplate,
+    WeightedCondition,
+    WeightedTemplate,
+)
 from lilgym_mp.generator.templates.phrases import (
     ANYTHING,
     HOLE,
@@ -207,7 +213,7 @@ class TowerTemplates(StatementTemplates):
     # Conditions
 
     @cached_property
-    def weighted_conditions(self) -> Sequence[tuple[float, Callable[[], ConditionTemplate]]]:
+    def weighted_conditions(self) -> Sequence[WeightedCondition]:
         return (
             (0.17, self.contains_some), (0.19, self.height), (0.21, self.position_colour), (0.06, self.contains_only),
             (0.06, self.box_variety), (0.04, self.contains_none), (0.05, self.stacked_condition),

@@ -14,7 +14,7 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, Outcome
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, WeightedGoal
-from lilgym_mp.solver.value import edit_cost
+from lilgym_mp.solver.solution import edit_cost
 from lilgym_mp.task import Task
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
