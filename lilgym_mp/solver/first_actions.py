@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from copy import copy
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -70,23 +68,13 @@ class ScatterReachability:
     """The box classes that can be reached from a scene, whether they are feasible, and how."""
 
     def __init__(self, editors: Sequence[BoxEditor], scene: Scene, abstraction: Abstraction, space: ClassSpace) -> None:
-        self._new_box = partial(_BoxReachability, abstraction, space)
-        self._boxes = list(map(self._new_box, editors, scene.boxes))
+        self._boxes = [
+            _BoxReachability(abstraction, space, editor, box) for editor, box in zip(editors, scene.boxes, strict=True)
+        ]
 
     @property
     def reachable(self) -> list[ReachableClasses]:
         return [box.reachable for box in self._boxes]
-
-    def with_box(self, index: int, box: Box) -> ScatterReachability:
-        """The reachability from the scene with box `index` replaced."""
-        other = copy(self)
-        other._boxes = [*self._boxes]
-        other._boxes[index] = self._new_box(self._boxes[index].editor, box)
-        return other
-
-    def failure(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> NoRefinement | None:
-        """None if some goal is feasible, INFEASIBLE if none is, else UNDECIDED. Raises BudgetExhaustedError."""
-        return first_found(self._goal_failure(*goal, budget) for goal in goals)
 
     def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit] | None:
         """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.

@@ -10,7 +10,7 @@ from lilgym_mp.actions import STOP
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, Box, Scene
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, ItemClasses
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import class_space
@@ -26,10 +26,6 @@ from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, so
 ABSTRACTION_CACHE_SIZE = 256  # tuples of programs
 MAX_GOALS = 40  # abstract goals at one distance that are refined
 MAX_EXTRA_EDITS = 2  # distances tried beyond the abstract distance before the pruned search takes over
-FIRST_ACTION_BUDGET = 100_000  # scenes examined to check first actions one by one
-
-# By box index, items and abstract path. Shared by the searches from several states.
-RefinementCache = dict[tuple[int, tuple[Item, ...], tuple[AbstractEdit, ...]], Refinement | NoRefinement]
 
 
 @lru_cache(maxsize=ABSTRACTION_CACHE_SIZE)
@@ -54,7 +50,7 @@ class ScatterSearch:
             return solved((STOP,), 0, budget)
         if not has_program_goal(state.task):
             return not_found(1, budget, "Scatter tasks can be solved only if success depends on their program alone")
-        search = self.task_search(state, max_edits, budget, {})
+        search = _TaskSearch(self._editors, state, max_edits, budget)
         try:
             actions = search.solution()
         except BudgetExhaustedError:
@@ -65,9 +61,6 @@ class ScatterSearch:
             reason = f"no scene within {max_edits} edits has that value"
             return unsolvable(reason, search.least_edits, budget)
         return not_found(search.least_edits, budget)
-
-    def task_search(self, state: State, max_edits: int, budget: Budget, cache: RefinementCache) -> _TaskSearch:
-        return _TaskSearch(self._editors, state, max_edits, budget, cache)
 
     def is_abstractable(self, program: str) -> bool:
         return not abstraction_of((program,)).features.relational
@@ -104,22 +97,20 @@ class ScatterSearch:
         return ActionSet((), complete=True, steps=0)
 
     def _first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
-        """Solves the state, then checks every edit for whether it reduces the distance to the nearest goal."""
+        """The first action of a solution; if that has one edit, every other edit that reaches a goal too."""
         solution = self.solve(state, max_edits, budget)
         if solution.steps < 2:
             actions = tuple(map(self._scatter.encode, solution.actions))
             return ActionSet(actions, complete=solution.status is not Status.NOT_FOUND, steps=solution.steps)
         found = {self._scatter.encode(solution.actions[0])}
-        complete = solution.proven_optimal and self._exhaustive
-        check = _FirstEditCheck(self, state, solution.steps - 2, Budget(min(budget.left, FIRST_ACTION_BUDGET)))
+        complete = solution.steps == 2 and solution.proven_optimal and self._exhaustive
         try:
             classes = abstraction_of(programs_of(state.task)).classes
-            for index, box in enumerate(state.scene.boxes):
+            for index, box in enumerate(state.scene.boxes) if solution.steps == 2 else ():
                 for actions, after in self._box_edits(index, box, classes):
-                    answer = check.starts_shortest(index, after)
-                    if answer:
+                    budget.spend()
+                    if state.task.solved_by(state.scene.with_box(index, after)):
                         found.update(actions)
-                    complete = complete and answer is not None
         except BudgetExhaustedError:
             complete = False
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
@@ -143,59 +134,12 @@ class ScatterSearch:
                 yield remove_actions, box.without(position)
 
 
-class _FirstEditCheck:
-    """Checks, edit by edit, whether a goal is `remaining` edits away afterwards."""
-
-    def __init__(self, search: ScatterSearch, state: State, remaining: int, budget: Budget) -> None:
-        self._search = search
-        self._state = state
-        self._remaining = remaining
-        self._budget = budget
-        self._cache: RefinementCache = {}
-        programs = programs_of(state.task)
-        abstractable = has_program_goal(state.task) and all(map(search.is_abstractable, programs))
-        self._space, self._targets = class_space(programs), target_bits(state.task)
-        self._reachability = search.reachability(programs, state.scene) if abstractable else None
-
-    def starts_shortest(self, index: int, box: Box) -> bool | None:
-        """Whether the edit that turns box `index` into `box` starts a shortest solution; None if unknown.
-
-        Raises BudgetExhaustedError.
-        """
-        self._budget.spend()
-        task, scene, steps = self._state
-        after = State(task, scene.with_box(index, box), steps + 1)
-        if self._remaining == 0:
-            return task.solved_by(after.scene)
-        if self._reachability is None:
-            return None
-        return self._is_goal_within_reach(self._reachability.with_box(index, box), after)
-
-    def _is_goal_within_reach(self, reachability: ScatterReachability, after: State) -> bool | None:
-        for edits in range(1, self._remaining + 1):
-            goals = list(self._space.goals_at(edits, reachability.reachable, self._targets, self._budget))
-            if goals:
-                failure = reachability.failure(goals, self._budget)
-                if failure is NoRefinement.INFEASIBLE and edits < self._remaining:  # longer paths may be feasible
-                    return self._is_solvable(after)
-                return None if failure is NoRefinement.UNDECIDED else failure is None
-        return False
-
-    def _is_solvable(self, after: State) -> bool | None:
-        search = self._search.task_search(after, self._remaining, self._budget, self._cache)
-        if search.by_abstraction() is not None:
-            return True
-        return False if search.least_edits > self._remaining else None
-
-
 class _TaskSearch:
     """The search from one state. `least_edits` is the lower bound proven so far."""
 
-    def __init__(
-        self, editors: Sequence[BoxEditor], state: State, max_edits: int, budget: Budget, cache: RefinementCache
-    ) -> None:
+    def __init__(self, editors: Sequence[BoxEditor], state: State, max_edits: int, budget: Budget) -> None:
         self._editors = editors
-        self._cache = cache
+        self._refinements: dict[tuple[int, tuple[AbstractEdit, ...]], Refinement | NoRefinement] = {}  # by box and path
         self._boxes = state.scene.boxes
         self._is_goal = state.task.solved_by
         self._max_edits = max_edits
@@ -209,14 +153,14 @@ class _TaskSearch:
             return None
         if self._abstraction.features.relational:
             return self._by_single_edit() or self._by_pruned_layers()
-        found = self.by_abstraction()
+        found = self._by_abstraction()
         if found is None and self.least_edits <= self._max_edits:
             found = self._by_pruned_layers()
         return found
 
     # Search in abstract scenes, with refinement
 
-    def by_abstraction(self) -> list[BoxEdit] | None:
+    def _by_abstraction(self) -> list[BoxEdit] | None:
         layers = [self._abstraction.layers(box) for box in self._boxes]
         nearest = None  # distance of the nearest abstract goal
         for edits in range(1, self._max_edits + 1):
@@ -245,11 +189,10 @@ class _TaskSearch:
     def _refine_box(self, index: int, box: Box, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
         if not path:
             return ()
-        key = (index, box.items, path)
-        found = self._cache.get(key)
+        found = self._refinements.get((index, path))
         if found is None:
             found = refine(path, box, self._editors[index], self._abstraction, self._budget)
-            self._cache[key] = found
+            self._refinements[index, path] = found
         return found
 
     # Search in scenes
