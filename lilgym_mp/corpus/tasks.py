@@ -14,30 +14,10 @@ from lilgym_mp.arrays import BOOLEANS
 from lilgym_mp.corpus.faults import FaultLog
 from lilgym_mp.corpus.records import Record, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
-from lilgym_mp.scene import (
-    BOX_COUNT,
-    JSON_COLOURS,
-    JSON_ITEM_KEYS,
-    JSON_SHAPES,
-    JSON_SIZES,
-    Box,
-    Colour,
-    Item,
-    Scene,
-    SceneError,
-    Shape,
-    Size,
-)
+from lilgym_mp.scene import Box, Item, Scene, SceneError
 from lilgym_mp.task import Task
 
 MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids
-
-_ITEM_TYPES: dict[tuple[object, object, object], tuple[Shape, Colour, Size]] = {
-    (shape, colour, size): (JSON_SHAPES[shape], JSON_COLOURS[colour], JSON_SIZES[size])
-    for shape in JSON_SHAPES
-    for colour in JSON_COLOURS
-    for size in JSON_SIZES
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +163,7 @@ class TaskReader:
 
     def _scene(self, record: Record) -> Scene | None:
         try:
-            items = _boxes_items(record.scene)
+            items = tuple(box.items for box in Scene.from_json(record.scene).boxes)
             scene = self._scenes.get(items)
             if scene is None:
                 left, middle, right = (self._boxes.setdefault(box, Box(box)) for box in items)
@@ -193,25 +173,3 @@ class TaskReader:
             self._faults.add(record.where, f"scene: {fault}")
             return None
         return scene
-
-
-def _boxes_items(data: object) -> tuple[tuple[Item, ...], ...]:
-    """The items of `Scene.from_json`, with a several times faster path for valid data."""
-    if isinstance(data, list) and all(isinstance(box, list) for box in cast("list[object]", data)):
-        boxes = cast("list[list[dict[str, object]]]", data)
-        try:
-            items = tuple(tuple([_item(record) for record in box]) for box in boxes)
-        except (TypeError, KeyError, AttributeError):
-            items = ()
-        if len(items) == BOX_COUNT:
-            return items
-    return tuple(box.items for box in Scene.from_json(cast("object", data)).boxes)
-
-
-def _item(record: Mapping[str, object]) -> Item:
-    """`Item.from_json` for valid data; raises KeyError (explained by `Item.from_json`) otherwise."""
-    x, y, side = record["x_loc"], record["y_loc"], record["size"]
-    if type(x) is not int or type(y) is not int or type(side) is not int or len(record) != len(JSON_ITEM_KEYS):
-        raise KeyError
-    shape, colour, size = _ITEM_TYPES[record["type"], record["color"], side]
-    return Item(x, y, shape, colour, size)

@@ -37,7 +37,7 @@ def abstraction_of(programs: tuple[str, ...]) -> Abstraction:
 class ScatterSearch:
     """Solutions that are proven shortest if possible, and otherwise the best found."""
 
-    budget = 300_000
+    budget = 300_000  # scenes examined by default
 
     def __init__(self, scatter: Scatter, dynamics: Dynamics) -> None:
         self._scatter = scatter
@@ -63,6 +63,7 @@ class ScatterSearch:
         return not_found(search.least_edits, budget)
 
     def is_abstractable(self, program: str) -> bool:
+        """As in `TowerSearch`."""
         return not abstraction_of((program,)).features.relational
 
     def reachability(self, programs: tuple[str, ...], scene: Scene) -> ScatterReachability:

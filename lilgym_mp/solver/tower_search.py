@@ -69,7 +69,7 @@ class TowerReachability:
 class TowerSearch:
     """Shortest solutions, always proven."""
 
-    budget = 2_000_000  # more than there are scenes
+    budget = 2_000_000  # scenes examined by default; more than there are
 
     def __init__(self, tower: Tower, dynamics: Dynamics) -> None:
         self._tower = tower
@@ -134,6 +134,7 @@ class TowerSearch:
         return {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
 
     def is_abstractable(self, program: str) -> bool:
+        """Whether the classes of reachable boxes determine the program's value."""
         return True
 
     def reachability(self, programs: tuple[str, ...], scene: Scene) -> TowerReachability:

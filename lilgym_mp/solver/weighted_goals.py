@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from lilgym_mp.actions import STOP, Action
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
-from lilgym_mp.solver.class_search import ClassTriple, EditCounts, ReachableClasses, class_space
+from lilgym_mp.solver.class_search import class_space
 from lilgym_mp.solver.goals import conjunctive_task
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
-from lilgym_mp.solver.solution import ActionSet, Solution
+from lilgym_mp.solver.scatter_search import ScatterSearch
+from lilgym_mp.solver.tower_search import TowerSearch
 
 PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
 BUDGET_DIVISOR = 24  # with several goals, one search may spend the remaining budget divided by this
@@ -22,6 +23,8 @@ MAX_EXTRA_EDITS = 3  # added to a plan to satisfy one more goal
 MAX_REPAIRS = 4  # searches for a plan that satisfies one more goal without losing others
 MAX_TIES = 4  # equally short plans that are compared
 ROUNDING = 1e-12  # tolerance for sums of the same probabilities in different order
+
+Search = TowerSearch | ScatterSearch
 
 
 class WeightedGoal(NamedTuple):
@@ -45,35 +48,6 @@ class WeightedPlan:
     def steps(self) -> int:
         """Actions, STOP included; 0 without a plan."""
         return len(self.actions)
-
-
-class Reachability(Protocol):
-    """The box classes that can be reached from a scene, and how."""
-
-    @property
-    def reachable(self) -> Sequence[ReachableClasses]:
-        """The reachable classes of each box."""
-        ...
-
-    def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> Sequence[Action] | None:
-        """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.
-
-        Raises BudgetExhaustedError.
-        """
-        ...
-
-
-class Search(Protocol):
-    """The search for one appearance. `budget`: how many scenes it examines by default."""
-
-    budget: int
-
-    def solve(self, state: State, max_edits: int, budget: Budget) -> Solution: ...
-    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet: ...
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability: ...
-    def is_abstractable(self, program: str) -> bool:
-        """Whether the classes of reachable boxes determine the program's value."""
-        ...
 
 
 def check_goals(goals: Sequence[WeightedGoal]) -> None:

@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, Protocol, cast
+from typing import NamedTuple, cast
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError
@@ -34,14 +34,6 @@ class Listing(NamedTuple):
     files: dict[str, RemoteFile]  # keyed by released name
 
 
-class Source(Protocol):
-    """A server of released files."""
-
-    def listing(self, names: Sequence[str]) -> Listing:
-        """The URLs of the files. Raises CorpusError naming missing ones."""
-        ...
-
-
 @dataclass(frozen=True, slots=True)
 class GitHub:
     """A repository on GitHub, at a commit, branch or tag."""
@@ -55,6 +47,7 @@ class GitHub:
         return f"{self.repository} at {self.revision}"
 
     def listing(self, names: Sequence[str]) -> Listing:
+        """The URLs of the files. Raises CorpusError naming missing ones."""
         api = f"{self.api_url}/repos/{self.repository}"
         commit = _answer(f"{api}/commits/{quote(self.revision)}").get("sha")
         if not isinstance(commit, str):
@@ -91,7 +84,7 @@ class WebDirectory:
 
 
 def download_official(
-    source: Source,
+    source: GitHub | WebDirectory,
     names: Sequence[str],
     target: Path,
     on_file: Callable[[str, int], object] = lambda name, size: None,

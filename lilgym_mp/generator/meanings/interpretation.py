@@ -148,15 +148,12 @@ class _Evaluator:
 
     def at_position(self, placed: PlacedItem, position: sem.TowerPosition) -> bool:
         tops = [other.top for other in self.boxes[placed.box]]
-        match position:
-            case sem.TowerPosition.TOP:
-                return placed.top == max(tops)
-            case sem.TowerPosition.BOTTOM:
-                return placed.top == min(tops)
-            case sem.TowerPosition.SECOND:
-                return placed.bottom == SECOND_BOTTOM
-            case sem.TowerPosition.THIRD:
-                return placed.bottom == THIRD_BOTTOM
+        return {
+            sem.TowerPosition.TOP: placed.top == max(tops),
+            sem.TowerPosition.BOTTOM: placed.top == min(tops),
+            sem.TowerPosition.SECOND: placed.bottom == SECOND_BOTTOM,
+            sem.TowerPosition.THIRD: placed.bottom == THIRD_BOTTOM,
+        }[position]
 
     def related(self, placed: PlacedItem, relation: sem.Relation, other: PlacedItem) -> bool:
         gap = max(
@@ -164,19 +161,14 @@ class _Evaluator:
         )
         above = placed.bottom + self.interpretation.overlap >= other.top and placed.top > other.top
         below = other.bottom + self.interpretation.overlap >= placed.top and other.top > placed.top
-        match relation:
-            case sem.Relation.TOUCHING:
-                return gap <= self.interpretation.touch_gap
-            case sem.Relation.NEAR:
-                return gap <= self.interpretation.near_gap
-            case sem.Relation.ON:
-                return above and gap <= 1
-            case sem.Relation.UNDER:
-                return below and gap <= 1
-            case sem.Relation.ABOVE:
-                return above
-            case sem.Relation.BELOW:
-                return below
+        return {
+            sem.Relation.TOUCHING: gap <= self.interpretation.touch_gap,
+            sem.Relation.NEAR: gap <= self.interpretation.near_gap,
+            sem.Relation.ON: above and gap <= 1,
+            sem.Relation.UNDER: below and gap <= 1,
+            sem.Relation.ABOVE: above,
+            sem.Relation.BELOW: below,
+        }[relation]
 
     def box(self, box: Sequence[PlacedItem], conditions: sem.BoxConditions, towers: bool) -> bool:
         return all(self.condition(box, condition) for condition in conditions) and (bool(box) or not towers)
