@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from collections import Counter
@@ -17,6 +18,8 @@ SOURCES = {  # fixture: (environment variable, contents)
 RAN = ("passed", "failed", "xfailed", "xpassed")
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's threads would contend with the other test processes
+
+gc.set_threshold(10_000)  # imports and collected tests would otherwise be searched for garbage over and over
 
 settings.register_profile("dev", deadline=None)
 settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
@@ -60,6 +63,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         used = SOURCES.keys() & set(getattr(item, "fixturenames", ()))
         item.user_properties.extend(("source", fixture) for fixture in sorted(used))
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # modules and tests stay to the end, so garbage collection need not visit them
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

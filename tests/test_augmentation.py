@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -209,9 +208,9 @@ def test_builtin_programs__truth_follows_every_allowed_augmentation():
     assert check_truths(pairs_of("builtin", "dev"), some_scenes("builtin", 20)) > 100
 
 
-def test_official_programs__truth_follows_every_allowed_augmentation(official_data: Path):
-    corpus = str(official_data)
-    assert check_truths(pairs_of(corpus, "train")[::4], some_scenes(corpus, 8)) > 500
+@pytest.mark.usefixtures("official_data")
+def test_official_programs__truth_follows_every_allowed_augmentation():
+    assert check_truths(pairs_of("lilgym", "train")[::4], some_scenes("lilgym", 8)) > 500
 
 
 def test_task__overlapping_shapes_are_refused():

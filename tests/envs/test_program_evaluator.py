@@ -80,7 +80,7 @@ def test_goals__equal_the_values_of_every_program_of_a_corpus(
     core = a_core(appearance, list(by_program.values()))
     chance = np.random.default_rng(0)
     found = Counter[bool]()
-    for _ in range(5):
+    for _ in range(3):
         core.write_goals()
         for env_id, goal in enumerate(core._buffers.goal.tolist()):
             state = core.state(env_id)
