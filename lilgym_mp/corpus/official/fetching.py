@@ -1,10 +1,11 @@
-"""Downloads a small file over HTTP with pooch, limited in size."""
+"""Downloads a small file over HTTP with pooch, limited in time and size."""
 
 from __future__ import annotations
 
+import threading
 from importlib import import_module
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 from urllib.parse import urlsplit
 
 from lilgym_mp.corpus.faults import CorpusError, InterruptionError
@@ -15,8 +16,17 @@ SCHEMES = ("http", "https")
 OK = 200
 RETRIED_STATUS = (408, 425, 429)  # and all from 500
 MAX_REASON = 200  # characters of a library's or server's message
-TRIES = 4  # pooch waits 1, 2, 3, ... seconds between them
-SILENCE = 30.0  # seconds without a byte, after which a try has failed
+
+
+class Limits(NamedTuple):
+    """How long a download may take."""
+
+    tries: int = 4  # pooch waits 1, 2, 3, ... seconds between them
+    seconds: float = 300.0  # for one try
+    silence: float = 30.0  # seconds without a byte
+
+
+LIMITS = Limits()
 
 
 class _RefusalError(Exception):
@@ -32,7 +42,7 @@ def checked_url(url: str) -> str:
     return url
 
 
-def fetch(url: str, path: Path) -> None:
+def fetch(url: str, path: Path, limits: Limits = LIMITS) -> None:
     """Downloads `url` to `path`, which appears only when complete.
 
     Raises InterruptionError after the last try, CorpusError when the server refuses, OSError when `path` cannot be
@@ -44,35 +54,61 @@ def fetch(url: str, path: Path) -> None:
 
     checked_url(url)
     pooch.get_logger().setLevel("ERROR")
-    files = pooch.create(path.parent, "", registry={path.name: None}, urls={path.name: url}, retry_if_failed=TRIES - 1)
+    files = pooch.create(
+        path.parent, "", registry={path.name: None}, urls={path.name: url}, retry_if_failed=limits.tries - 1
+    )
     try:
-        files.fetch(path.name, downloader=_download)
+        files.fetch(path.name, downloader=_Downloader(limits))
     except _RefusalError as error:
         raise CorpusError(f"{url}: {error}") from None
     except (RequestException, ValueError) as error:
         host = urlsplit(url).netloc
-        raise InterruptionError(f"{host}: {_reason(error)} (tries: {TRIES}; {url})") from None
+        raise InterruptionError(f"{host}: {_reason(error)} (tries: {limits.tries}; {url})") from None
 
 
-def _download(url: str, output_file: str, pooch: Any) -> None:
-    """pooch's HTTP downloader, except that it gives up where trying again is useless."""
-    from requests.exceptions import InvalidSchema, InvalidURL, TooManyRedirects
+class _Downloader:
+    """pooch's HTTP downloader with a limit of bytes and of seconds in all.
 
-    responses: list[Any] = []  # pooch does not close them after an error
+    The latter needs a thread: a server that sends a byte now and then never exceeds the time limit of one read.
+    """
 
-    def check(response: Any, *args: Any, **options: Any) -> None:
-        responses.append(response)
-        _check_status(response)
+    def __init__(self, limits: Limits) -> None:
+        self._limits = limits
 
-    options = {"timeout": SILENCE, "headers": HEADERS, "hooks": {"response": check}}
-    try:
+    def __call__(self, url: str, output_file: str, pooch: Any) -> None:
+        from requests import Timeout
+
+        errors: list[BaseException] = []
         with open(output_file, "wb") as file:
-            import_module("pooch").HTTPDownloader(chunk_size=1 << 16, **options)(url, _Sink(file), None)
-    except (InvalidSchema, InvalidURL, TooManyRedirects) as error:
-        raise _RefusalError(_reason(error)) from None
-    finally:
-        for response in responses:
-            response.close()
+            sink = _Sink(file)
+            thread = threading.Thread(target=self._download, args=(url, sink, errors), daemon=True)
+            thread.start()
+            thread.join(self._limits.seconds)
+            if thread.is_alive():
+                sink.is_open = False
+                raise Timeout(f"not complete after {self._limits.seconds:g} seconds")
+        if errors:
+            raise errors[0]
+
+    def _download(self, url: str, sink: _Sink, errors: list[BaseException]) -> None:
+        from requests.exceptions import InvalidSchema, InvalidURL, TooManyRedirects
+
+        responses: list[Any] = []  # pooch does not close them after an error
+
+        def check(response: Any, *args: Any, **options: Any) -> None:
+            responses.append(response)
+            _check_status(response)
+
+        options = {"timeout": self._limits.silence, "headers": HEADERS, "hooks": {"response": check}}
+        try:
+            import_module("pooch").HTTPDownloader(chunk_size=1 << 16, **options)(url, sink, None)
+        except (InvalidSchema, InvalidURL, TooManyRedirects) as error:
+            errors.append(_RefusalError(_reason(error)))
+        except Exception as error:
+            errors.append(error)
+        finally:
+            for response in responses:
+                response.close()
 
 
 def _check_status(response: Any) -> None:
@@ -86,14 +122,15 @@ def _check_status(response: Any) -> None:
 
 
 class _Sink:
-    """A file that refuses too many bytes."""
+    """A file that refuses too many bytes, and any after it was closed."""
 
     def __init__(self, file: IO[bytes]) -> None:
         self._file, self._count = file, 0
+        self.is_open = True
 
     def write(self, data: bytes) -> None:
         self._count += len(data)
-        if self._count > MAX_BYTES:
+        if self._count > MAX_BYTES or not self.is_open:
             raise _RefusalError(f"sends more than {MAX_BYTES} bytes, more than any file of the release")
         self._file.write(data)
 
