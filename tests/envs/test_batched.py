@@ -321,14 +321,14 @@ def test_batched__does_not_leak_memory_over_a_long_run(count: int, own_corpus: P
         for _ in range(steps):
             env.step(random_actions(env.action_masks(), generator))
 
-    play(150)
+    play(100)
     tracemalloc.start()
     play(50)
     first = tracemalloc.get_traced_memory()[0]
-    play(300)
+    play(150)
     growth = tracemalloc.get_traced_memory()[0] - first
     tracemalloc.stop()
-    assert growth < 2_000_000
+    assert growth < 1_000_000
 
 
 @pytest.mark.parametrize("id", [TOWER, SCATTER])

@@ -67,10 +67,10 @@ def play(core: Core, chance: np.random.Generator) -> None:
     core.step(None)
 
 
-@pytest.mark.parametrize("corpus", ["builtin", "lilgym"])
+@pytest.mark.parametrize(("corpus", "rounds"), [("builtin", 5), ("lilgym", 3)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__equal_the_values_of_every_program_of_a_corpus(
-    corpus: str, appearance: str, request: pytest.FixtureRequest
+    corpus: str, rounds: int, appearance: str, request: pytest.FixtureRequest
 ) -> None:
     if corpus == "lilgym":
         request.getfixturevalue("official_data")
@@ -80,7 +80,7 @@ def test_goals__equal_the_values_of_every_program_of_a_corpus(
     core = a_core(appearance, list(by_program.values()))
     chance = np.random.default_rng(0)
     found = Counter[bool]()
-    for _ in range(3):
+    for _ in range(rounds):
         core.write_goals()
         for env_id, goal in enumerate(core._buffers.goal.tolist()):
             state = core.state(env_id)
