@@ -136,6 +136,7 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
     assert success("shuffled") < 0.6
 
 
+@pytest.mark.long
 def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: str):
     recipe = replace(
         SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32

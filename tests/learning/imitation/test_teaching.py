@@ -26,13 +26,17 @@ from tests.learning.reward_model import conftest as reward_model
 
 @pytest.fixture(scope="module")
 def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("teacher")
+    return teacher_of(150, statements, tmp_path_factory.mktemp("teacher"))
+
+
+def teacher_of(steps: int, statements: str, out: Path) -> Path:
     settings = Settings("TowerFlipIt", corpus=statements)
-    train_reward_model(settings, reward_model.small_recipe(settings), out, steps=150)
+    train_reward_model(settings, reward_model.small_recipe(settings), out, steps=steps)
     return out
 
 
-@pytest.mark.parametrize("own_states", [0.0, pytest.param(1.0, marks=pytest.mark.long)])
+@pytest.mark.long
+@pytest.mark.parametrize("own_states", [0.0, 1.0])
 def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
     statements: str, teacher: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_states: float
 ):
@@ -90,7 +94,8 @@ def test_first_edits__leave_out_what_must_come_later():
     assert len(first_edits(dynamics, Scene.empty(), [blue, other])) == 6
 
 
-def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, teacher: Path, tmp_path: Path):
+def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, tmp_path: Path):
+    teacher = teacher_of(2, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
     train_imitation(settings, small_recipe(settings), tmp_path / "other", steps=1)
     with pytest.raises(AgentError, match="other: a teacher must be a run of reward-model, not of imitation"):

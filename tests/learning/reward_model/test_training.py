@@ -45,13 +45,16 @@ def train(
     return train_reward_model(settings, small_recipe(settings, **changes), out, steps=steps), settings
 
 
-@pytest.mark.parametrize(("name", "members"), [("TowerFlipIt", 2), ("ScatterFlipIt", 1)])
+@pytest.mark.parametrize(
+    ("name", "members"), [("TowerFlipIt", 2), pytest.param("ScatterFlipIt", 1, marks=pytest.mark.long)]
+)
 def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path, name: str, members: int):
     agent, settings = train(statements, name, tmp_path / "run", members * STEPS, members=members)
     assert accuracy(agent, settings) == 1
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
 
 
+@pytest.mark.long
 def test_training__learns_nothing_from_shuffled_rewards(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
