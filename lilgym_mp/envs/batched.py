@@ -42,16 +42,13 @@ class ResultTable(NamedTuple):
 
     @classmethod
     def of(cls, dynamics: Dynamics) -> ResultTable:
-        results = dynamics.step_results
-        return cls(
-            rewards=np.array([*(one.reward for one in results), 0.0]),
-            terminated=np.array([*(one.terminated for one in results), False]),
-            truncated=np.array([*(one.truncated for one in results), False]),
-            endings=np.array(
-                [*(str(one.outcome) if one.terminated or one.truncated else None for one in results), None], object
-            ),
-            successes=np.array([*(one.outcome is Outcome.SUCCESS for one in results), False]),
-        )
+        rows = [
+            (one.reward, one.terminated, one.truncated, str(one.outcome) if one.ends else None, one.outcome)
+            for one in dynamics.step_results
+        ]
+        rewards, terminated, truncated, endings, outcomes = zip(*rows, (0.0, False, False, None, None), strict=True)
+        successes = np.array([outcome is Outcome.SUCCESS for outcome in outcomes])
+        return cls(np.array(rewards), np.array(terminated), np.array(truncated), np.array(endings, object), successes)
 
 
 class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):

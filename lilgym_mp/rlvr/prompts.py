@@ -30,75 +30,51 @@ def dynamics_of(appearance: str) -> Dynamics:
     return make_dynamics(make_appearance(appearance))
 
 
-def plan_prompt(appearance: str, task: Task) -> str:
-    return "\n".join(
-        (
-            _plan_rules(appearance),
-            f"Statement: {task.statement}",
-            f"Make the statement {_value(task.target)}.",
-            *scene_lines(task.start, dynamics_of(appearance).appearance),
-        )
-    )
-
-
-def truth_prompt(appearance: str, task: Task) -> str:
-    return "\n".join(
-        (
-            f"{PICTURE} You are told a statement about it. Is the statement true or false?",
-            f"Answer with true or false on a line of its own. {ANSWER_LAST}",
-            f"Statement: {task.statement}",
-            *scene_lines(task.start, dynamics_of(appearance).appearance),
-        )
-    )
-
-
-def scene_prompt(appearance: str, task: Task) -> str:
-    return "\n".join(
-        (
-            f"{PICTURE} You are told a statement. Describe a picture in which it is {_value(task.target)}.",
-            *_scene_rules(dynamics_of(appearance).appearance),
-            ANSWER_LAST,
-            f"Statement: {task.statement}",
-            f"Describe a picture in which the statement is {_value(task.target)}.",
-        )
-    )
-
-
-def program_prompt(appearance: str, task: Task) -> str:
-    return "\n".join(
-        (
-            f"{PICTURE} You are told a statement about pictures. Write a program with its meaning.",
-            _program_rules(),
-            f"Answer with the program as the last line. {ANSWER_LAST}",
-            f"Statement: {task.statement}",
-        )
-    )
-
-
-PROMPTS: Mapping[str, Callable[[str, Task], str]] = {
-    "plan": plan_prompt,
-    "truth": truth_prompt,
-    "scene": scene_prompt,
-    "program": program_prompt,
-}
-
-
-@cache
-def _plan_rules(name: str) -> str:
-    dynamics = dynamics_of(name)
+def plan_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
     appearance = dynamics.appearance
-    return "\n".join(
-        (
-            f"{PICTURE} You are told a statement about it, and whether to make it true or false. Write a plan that does"
-            f" so, of at most {dynamics.horizon} actions, the last one STOP. An action that is illegal when it is taken"
-            " ends the plan without success.",
-            *appearance.explain(dynamics.rules.placement),
-            "Answer with one action on each line, in order, ending with STOP, such as",
-            describe(appearance.example),
-            "STOP",
-            f"Other lines are ignored. {ANSWER_LAST}",
-        )
+    yield (
+        f"{PICTURE} You are told a statement about it, and whether to make it true or false. Write a plan that does"
+        f" so, of at most {dynamics.horizon} actions, the last one STOP. An action that is illegal when it is taken"
+        " ends the plan without success."
     )
+    yield from appearance.explain(dynamics.rules.placement)
+    yield "Answer with one action on each line, in order, ending with STOP, such as"
+    yield from (describe(appearance.example), "STOP", f"Other lines are ignored. {ANSWER_LAST}")
+    yield f"Statement: {task.statement}"
+    yield f"Make the statement {_value(task.target)}."
+    yield from scene_lines(task.start, appearance)
+
+
+def truth_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement about it. Is the statement true or false?"
+    yield f"Answer with true or false on a line of its own. {ANSWER_LAST}"
+    yield f"Statement: {task.statement}"
+    yield from scene_lines(task.start, dynamics.appearance)
+
+
+def scene_answer_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement. Describe a picture in which it is {_value(task.target)}."
+    yield from _scene_rules(dynamics.appearance)
+    yield ANSWER_LAST
+    yield f"Statement: {task.statement}"
+    yield f"Describe a picture in which the statement is {_value(task.target)}."
+
+
+def program_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement about pictures. Write a program with its meaning."
+    yield SYNTAX
+    yield from (word.signature for word in WORDS.values())
+    yield f"Answer with the program as the last line. {ANSWER_LAST}"
+    yield f"Statement: {task.statement}"
+
+
+# The lines of the prompt for a task, by kind
+PROMPTS: Mapping[str, Callable[[Dynamics, Task], Iterator[str]]] = {
+    "plan": plan_lines,
+    "truth": truth_lines,
+    "scene": scene_answer_lines,
+    "program": program_lines,
+}
 
 
 def _scene_rules(appearance: Appearance) -> Iterator[str]:
@@ -113,11 +89,6 @@ def _scene_rules(appearance: Appearance) -> Iterator[str]:
     else:
         yield "Items are blocks, named by colour (yellow, black, blue), from the bottom; a box holds 4. For example"
         yield from ("LEFT: blue; black", "MIDDLE:", "RIGHT: yellow")
-
-
-@cache
-def _program_rules() -> str:
-    return "\n".join((SYNTAX, *(word.signature for word in WORDS.values())))
 
 
 def scene_answer(scene: Scene, appearance: Appearance) -> str:

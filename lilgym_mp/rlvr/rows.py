@@ -47,7 +47,7 @@ class Row:
     @property
     def prompt(self) -> str:
         """The whole text for the model."""
-        return PROMPTS[self.kind](self.appearance, self.task)
+        return "\n".join(PROMPTS[self.kind](dynamics_of(self.appearance), self.task))
 
     def to_json(self) -> dict[str, Any]:
         return {

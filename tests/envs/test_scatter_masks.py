@@ -15,7 +15,6 @@ from hypothesis import strategies as st
 from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.legality import allowed_corners
 from lilgym_mp.appearances.placement import is_free
-from lilgym_mp.envs.cores import scatter
 from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.rules import RULE_SETS, make_dynamics
@@ -53,11 +52,6 @@ def assert_masks_are_exact(scenes: Sequence[Scene], grid: tuple[int, int], rules
 def test_masks__are_exact_for_literal_boxes(grid: tuple[int, int], rules: str) -> None:
     items = (circle(40, 40), square(0, 0, LARGE), triangle(70, 70, LARGE), square(90, 0, SMALL), circle(13, 57, SMALL))
     assert_masks_are_exact([scene([], items[:count], []) for count in (5, 3, 4, 0, 1)], grid, rules)
-
-
-def test_masks__are_exact_without_the_cache_of_start_masks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scatter, "MAX_START_MASK_BYTES", 1)
-    assert_masks_are_exact([scene([square(0, 0, LARGE)]), scene()], (19, 5), "paper")
 
 
 @settings(max_examples=50)

@@ -30,7 +30,6 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 
 MAX_CACHED_ITEMS = 16_384
-MAX_START_MASK_BYTES = 64 << 20  # 25,000 tasks on the released grid
 
 
 class ScatterCore(CompiledCore):
@@ -49,7 +48,6 @@ class ScatterCore(CompiledCore):
         self._uses_fallback = self._current.uses_fallback  # (N,) environments whose scenes are only in `_scenes`
         self._canvases: dict[int, Canvas] = {}  # keyed by env id; only environments that use the fallback
         self._written_masks: Int64Array | None = None  # versions of boxes as of `buffers.mask`
-        self._start_masks: _StartMasks | None = None
         with compiling(kernels.edit_scatter_scenes):
             self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
 
@@ -59,9 +57,6 @@ class ScatterCore(CompiledCore):
         uses_fallback = self._start_uses_fallback.take(tasks)
         if self._canvases or np.count_nonzero(uses_fallback):
             self._start_fallback(env_ids, tasks, uses_fallback)
-        if self._start_masks is not None and self._written_masks is not None:
-            started = self._start_masks.write(env_ids, tasks, self._versions_by_env, self._buffers.mask)
-            self._written_masks.reshape(-1, BOX_COUNT)[started] = self._versions_by_env[started]
 
     def _start_fallback(self, env_ids: Int64Array, tasks: Int64Array, uses_fallback: BoolArray) -> None:
         """Falls back to scalar rules where `uses_fallback` (k,), and returns to the arrays elsewhere."""
@@ -138,14 +133,10 @@ class ScatterCore(CompiledCore):
             self._written_masks = np.full(len(self._current.versions), NO_VERSION)
             mask[:] = False
             mask[:, 0] = True
-            if len(self._tasks) * mask.shape[1] <= MAX_START_MASK_BYTES:
-                self._start_masks = _StartMasks(len(self._tasks), mask.shape[1])
         places = cell_places(*appearance.cell, searches=appearance.searches(placement))
         scratch = np.empty(places.empty.shape[2], np.uint64)
         with compiling(kernels.write_masks):
             kernels.write_masks(self._tables, places, self._current, self._written_masks, scratch, mask)
-        if self._start_masks is not None:
-            self._start_masks.add(self._versions_by_env, mask)
         for env_id in self._uses_fallback.nonzero()[0].tolist():
             mask[env_id] = appearance.legal_mask(self._scenes[env_id], placement)
             self._written_masks[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NO_VERSION
@@ -156,32 +147,6 @@ class ScatterCore(CompiledCore):
         for env_id in self._uses_fallback.nonzero()[0].tolist():
             items[env_id] = item_array(self._scenes[env_id], items.shape[2])
             self._written_items[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NO_VERSION
-
-
-class _StartMasks:
-    """A cache of masks of start scenes, so that starting an episode copies a mask instead of computing it."""
-
-    def __init__(self, tasks: int, actions: int) -> None:
-        self._masks = np.empty((tasks, actions), np.bool_)  # the system allocates pages when they are written
-        self._is_cached = np.zeros(tasks, np.bool_)
-        # keyed by environment: its task, whose mask is not cached yet, and the versions of its boxes
-        self._started: dict[int, tuple[int, tuple[int, ...]]] = {}
-
-    def write(self, env_ids: Int64Array, tasks: Int64Array, versions: Int64Array, mask: BoolArray) -> Int64Array:
-        """Writes cached masks of started tasks (k,) into `mask` (N, actions); returns the environments written."""
-        known = self._is_cached[tasks]
-        started = env_ids[known]
-        mask[started] = self._masks[tasks[known]]
-        for env_id, task in zip(env_ids[~known].tolist(), tasks[~known].tolist(), strict=True):
-            self._started[env_id] = task, tuple(versions[env_id].tolist())
-        return started
-
-    def add(self, versions: Int64Array, mask: BoolArray) -> None:
-        """Caches masks (N, actions) of environments that started an uncached task and have not changed since."""
-        for env_id, (task, started) in self._started.items():
-            if tuple(versions[env_id].tolist()) == started:
-                self._masks[task], self._is_cached[task] = mask[env_id], True
-        self._started.clear()
 
 
 def is_representable(scene: Scene) -> bool:

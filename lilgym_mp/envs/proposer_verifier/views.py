@@ -368,31 +368,21 @@ class ActionArrayCache(dict[int, NDArray[np.int64]]):
         return np.zeros((count, self.slots), np.int64), np.zeros(count, np.bool_)
 
 
-class MessagePart(Part):
-    """The other agent's last message; 0 is silence."""
+class NumberPart(Part):
+    """A number of the state: the other agent's last message, 0 if it was silent, or the proposer's intent."""
 
-    def __init__(self, setup: GameSetup, speaker: Role, size: int) -> None:
-        self.space = spaces.Discrete(size + 1)
-        self._speaker = speaker
-
-    def encode(self, state: GameState) -> Value:
-        return np.int64(state.messages[self._speaker])
-
-    def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return games.messages[self._speaker, indices]
-
-
-class IntentPart(Part):
-    """0 helpful, 1 sneaky; only for the proposer."""
-
-    def __init__(self, setup: GameSetup) -> None:
-        self.space = spaces.Discrete(len(Intent))
+    def __init__(self, setup: GameSetup, size: int, name: tuple[str, str], *role: Role) -> None:
+        """`name`: of the field in `GameState` and in `GameArrays`; `role`: whose number it is, if both have one."""
+        self.space = spaces.Discrete(size)
+        self._of_state, self._of_games = map(attrgetter, name)
+        self._role = role
 
     def encode(self, state: GameState) -> Value:
-        return np.int64(state.intent)
+        value = self._of_state(state)
+        return np.int64(value[self._role[0]] if self._role else value)
 
     def encode_batch(self, games: GameArrays, indices: Int64Array) -> NDArray[Any]:
-        return games.intents[indices]
+        return self._of_games(games)[*self._role, indices]
 
 
 class ConstantPart(Part):
@@ -463,9 +453,9 @@ def _parts_of(setup: GameSetup, role: Role, make: Callable[..., Part]) -> dict[s
         parts["history"] = make(HistoryPart, view.history)
     if game.message_sizes[role.other]:
         size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
-        parts["message"] = make(MessagePart, role.other, size)
+        parts["message"] = make(NumberPart, size + 1, ("messages", "messages"), role.other)
     if role is Role.PROPOSER and game.rewards.draws_intent:
-        parts["intent"] = make(IntentPart)
+        parts["intent"] = make(NumberPart, len(Intent), ("intent", "intents"))
     return parts
 
 

@@ -151,9 +151,10 @@ class Side {
     const expert = decision.optimal === null ? (decision.steps_to_go === null ? null : "unknown") : decision.optimal ? "yes" : "no";
     const parts = [
       element("div", {}, element("h3", {}, "Type of action"), element("ul", { class: "bars" }, bar("STOP", decision.stop, kind === "STOP"), bar("ADD", decision.add, kind === "ADD"), bar("REMOVE", decision.remove, kind === "REMOVE"))),
-      element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...decision.likeliest.map((each) => bar(each.action, each.probability, each.action === shown.action)))),
+      element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...Object.entries(decision.likeliest).map(([action, probability]) => bar(action, probability, action === shown.action)))),
     ];
-    if (decision.programs.length) parts.push(element("div", {}, element("h3", {}, "Candidate programs"), element("ul", { class: "bars" }, ...decision.programs.map((each) => bar(each.program, each.probability, false, true)))));
+    const programs = Object.entries(decision.programs);
+    if (programs.length) parts.push(element("div", {}, element("h3", {}, "Candidate programs"), element("ul", { class: "bars" }, ...programs.map(([program, probability]) => bar(program, probability, false, true)))));
     const answers = decision.answers.map((each) =>
       element("div", {}, element("h3", {}, each.understood ? "Answer" : "Answer, not understood as an action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
     );
@@ -208,7 +209,7 @@ async function openRecording(id) {
   recording = await request("GET", `/api/watch/recordings/${id}`);
   byId("about").hidden = byId("finder").hidden = false;
   byId("about-title").textContent = `${recording.agent}, ${recording.configuration}`;
-  const ends = recording.outcomes.map((end) => `${words(end.name)} ${end.episodes}`).join(", ");
+  const ends = Object.entries(recording.outcomes).map(([name, episodes]) => `${words(name)} ${episodes}`).join(", ");
   byId("about-line").textContent = `${recording.successes} of ${recording.episodes} episodes succeeded (${percent(recording.successes / Math.max(1, recording.episodes))}): ${ends}. Corpus ${recording.corpus}, split ${recording.split}, rules ${recording.rules}, actions ${recording.actions}, ${recording.mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
   byId("no-decisions").hidden = recording.has_decisions;
   byId("record-command").textContent = recording.command;
@@ -220,8 +221,7 @@ async function openRecording(id) {
 }
 
 function markCounts(select, counts) {
-  const known = new Map(counts.map((each) => [each.name, each.episodes]));
-  for (const option of select.options) if (option.value) option.textContent = `${words(option.value)} (${known.get(option.value) || 0})`;
+  for (const option of select.options) if (option.value) option.textContent = `${words(option.value)} (${counts[option.value] || 0})`;
 }
 
 async function findEpisodes() {

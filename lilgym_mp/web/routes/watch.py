@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path as FilePath
 from typing import Annotated, Any
 
@@ -70,19 +69,14 @@ class RecordingsBody(Body):
     runs: list[RunSummary]
 
 
-class CountBody(Body):
-    name: str
-    episodes: int
-
-
 class RecordingBody(RecordingSummary):
     """A recording with summary statistics."""
 
     supervision: str
     successes: int
-    outcomes: list[CountBody]
-    invalid_reasons: list[CountBody]
-    phenomena: list[CountBody]
+    outcomes: dict[str, int]  # numbers of episodes, like the next two
+    invalid_reasons: dict[str, int]
+    phenomena: dict[str, int]
     has_decisions: bool
     has_judgements: bool
     command: str  # records the same episodes with decisions
@@ -119,16 +113,6 @@ class CellBody(Body):
     remove: float
 
 
-class LikelyAction(Body):
-    action: str
-    probability: float
-
-
-class LikelyProgram(Body):
-    program: str
-    probability: float
-
-
 class AnswerBody(Body):
     """A language model's answer, and whether it was understood as a single action."""
 
@@ -143,14 +127,14 @@ class DecisionBody(Body):
     add: float
     remove: float
     cells: list[CellBody]
-    likeliest: list[LikelyAction]
+    likeliest: dict[str, float]  # probabilities by action, like those by program, in descending order
     legal_stop: int
     legal_add: int
     legal_remove: int
     legal_probability: float
     value: float | None
     success_probability: float | None
-    programs: list[LikelyProgram]
+    programs: dict[str, float]
     optimal: bool | None
     steps_to_go: int | None
     answers: list[AnswerBody]
@@ -258,9 +242,9 @@ def recording(recording_id: RecordingId, services: Services) -> RecordingBody:
         configuration=header.settings.configuration,
         rules=header.settings.rules,
         successes=sum(episode.is_success for episode in episodes),
-        outcomes=_counts(episode.outcome for episode in episodes),
-        invalid_reasons=_counts(episode.invalid_reason for episode in episodes if episode.invalid_reason),
-        phenomena=_counts(name for episode in episodes for name in episode.phenomena),
+        outcomes=dict(Counter(episode.outcome for episode in episodes).most_common()),
+        invalid_reasons=Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
+        phenomena=Counter(name for episode in episodes for name in episode.phenomena),
         has_decisions=bool(decisions),
         has_judgements=any(decision.steps_to_go is not None for decision in decisions),
         command=_rerecord_command(header, read.path.parent),
@@ -357,10 +341,6 @@ def _task_set(header: Header) -> tuple[str, str, str]:
     return header.settings.configuration, header.split, header.tasks_sha256
 
 
-def _counts(names: Iterable[str]) -> list[CountBody]:
-    return [CountBody(name=name, episodes=count) for name, count in Counter(names).most_common()]
-
-
 def _grid(appearance: Appearance) -> tuple[int, int]:
     """Columns and rows."""
     return appearance.grid or (BOX_COUNT, 1)
@@ -415,6 +395,5 @@ def _decision_body(decision: Decision, rows: int) -> DecisionBody:
             CellBody(column=cell // rows, row=cell % rows, add=adds.get(cell, 0.0), remove=removes.get(cell, 0.0))
             for cell in sorted({*adds, *removes})
         ],
-        likeliest=[LikelyAction(action=describe(action), probability=share) for action, share in decision.likeliest],
-        programs=[LikelyProgram(program=program, probability=share) for program, share in decision.programs.items()],
+        likeliest={describe(action): share for action, share in decision.likeliest},
     )
