@@ -142,7 +142,7 @@ def _explanation(parser: Path, settings: Settings) -> str:
     """The parse-and-plan agent's parse and plan of one of the split's longer statements."""
     from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.explanation import explanation_lines
+    from lilgym_mp.learning.parsing.planning import explanation_lines
 
     agent = open_agent(parser, "cpu")
     assert isinstance(agent, ParseAndPlanAgent)

@@ -12,6 +12,7 @@ from lilgym_mp.actions import describe
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, FilmFrame, film_frames
+from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.options import CommandError, add_device, add_settings, given_environment
 from lilgym_mp.render.frames import smooth_picture
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
 
     from lilgym_mp.learning.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.explanation import explanation_lines
+    from lilgym_mp.learning.parsing.planning import explanation_lines
 
     if args.statement is None and args.task is None:
         raise CommandError("name a statement, or a task with --task")
@@ -102,15 +103,13 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
 
 
 def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[FilmFrame]:
-    from lilgym_mp.learning.parsing.explanation import scenes_of
-
     task = f'"{statement}" Make it {str(target).lower()}.'
-    scenes = scenes_of(plan, planner)
+    visited = scenes(planner.dynamics, plan.scene, plan.actions[:-1])
     captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
     frames = [
         FilmFrame(smooth_picture(scene, 1), task, caption, PENDING_RGB)
-        for scene, caption in zip(scenes, captions, strict=True)
+        for scene, caption in zip(visited, captions, strict=True)
     ]
     likely = plan.success_probability >= 0.5
     stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
-    return [*frames, FilmFrame(smooth_picture(scenes[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]
+    return [*frames, FilmFrame(smooth_picture(visited[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]

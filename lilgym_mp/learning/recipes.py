@@ -12,11 +12,17 @@ from lilgym_mp.options import flag_name
 
 
 def setting(
-    default: Any, description: str, lowest: float = 0, highest: float = math.inf, *, choices: Iterable[str] = ()
+    default: Any,
+    description: str,
+    lowest: float = 0,
+    highest: float = math.inf,
+    *,
+    choices: Iterable[str] = (),
+    multiple_of: int = 0,
 ) -> Any:
     """A field of a recipe; `description` is its help text on the command line, `choices` are for strings."""
     metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
-    return field(default=default, metadata=metadata)
+    return field(default=default, metadata={**metadata, "multiple_of": multiple_of})
 
 
 class Recipe:
@@ -33,6 +39,8 @@ class Recipe:
             elif not lowest <= value <= highest:
                 upper = "" if highest == math.inf else f" and at most {highest:g}"
                 raise ValueError(f"{flag_name(each.name)} must be at least {lowest:g}{upper}, not {value}")
+            elif (factor := each.metadata["multiple_of"]) and value % factor:
+                raise ValueError(f"{flag_name(each.name)} must be a multiple of {factor}, not {value}")
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)  # pyright: ignore[reportArgumentType]

@@ -14,7 +14,7 @@ from lilgym_mp.learning.recipes import Recipe, setting
 class ImitationRecipe(Recipe):
     """Imitation of sets of optimal first actions; docs/imitation.md has ablations."""
 
-    width: int = setting(128, "network width; a multiple of 8", 8)
+    width: int = setting(128, "network width; a multiple of 8", 8, multiple_of=8)
     text_layers: int = setting(2, "layers of the text encoder", 0)
     item_layers: int = setting(2, "layers of the item encoder, which attend to the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
@@ -50,12 +50,6 @@ class ImitationRecipe(Recipe):
     budget: int = setting(20_000, "maximum scenes the expert expands per query", 1)
     held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
     reduced_precision: bool = setting(True, "compute in bfloat16 where safe")
-
-    def __post_init__(self) -> None:
-        """Raises ValueError naming the setting, its value and its bounds."""
-        Recipe.__post_init__(self)
-        if self.width % 8:
-            raise ValueError(f"width must be a multiple of 8, not {self.width}")
 
 
 def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:

@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numpy as np
+
 NEWTON_STEPS = 50
 CLIP = 1e-3  # probabilities are clipped to [CLIP, 1 - CLIP]
 PRIOR = 1.0  # precision of the Gaussian prior on the identity, slope 1 and shift 0
@@ -33,19 +35,15 @@ class Calibration:
 def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
     """The maximum a posteriori calibration; the identity without forecasts."""
     points = [(_logit(probability), float(success)) for probability, success in forecasts]
-    slope, shift = 1.0, 0.0
+    logits, successes = np.array(points).reshape(-1, 2).T
+    features = np.stack([logits, np.ones_like(logits)])
+    prior = fitted = np.array([1.0, 0.0])  # slope and shift
     for _ in range(NEWTON_STEPS):
-        gradient = [PRIOR * (slope - 1), PRIOR * shift]
-        curvature = [PRIOR, 0.0, PRIOR]
-        for x, success in points:
-            predicted = _logistic(slope * x + shift)
-            weight = predicted * (1 - predicted)
-            gradient = [gradient[0] + (predicted - success) * x, gradient[1] + predicted - success]
-            curvature = [curvature[0] + weight * x * x, curvature[1] + weight * x, curvature[2] + weight]
-        determinant = curvature[0] * curvature[2] - curvature[1] ** 2
-        slope -= (curvature[2] * gradient[0] - curvature[1] * gradient[1]) / determinant
-        shift -= (curvature[0] * gradient[1] - curvature[1] * gradient[0]) / determinant
-    return Calibration(max(0.0, slope), shift)
+        predicted = np.array([_logistic(x) for x in fitted @ features])
+        gradient = PRIOR * (fitted - prior) + features @ (predicted - successes)
+        curvature = PRIOR * np.eye(2) + features * (predicted * (1 - predicted)) @ features.T
+        fitted = fitted - np.linalg.solve(curvature, gradient)
+    return Calibration(max(0.0, float(fitted[0])), float(fitted[1]))
 
 
 class Bin(NamedTuple):

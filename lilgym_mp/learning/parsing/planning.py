@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from lilgym_mp.actions import STOP, Action
+from lilgym_mp.actions import STOP, Action, describe
 from lilgym_mp.choices import choose
 from lilgym_mp.learning.parsing.calibration import Calibration
-from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser
+from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser, truths
 from lilgym_mp.learning.parsing.recipe import OBJECTIVES
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, Outcome
@@ -88,3 +89,35 @@ class Planner:
         total = sum(weight for _, weight in weights)
         ranked = sorted(((weight / total, program) for program, weight in weights), reverse=True)
         return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= MIN_PROBABILITY)
+
+
+def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool) -> Iterator[str]:
+    """The plan in text: candidate programs, their truth, and the actions."""
+    parse = plan.parse
+    appearance = planner.dynamics.appearance.name
+    yield f'task: make "{statement}" {str(target).lower()}'
+    yield f"parsed words: {' '.join(parse.words[1:])}"
+    if parse.is_guess:
+        yield f"note: {parse.unknown} of {len(parse.words) - 1} words are unknown: the parse is a guess"
+    if not parse.candidates:
+        yield "no program was found"
+        return
+    yield ""
+    yield "candidate programs: probability; truth in this scene; true in % of probe scenes; satisfied by the plan"
+    probabilities = {goal.program: goal.probability for goal in plan.goals}
+    satisfied = {plan.goals[index].program for index in plan.satisfied}
+    for candidate in parse.candidates:
+        if candidate.probability < MIN_PROBABILITY:
+            continue
+        truth = compile_program(candidate.program)
+        probed = truths(candidate.program, appearance)
+        share = probed.count(True) / len(probed)
+        probability = probabilities.get(candidate.program, 0.0)
+        fulfilled = "yes" if candidate.program in satisfied else "no"
+        here = str(truth(plan.scene)).lower()
+        yield f"  {100 * probability:5.1f} %  {here:5}  {100 * share:3.0f} %  {fulfilled:3}  {candidate.program}"
+        if truth(plan.scene) == target:
+            yield "           (unlikely: the start scene would already be a success)"
+    yield ""
+    yield f"plan: {', '.join(map(describe, plan.actions))}"
+    yield f"predicted probability of success: {100 * plan.success_probability:.0f} %"

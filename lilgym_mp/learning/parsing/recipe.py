@@ -17,7 +17,7 @@ class ParserRecipe(Recipe):
     seed: int = setting(0, "seed of the network, the pairs and their order")
     steps: int = setting(6_000, "optimiser steps", 1)
     batch_size: int = setting(32, "pairs per batch", 1)
-    learning_rate: float = setting(2e-3, "peak learning rate of AdamW; cosine decay to 0")
+    learning_rate: float = setting(2e-3, "peak learning rate of AdamW; cosine decay to 0", 1e-9)
     warm_up: int = setting(100, "steps of linear warm-up", 1)
     weight_decay: float = setting(0.01, "weight decay of AdamW")
     dropout: float = setting(0.2, "dropout rate", 0, 1)
@@ -28,17 +28,9 @@ class ParserRecipe(Recipe):
     shapes: float = setting(0.5, "fraction of pairs augmented by exchanging shapes", 0, 1)
     numbers: float = setting(0.5, "fraction of pairs augmented by exchanging numbers", 0, 1)
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
-    width: int = setting(96, "network width", 1)
+    width: int = setting(96, "network width", 1, multiple_of=HEADS)
     objective: str = setting(
         "accuracy",
         "what plans maximise: expected accuracy, or expected return, which edits reduce",
         choices=OBJECTIVES,
     )
-
-    def __post_init__(self) -> None:
-        """Raises ValueError naming the setting, its value and its bounds."""
-        Recipe.__post_init__(self)
-        if self.learning_rate <= 0:
-            raise ValueError(f"learning-rate must be above 0, not {self.learning_rate}")
-        if self.width % HEADS:
-            raise ValueError(f"width must be a multiple of {HEADS}, not {self.width}")

@@ -13,7 +13,7 @@ from lilgym_mp.learning.recipes import Recipe, setting
 class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
-    width: int = setting(64, "network width; a multiple of 4", 4)
+    width: int = setting(64, "network width; a multiple of 4", 4, multiple_of=4)
     members: int = setting(1, "networks trained in turn on the same data; their mean probability decides", 1)
     counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")
     tokens: int = setting(6, "queries that read the statement", 1)
@@ -34,12 +34,6 @@ class RewardModelRecipe(Recipe):
     averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
     beam: int = setting(16, "scenes kept by the search", 1)
     edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
-
-    def __post_init__(self) -> None:
-        """Raises ValueError naming the setting, its value and its bounds."""
-        Recipe.__post_init__(self)
-        if self.width % 4:
-            raise ValueError(f"width must be a multiple of 4, not {self.width}")
 
 
 def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
