@@ -54,8 +54,8 @@ def _all_cases() -> Iterator[BenchmarkCase]:
     def one(group: str, name: str, opener: Callable[..., Any], **options: Any) -> BenchmarkCase:
         return BenchmarkCase(group, name, 1, partial(opener, **options))
 
-    def vector(group: str, name: str, count: int, make: Callable[..., Any], **options: Any) -> BenchmarkCase:
-        return case(group, name, count, players.vector, make=make, **options)
+    def vector(group: str, name: str, count: int, **options: Any) -> BenchmarkCase:
+        return case(group, name, count, players.vector, **options)
 
     def sb3(backend: str, count: int, *, masks: bool = False, **options: Any) -> BenchmarkCase:
         name = f"SB3, {backend}{', masks' if masks else ''}"
@@ -68,25 +68,22 @@ def _all_cases() -> Iterator[BenchmarkCase]:
     yield one("single", "single, masks", players.single, masks=True)
     yield one("single", "single, stop forcing", players.single, wrap=stop_forcing_v0, masks=True)
 
-    copied, not_copied = players.batched_env, partial(players.batched_env, copy=False)
     for count in BATCHES:
-        yield vector("batched", "batched", count, copied)
-        yield vector("batched", "batched, no copy", count, not_copied)
-        yield vector("batched", "batched, masks", count, copied, masks=True)
-        yield vector("batched", "batched, no copy, masks", count, not_copied, masks=True)
-        forced = partial(players.wrapped, wrap=stop_forcing_v0)
-        yield vector("batched", "batched, stop forcing", count, forced, masks=True)
+        yield vector("batched", "batched", count)
+        yield vector("batched", "batched, no copy", count, copy=False)
+        yield vector("batched", "batched, masks", count, masks=True)
+        yield vector("batched", "batched, no copy, masks", count, copy=False, masks=True)
+        yield vector("batched", "batched, stop forcing", count, wrap=stop_forcing_v0, masks=True)
 
     for count in WORKER_BATCHES:
         for processes in _process_counts():
             name = f"workers, {processes} process{'es' if processes > 1 else ''}"
-            copied = partial(players.worker_env, processes=processes)
-            yield vector("workers", name, count, copied)
-            yield vector("workers", f"{name}, no copy", count, partial(copied, copy=False))
-            yield vector("workers", f"{name}, masks", count, copied, masks=True)
+            yield vector("workers", name, count, processes=processes)
+            yield vector("workers", f"{name}, no copy", count, processes=processes, copy=False)
+            yield vector("workers", f"{name}, masks", count, processes=processes, masks=True)
 
     for name, wrap in WRAPPERS.items():
-        yield vector("wrappers", f"wrapped: {name}", 64, partial(players.wrapped, wrap=wrap))
+        yield vector("wrappers", f"wrapped: {name}", 64, wrap=wrap)
 
     yield from (sb3("batched", count) for count in BATCHES)
     yield from (sb3("workers", count, num_workers=2) for count in WORKER_BATCHES)
@@ -94,20 +91,20 @@ def _all_cases() -> Iterator[BenchmarkCase]:
     yield from (sb3("batched", count, masks=True) for count in (8, 64))
     yield sb3("subproc", 8, masks=True)
 
-    yield one("pettingzoo", "PettingZoo, parallel", players.parallel_game)
-    yield one("pettingzoo", "PettingZoo, AEC (raw_env)", players.turn_game, checked=False)
-    yield one("pettingzoo", "PettingZoo, AEC (env)", players.turn_game, checked=True)
+    yield one("pettingzoo", "PettingZoo, parallel", players.game, form="parallel_env")
+    yield one("pettingzoo", "PettingZoo, AEC (raw_env)", players.game, form="raw_env")
+    yield one("pettingzoo", "PettingZoo, AEC (env)", players.game, form="env")
     yield case("pettingzoo", "games, batched", 64, players.batched_games, copy=True)
     yield case("pettingzoo", "games, batched, no copy", 64, players.batched_games, copy=False)
 
     parts: dict[tuple[str, int], Opener] = {
-        ("program truth", 1): players.truth,
-        ("mask", 1): players.mask,
+        ("program truth", 1): partial(players.component, make=lambda dynamics: dynamics.goal_reached),
+        ("mask", 1): partial(players.component, make=lambda dynamics: dynamics.legal_mask),
         **{("mask, in a batch", n): partial(players.batched_masks, num_envs=n) for n in BATCHES},
         ("reset", 1): players.reset,
         ("reset, in a batch", 64): partial(players.batched_reset, num_envs=64),
-        ("image, brought up to date", 1): players.image_update,
-        ("image, drawn whole", 1): players.full_image,
+        ("image, brought up to date", 1): partial(players.component, make=players.canvas),
+        ("image, drawn whole", 1): partial(players.component, make=players.drawing, every=20),
     }
     for (name, count), opener in parts.items():
         yield BenchmarkCase("parts", name, count, opener, is_part=True)

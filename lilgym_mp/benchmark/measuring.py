@@ -101,10 +101,8 @@ class Bench:
 
     def find(self, configuration: str, name: str, num_envs: int) -> Measurement | None:
         wanted = configuration, name, num_envs
-        for measurement in self.results:
-            if (measurement.configuration, measurement.case.name, measurement.case.num_envs) == wanted:
-                return measurement
-        return None
+        found = (one for one in self.results if (one.configuration, one.case.name, one.case.num_envs) == wanted)
+        return next(found, None)
 
     def ratio_to_copying(self, measurement: Measurement) -> float | None:
         """The median over the rounds of the speed relative to copying the images of as many environments."""

@@ -87,20 +87,19 @@ def single(workload: Workload, *, wrap: Wrap = lambda env: env, masks: bool = Fa
     env.close()
 
 
-def batched_env(workload: Workload, num_envs: int, *, copy: bool = True) -> Any:
-    return gym.make_vec(workload.environment_id, num_envs=num_envs, copy=copy, **workload.arguments)
-
-
-def worker_env(workload: Workload, num_envs: int, *, processes: int, copy: bool = True) -> Any:
-    return WorkerVectorEnv(workload.environment_id, num_envs, processes, copy=copy, **workload.arguments)
+def make_vector(
+    workload: Workload, num_envs: int, *, processes: int = 0, copy: bool = True, wrap: Wrap = lambda env: env
+) -> Any:
+    """One of this package's vector environments; with `processes`, that of workers."""
+    if processes:
+        return WorkerVectorEnv(workload.environment_id, num_envs, processes, copy=copy, **workload.arguments)
+    return wrap(gym.make_vec(workload.environment_id, num_envs=num_envs, copy=copy, **workload.arguments))
 
 
 @contextmanager
-def vector(
-    workload: Workload, num_envs: int, make: Callable[[Workload, int], Any], *, masks: bool = False
-) -> Iterator[Play]:
-    """One of this package's vector environments."""
-    env = make(workload, num_envs)
+def vector(workload: Workload, num_envs: int, *, masks: bool = False, **options: Any) -> Iterator[Play]:
+    """`options` as for `make_vector`."""
+    env = make_vector(workload, num_envs, **options)
     trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
     with closing(env):
         yield _timed_steps(trace, lambda: env.reset(seed=0), env.step, env.action_masks if masks else None)
@@ -119,10 +118,6 @@ def _timed_steps(
                 step(row)
 
     return timed(trace.actions, rows, reset)
-
-
-def wrapped(workload: Workload, num_envs: int, *, wrap: Wrap) -> Any:
-    return wrap(batched_env(workload, num_envs))
 
 
 @contextmanager
@@ -154,41 +149,29 @@ def game_settings(workload: Workload) -> dict[str, Any]:
 
 
 @contextmanager
-def parallel_game(workload: Workload) -> Iterator[Play]:
-    """The PettingZoo parallel environment: the proposer plays the script, the verifier continues."""
-    from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
+def game(workload: Workload, form: str) -> Iterator[Play]:
+    """A PettingZoo environment, made by "parallel_env", "raw_env" or "env": the verifier continues after each action.
 
-    env = parallel_env(**game_settings(workload))
+    In an AEC environment, each turn calls `step` and `last`.
+    """
+    from lilgym_mp.envs import proposer_verifier
+
+    env = getattr(proposer_verifier, form)(**game_settings(workload))
+    is_parallel = form == "parallel_env"
+    proposer, verifier = proposer_verifier.AGENTS
     (script,) = workload.scripts(1)
-    proposer, verifier = AGENTS
-    games = [(e.task, [{proposer: action, verifier: 0} for action in e.actions]) for e in script.episodes]
-
-    def play_all() -> None:
-        for task, pairs in games:
-            env.reset(options={"task": task})
-            for pair in pairs:
-                env.step(pair)
-
-    yield timed(sum(len(pairs) for _, pairs in games), play_all)
-    env.close()
-
-
-@contextmanager
-def turn_game(workload: Workload, *, checked: bool) -> Iterator[Play]:
-    """The PettingZoo AEC environment: each turn calls `step` and `last`."""
-    from lilgym_mp.envs.proposer_verifier import env as checked_env
-    from lilgym_mp.envs.proposer_verifier import raw_env
-
-    env = (checked_env if checked else raw_env)(**game_settings(workload))
-    (script,) = workload.scripts(1)
-    games = [(e.task, [turn for action in e.actions for turn in (action, 0)]) for e in script.episodes]
+    games: list[tuple[str, list[Any]]] = []
+    for episode in script.episodes:
+        pairs = [{proposer: action, verifier: 0} for action in episode.actions]
+        games.append((episode.task, pairs if is_parallel else [turn for pair in pairs for turn in pair.values()]))
 
     def play_all() -> None:
         for task, turns in games:
             env.reset(options={"task": task})
-            for action in turns:
-                env.step(action)
-                env.last()
+            for turn in turns:
+                env.step(turn)
+                if not is_parallel:
+                    env.last()
 
     yield timed(sum(len(turns) for _, turns in games), play_all)
     env.close()
@@ -212,28 +195,34 @@ def batched_games(workload: Workload, num_envs: int, *, copy: bool) -> Iterator[
 
 
 @contextmanager
-def truth(workload: Workload) -> Iterator[Play]:
-    """Evaluating the program in a scene: whether STOP would succeed."""
-    yield _timed_in_states(workload, lambda dynamics: dynamics.goal_reached)
+def component(workload: Workload, make: Callable[[Dynamics], Component], *, every: int = 1) -> Iterator[Play]:
+    """A component in all states of every n-th episode; no scene is reused, so nothing is cached."""
+    env = workload.recorder
+    dynamics, decode = env.dynamics, env.dynamics.appearance.decode
+    (script,) = workload.scripts(1)
+    games = [
+        (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
+    ]
+
+    def states() -> Iterator[State]:
+        for task, edits in games:
+            state = dynamics.start(task)
+            for edit in edits:
+                state = dynamics.step(state, edit).state
+                yield state
+
+    yield _timed_calls(make(dynamics), states)
 
 
-@contextmanager
-def mask(workload: Workload) -> Iterator[Play]:
-    """The mask of all actions."""
-    yield _timed_in_states(workload, lambda dynamics: dynamics.legal_mask)
-
-
-@contextmanager
-def image_update(workload: Workload) -> Iterator[Play]:
+def canvas(dynamics: Dynamics) -> Component:
     """Updating the image, without copying it."""
     canvas = Canvas()
-    yield _timed_in_states(workload, lambda dynamics: lambda state: canvas.show(state.scene))
+    return lambda state: canvas.show(state.scene)
 
 
-@contextmanager
-def full_image(workload: Workload) -> Iterator[Play]:
+def drawing(dynamics: Dynamics) -> Component:
     """Drawing the whole image, with the reference implementation."""
-    yield _timed_in_states(workload, lambda dynamics: lambda state: draw(state.scene, "half"), every=20)
+    return lambda state: draw(state.scene, "half")
 
 
 @contextmanager
@@ -242,45 +231,37 @@ def reset(workload: Workload) -> Iterator[Play]:
     env = workload.make_bare()
     (script,) = workload.scripts(1)
 
-    def play() -> Timing:
-        seconds = 0.0
+    def ends() -> Iterator[None]:
         env.reset(seed=script.seed)
         for episode in script.episodes:
             for action in episode.actions:
                 env.step(action)
-            started = perf_counter()
-            env.reset()
-            seconds += perf_counter() - started
-        return Timing(len(script.episodes), seconds)
+            yield
 
-    yield play
+    yield _timed_calls(lambda _: env.reset(), ends)
     env.close()
 
 
 @contextmanager
 def batched_masks(workload: Workload, num_envs: int) -> Iterator[Play]:
     """`action_masks` of a batch, per environment."""
-    env = batched_env(workload, num_envs)
+    env = make_vector(workload, num_envs)
     trace = vector_trace(workload.scripts(num_envs), env.metadata["autoreset_mode"])
 
-    def play() -> Timing:
-        seconds = 0.0
+    def steps() -> Iterator[None]:
         env.reset(seed=0)
         for row in trace.rows:
             env.step(row)
-            started = perf_counter()
-            env.action_masks()
-            seconds += perf_counter() - started
-        return Timing(len(trace.rows) * num_envs, seconds)
+            yield
 
-    yield play
+    yield _timed_calls(lambda _: env.action_masks(), steps, num_envs)
     env.close()
 
 
 @contextmanager
 def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
     """`reset` of a whole batch, per environment."""
-    env = batched_env(workload, num_envs, copy=True)
+    env = make_vector(workload, num_envs)
     env.reset(seed=0)
     resets = 10
 
@@ -292,26 +273,16 @@ def batched_reset(workload: Workload, num_envs: int) -> Iterator[Play]:
     env.close()
 
 
-def _timed_in_states(workload: Workload, make_component: Callable[[Dynamics], Component], *, every: int = 1) -> Play:
-    """Times a component in all states of every n-th episode; no scene is reused, so nothing is cached."""
-    env = workload.recorder
-    dynamics, decode = env.dynamics, env.dynamics.appearance.decode
-    component = make_component(dynamics)
-    (script,) = workload.scripts(1)
-    games = [
-        (env.tasks.by_id(e.task), [decode(action) for action in e.actions[:-1]]) for e in script.episodes[::-every]
-    ]
+def _timed_calls(work: Callable[[Any], object], prepare: Callable[[], Iterator[Any]], steps: int = 1) -> Play:
+    """Plays by calling `work`, which takes that many steps, with all that `prepare` yields; only calls are timed."""
 
     def play() -> Timing:
         seconds, count = 0.0, 0
-        for task, edits in games:
-            state = dynamics.start(task)
-            for edit in edits:
-                state = dynamics.step(state, edit).state
-                started = perf_counter()
-                component(state)
-                seconds += perf_counter() - started
-                count += 1
+        for argument in prepare():
+            started = perf_counter()
+            work(argument)
+            seconds += perf_counter() - started
+            count += steps
         return Timing(count, seconds)
 
     return play

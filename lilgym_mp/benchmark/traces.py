@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from itertools import accumulate
 from typing import Any, NamedTuple, cast
 
 import gymnasium as gym
@@ -22,6 +21,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 SPLIT = "train"
 STOP = 0  # index of the action
+IGNORED = -1  # sentinel: the action after the end of an episode, which autoreset ignores
 EPISODE_ACTIONS = 11  # edits and a STOP
 ACTIONS = 4_400  # actions of a workload, over all environments
 MIN_EPISODES = 4  # episodes per environment
@@ -46,7 +46,6 @@ class Trace(NamedTuple):
 
     rows: list[Int64Array]  # (N,) each
     actions: int  # total number, without those ignored by autoreset
-    ends: int  # total number of completed episodes
 
 
 class Workload:
@@ -100,14 +99,9 @@ class Workload:
 
 def vector_trace(scripts: Sequence[Script], autoreset: AutoresetMode) -> Trace:
     """The batched actions that play the scripts, up to the end of the shortest."""
-    begins = [STOP] if autoreset is AutoresetMode.NEXT_STEP else []  # the action after an end is ignored
+    begins = [IGNORED] if autoreset is AutoresetMode.NEXT_STEP else []
     columns = [[a for episode in script.episodes for a in (*episode.actions, *begins)] for script in scripts]
     length = min(map(len, columns))
-    ends = idle = 0
-    for script in scripts:
-        spans = accumulate(len(episode.actions) + len(begins) for episode in script.episodes)
-        last = [span - len(begins) for span in spans]  # number of calls until the end of each episode
-        ends += sum(calls <= length for calls in last)
-        idle += sum(calls < length for calls in last) if begins else 0
     table = np.array([column[:length] for column in columns], np.int64).T
-    return Trace([row.copy() for row in table], length * len(scripts) - idle, ends)
+    is_ignored = table == IGNORED
+    return Trace([row.copy() for row in np.where(is_ignored, STOP, table)], int((~is_ignored).sum()))
