@@ -28,7 +28,7 @@ from lilgym_mp.corpus.statement_arrays import default_length
 from lilgym_mp.corpus.tokens import PAD
 from lilgym_mp.evaluation import Observations, Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play_all, training_statements
-from lilgym_mp.evaluation.named_policies import BASELINES, NamedPolicy
+from lilgym_mp.evaluation.policies import BASELINES, NamedPolicy
 from lilgym_mp.evaluation.report import table
 from lilgym_mp.sb3 import make_vec_env
 

@@ -14,7 +14,7 @@ import pytest
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
+from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.model_file import read_description
 from lilgym_mp.learning.parsing.recipe import ParserRecipe

@@ -16,7 +16,7 @@ from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_lo
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
+from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import CommandError, add_number, add_seed, check_at_least

@@ -16,8 +16,14 @@ from lilgym_mp.corpus import NoTasksError
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
-from lilgym_mp.evaluation.named_policies import BASELINES, BUILT_IN_POLICIES, NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.policies import Policy, WithoutMask
+from lilgym_mp.evaluation.policies import (
+    BASELINES,
+    BUILT_IN_POLICIES,
+    NamedPolicy,
+    Policy,
+    WithoutMask,
+    built_in_policy,
+)
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables

@@ -8,9 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
-from lilgym_mp.corpus.tokens import statement_form
-from lilgym_mp.evaluation.metrics import SuccessCount, Summary, summarise
-from lilgym_mp.evaluation.named_policies import NamedPolicy
+from lilgym_mp.evaluation.metrics import Summary, summarise
+from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate
 from lilgym_mp.evaluation.settings import Settings
 
@@ -42,12 +41,15 @@ class EvaluationPlan:
         return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
 
     def to_json(self) -> dict[str, Any]:
+        """With the provenance of the tasks, and the numbers of start scenes and contexts."""
+        tasks = self.settings.make(self.split).tasks
         return {
             "settings": self.settings.to_json(),
             "split": self.split,
             "seed": self.seed,
             "passes": self.passes,
             "batch_size": self.batch_size,
+            "tasks": {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)},
         }
 
 
@@ -58,8 +60,6 @@ class Result:
     named: NamedPolicy
     plan: EvaluationPlan
     summary: Summary
-    seen_forms: SuccessCount  # on statements that share a form with a training statement
-    unseen_forms: SuccessCount
     episodes: Sequence[Episode]
     cpu_seconds: float  # CPU time of the whole evaluation
     mask: bool = False  # whether illegal actions were masked
@@ -86,8 +86,8 @@ class Result:
             "accuracy": summary.accuracy,
             "accuracy_seen": summary.seen.accuracy,
             "accuracy_unseen": summary.unseen.accuracy,
-            "accuracy_seen_forms": self.seen_forms.accuracy,
-            "accuracy_unseen_forms": self.unseen_forms.accuracy,
+            "accuracy_seen_forms": summary.seen_forms.accuracy,
+            "accuracy_unseen_forms": summary.unseen_forms.accuracy,
             "episodes_seen": summary.seen.episodes,
             "episodes_unseen": summary.unseen.episodes,
             "mean_reward": summary.mean_reward,
@@ -133,31 +133,8 @@ def play(
         on_episode=on_episode,
     )
     mask = getattr(policy, "needs_masks", True) if named.mask is None else named.mask
-    return make_result(named, plan, episodes, training_statements, cpu_seconds=time.process_time() - began, mask=mask)
-
-
-def make_result(
-    named: NamedPolicy,
-    plan: EvaluationPlan,
-    episodes: Sequence[Episode],
-    training_statements: Collection[str],
-    *,
-    cpu_seconds: float,
-    mask: bool,
-) -> Result:
-    """Summarises episodes into a result."""
-    forms = set(map(statement_form, training_statements))
-    seen_forms = [statement_form(episode.statement) in forms for episode in episodes]
-    return Result(
-        named,
-        plan,
-        summarise(episodes, training_statements),
-        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if seen]),
-        SuccessCount.of([episode for episode, seen in zip(episodes, seen_forms, strict=True) if forms and not seen]),
-        episodes,
-        cpu_seconds,
-        mask,
-    )
+    summary, seconds = summarise(episodes, training_statements), time.process_time() - began
+    return Result(named, plan, summary, episodes, seconds, mask)
 
 
 def play_all(
@@ -183,9 +160,3 @@ def training_statements(settings: Settings) -> set[str]:
     except NoTasksError:
         return set()
     return {task.statement for task in tasks}
-
-
-def task_counts(plan: EvaluationPlan) -> dict[str, Any]:
-    """Provenance of the plan's tasks, and the numbers of start scenes and contexts."""
-    tasks = plan.settings.make(plan.split).tasks
-    return {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)}

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 
+from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.rules import Outcome
 
@@ -36,6 +37,8 @@ class Summary:
     all: SuccessCount
     seen: SuccessCount  # statements that occur verbatim in the training tasks
     unseen: SuccessCount
+    seen_forms: SuccessCount  # statements that share a form with a training statement
+    unseen_forms: SuccessCount
     mean_reward: float
     mean_length: float  # mean number of actions
     outcomes: dict[str, float]  # fraction of all episodes by final outcome
@@ -49,15 +52,19 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
     if not episodes:
         raise ValueError("cannot summarise zero episodes")
-    count = len(episodes)
+    forms = set(map(statement_form, training_statements))
     outcomes = Counter(episode.outcome for episode in episodes)
+
+    def count(is_counted: Callable[[Episode], bool]) -> SuccessCount:
+        return SuccessCount.of([episode for episode in episodes if is_counted(episode)])
+
     return Summary(
         all=SuccessCount.of(episodes),
-        seen=SuccessCount.of([episode for episode in episodes if episode.statement in training_statements]),
-        unseen=SuccessCount.of(
-            [episode for episode in episodes if training_statements and episode.statement not in training_statements]
-        ),
-        mean_reward=sum(episode.reward for episode in episodes) / count,
-        mean_length=sum(len(episode.actions) for episode in episodes) / count,
-        outcomes={outcome: outcomes[outcome] / count for outcome in FINAL_OUTCOMES},
+        seen=count(lambda episode: episode.statement in training_statements),
+        unseen=count(lambda episode: bool(forms) and episode.statement not in training_statements),
+        seen_forms=count(lambda episode: statement_form(episode.statement) in forms),
+        unseen_forms=count(lambda episode: bool(forms) and statement_form(episode.statement) not in forms),
+        mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
+        mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
+        outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},
     )

@@ -1,22 +1,20 @@
-"""The interface of policies for evaluation, the random baselines and the expert."""
+"""The interface of policies for evaluation, the random baselines and the expert, also by name."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from lilgym_mp.actions import STOP, Action, ActionType
-from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.decisions import PolicyOutput, action_cells, one_hot
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
-
-if TYPE_CHECKING:
-    from lilgym_mp.evaluation.settings import Settings
 
 
 class Observations(NamedTuple):
@@ -95,34 +93,25 @@ def output_of(policy: Policy, legal: BoolArray, chosen: Int64Array) -> PolicyOut
     return None if output is None else output(legal, chosen)
 
 
-@dataclass(frozen=True)
 class RandomType:
     """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 
-    appearance: Appearance
     needs_masks = False
 
-    @classmethod
-    def of(cls, settings: Settings) -> RandomType:
-        return cls(settings.dynamics().appearance)
+    def __init__(self, settings: Settings) -> None:
+        types = action_cells(settings.dynamics().appearance).types
+        self._indices = [np.flatnonzero(types == action_type) for action_type in ActionType]  # of the actions, by type
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         types = rng.integers(len(ActionType), size=len(observations.statements))
-        indices = _indices_by_type(self.appearance)
-        return np.array([indices[type_][rng.integers(len(indices[type_]))] for type_ in types.tolist()], np.int64)
+        indices = [self._indices[action_type] for action_type in types.tolist()]
+        return np.array([actions[rng.integers(len(actions))] for actions in indices], np.int64)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        groups = _indices_by_type(self.appearance)
-        probabilities = np.empty((len(chosen), self.appearance.action_count))
-        for indices in groups:
-            probabilities[:, indices] = 1 / (len(groups) * len(indices))
+        probabilities = np.empty((len(chosen), sum(map(len, self._indices))))
+        for indices in self._indices:
+            probabilities[:, indices] = 1 / (len(self._indices) * len(indices))
         return PolicyOutput(probabilities)
-
-
-def _indices_by_type(appearance: Appearance) -> list[Int64Array]:
-    """The action indices of each type."""
-    types = action_cells(appearance).types
-    return [np.flatnonzero(types == action_type) for action_type in ActionType]
 
 
 class ExpertPolicy:
@@ -131,14 +120,10 @@ class ExpertPolicy:
     needs_masks = False
     needs_states = True
 
-    def __init__(self, dynamics: Dynamics) -> None:
-        self._dynamics = dynamics
-        self._solver = Solver(dynamics)
+    def __init__(self, settings: Settings) -> None:
+        self._dynamics = settings.dynamics()
+        self._solver = Solver(self._dynamics)
         self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
-
-    @classmethod
-    def of(cls, settings: Settings) -> ExpertPolicy:
-        return cls(settings.dynamics())
 
     def __call__(
         self, observations: Observations, legal: BoolArray, rng: np.random.Generator, states: Sequence[State] = ()
@@ -153,3 +138,40 @@ class ExpertPolicy:
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))
+
+
+NO_SUPERVISION = "none"
+
+
+@dataclass(frozen=True)
+class NamedPolicy:
+    """A policy for each configuration, with its name in tables and files."""
+
+    name: str
+    policy: Callable[[Settings], Policy]
+    supervision: str = NO_SUPERVISION  # training data, for result tables
+    configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # configurations that it can play
+    mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
+    details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # further details needed to reproduce it
+
+
+_SAMPLED = {"actions": "sampled"}
+
+# By name on the command line.
+BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
+    "expert": NamedPolicy(
+        "expert",
+        ExpertPolicy,
+        "knows the rules, the scene and the program",
+        mask=False,
+    ),
+    "random-legal": NamedPolicy("random legal", lambda settings: random_legal, details=_SAMPLED),
+    "random-unmasked": NamedPolicy("random unmasked", lambda settings: random_unmasked, mask=False, details=_SAMPLED),
+    "random-type": NamedPolicy("random type", RandomType, details=_SAMPLED),
+}
+BASELINES = (BUILT_IN_POLICIES["random-legal"], BUILT_IN_POLICIES["random-unmasked"])
+
+
+def built_in_policy(name: str) -> NamedPolicy:
+    """Raises ValueError naming the choices."""
+    return choose("policy", name, BUILT_IN_POLICIES)

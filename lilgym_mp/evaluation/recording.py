@@ -15,7 +15,7 @@ from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import GREEDY, SUFFIX, Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.evaluation.named_policies import NamedPolicy
+from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.report import software
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings

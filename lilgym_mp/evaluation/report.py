@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from textwrap import fill
 from typing import Any
 
-from lilgym_mp.evaluation.comparison import Result, task_counts
+from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES, SuccessCount
 from lilgym_mp.terminal import NUMBER
 from lilgym_mp.terminal import table as aligned
@@ -113,9 +113,7 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "command": sys.argv,
         "software": software(),
-        "trials": [
-            {**plan.to_json(), "tasks": task_counts(plan)} for plan in dict.fromkeys(result.plan for result in results)
-        ],
+        "trials": [plan.to_json() for plan in dict.fromkeys(result.plan for result in results)],
         "results": [
             {**result.to_json(), "episodes": result.episodes_json()} if with_episodes else result.to_json()
             for result in results

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 
 from lilgym_mp.actions import named
-from lilgym_mp.evaluation.comparison import EvaluationPlan, make_result, training_statements
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
 from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, decisions, one_hot
-from lilgym_mp.evaluation.named_policies import NamedPolicy
-from lilgym_mp.evaluation.policies import Policy
+from lilgym_mp.evaluation.metrics import summarise
+from lilgym_mp.evaluation.policies import NamedPolicy, Policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
 from lilgym_mp.evaluation.settings import Settings
@@ -44,7 +44,7 @@ def write_recording(
     tasks, dynamics = player.tasks, player.dynamics
     played = [to_evaluated_episode(episode, tasks.by_id(episode.task), dynamics) for episode in episodes]
     seconds = sum(turn.seconds for episode in episodes for turn in episode.turns)
-    result = make_result(recording_name(agent), plan, played, seen, cpu_seconds=seconds, mask=False)
+    result = Result(recording_name(agent), plan, summarise(played, seen), played, seconds)
     return Recorder(settings, player.split, seen, judges_decisions=judges).write(directory, result)
 
 

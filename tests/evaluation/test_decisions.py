@@ -14,8 +14,7 @@ from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episodes import Recording, read_episodes
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.policies import WithoutMask, random_legal
+from lilgym_mp.evaluation.policies import NamedPolicy, WithoutMask, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
 from tests.own_corpus import write_own_corpus

@@ -17,8 +17,7 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.named_policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.policies import Observations, WithoutMask
+from lilgym_mp.evaluation.policies import NamedPolicy, Observations, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour
 

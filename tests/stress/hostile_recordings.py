@@ -24,7 +24,7 @@ from typing import Any
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import SUFFIX
-from lilgym_mp.evaluation.named_policies import built_in_policy
+from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
 from tests.thin_corpus import write_thin_corpus
 from tests.web.web_app import Browser, server
