@@ -54,7 +54,7 @@ def add_parser(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.evaluation.replay import check_recording
+    from lilgym_mp.evaluation.recording import check_recording
     from lilgym_mp.report import make_report
     from lilgym_mp.report.html_report import check_directory
     from lilgym_mp.report.markdown_report import check_document

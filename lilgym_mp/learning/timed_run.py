@@ -1,23 +1,27 @@
-"""The loop of a training run in memory: steps, reports and checkpoints until its budget is spent."""
+"""The loop of a training run in memory: steps, reports and checkpoints until its budget is spent, or Ctrl-C."""
 
 from __future__ import annotations
 
 import math
 import os
+import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from threading import current_thread, main_thread
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import torch
 
-from lilgym_mp.learning.interrupts import StopRequest
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, TrainingRun, TrainingRunError
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+SAME_REQUEST_SECONDS = 5.0  # SIGTERMs this close together are one request: with PR_SET_PDEATHSIG Linux sends a child
+# one for each thread of a killed parent
 
 Measured = TypeVar("Measured")
 
@@ -194,3 +198,32 @@ class TimedRun(ABC, Generic[Measured]):
 
 def _is_due(now: Every, last: Every, interval: Every) -> bool:
     return now.steps - last.steps >= interval.steps and now.seconds - last.seconds >= interval.seconds
+
+
+@dataclass
+class StopRequest:
+    requested: bool = False
+
+
+@contextmanager
+def stop_on_signals() -> Generator[StopRequest, None, None]:
+    """Within the block the first Ctrl-C or SIGTERM sets `requested`; a second Ctrl-C or a later SIGTERM raises
+    KeyboardInterrupt. Outside the main thread no handler is installed."""
+    stop = StopRequest()
+    requested_at = -SAME_REQUEST_SECONDS
+
+    def request(signal_number: int, frame: object) -> None:
+        nonlocal requested_at
+        is_same = signal_number == signal.SIGTERM and time.monotonic() - requested_at < SAME_REQUEST_SECONDS
+        if stop.requested and not is_same:
+            raise KeyboardInterrupt
+        if not stop.requested:
+            stop.requested, requested_at = True, time.monotonic()
+
+    handled = STOP_SIGNALS if current_thread() is main_thread() else ()
+    before = {signal_number: signal.signal(signal_number, request) for signal_number in handled}
+    try:
+        yield stop
+    finally:
+        for signal_number, handler in before.items():
+            signal.signal(signal_number, handler)

@@ -11,7 +11,7 @@ import pytest
 from lilgym_mp.actions import STOP
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.replay import check_recording
+from lilgym_mp.evaluation.recording import check_recording
 from tests.own_corpus import write_own_corpus
 
 

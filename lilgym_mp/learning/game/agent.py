@@ -22,8 +22,7 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agents import AgentError
 from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.game.network import GameNetwork
-from lilgym_mp.learning.game.policies import AgentPolicy
+from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations

@@ -1,20 +1,24 @@
 """The network of both agents: the box transformer of `learning.ppo`, with the situation in the game and two more heads.
 
+It gives policies: a choice, and a message where the protocol has messages.
+
 Module attributes are the keys of saved parameters, so renaming one breaks model files.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
 from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
-from lilgym_mp.learning.game.policies import AgentPolicy, Categorical
 from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
@@ -23,6 +27,63 @@ from lilgym_mp.learning.ppo.states import States
 IMPOSSIBLE = -1e4  # logit
 SURE = 8.0  # logit of accepting an edit, of a verifier that learns from claims alone
 BIN_SHARPNESS = 200.0
+
+
+class ChoicePolicy(Protocol):
+    """Distributions of N choices, such as a `FactoredPolicy`."""
+
+    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]: ...
+    def log_prob(self, actions: Tensor) -> Tensor: ...
+    def sample(self, rng: np.random.Generator) -> Int64Array: ...
+    def greedy(self) -> Int64Array: ...
+
+
+class Categorical:
+    """N categoricals over K choices."""
+
+    def __init__(self, logits: Tensor) -> None:
+        self._log_probs = torch.log_softmax(logits.float(), -1)
+
+    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """(N,) log-probabilities of N actions, and (N,) entropies."""
+        return self.log_prob(actions), -(self._log_probs.exp() * self._log_probs).sum(-1)
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        return self._log_probs.gather(1, actions[:, None]).squeeze(1)
+
+    def sample(self, rng: np.random.Generator) -> Int64Array:
+        sums = self._log_probs.detach().double().exp().cumsum(-1).cpu().numpy()
+        uniforms: Float64Array = rng.random(len(sums))
+        return np.minimum((sums <= (uniforms * sums[:, -1])[:, None]).sum(-1), sums.shape[1] - 1)
+
+    def greedy(self) -> Int64Array:
+        return self._log_probs.argmax(-1).cpu().numpy()
+
+
+class AgentPolicy(NamedTuple):
+    """An agent's actions of the game: choice x (messages + 1) + message, as `Game` numbers them."""
+
+    choice: ChoicePolicy
+    message: Categorical | None
+    sizes: int  # of the action of a choice with silence: messages + 1
+
+    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]:
+        """(N,) log-probabilities of N actions, and (N,) entropies."""
+        if self.message is None:
+            return self.choice.evaluate_actions(actions)
+        chosen, chosen_entropies = self.choice.evaluate_actions(actions // self.sizes)
+        said, said_entropies = self.message.evaluate_actions(actions % self.sizes)
+        return chosen + said, chosen_entropies + said_entropies
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        if self.message is None:
+            return self.choice.log_prob(actions)
+        return self.choice.log_prob(actions // self.sizes) + self.message.log_prob(actions % self.sizes)
+
+    def act(self, draw: Callable[[ChoicePolicy | Categorical], Int64Array]) -> Int64Array:
+        """(N,) actions; `draw` takes the choice and the message from their distributions."""
+        chosen = draw(self.choice)
+        return chosen if self.message is None else chosen * self.sizes + draw(self.message)
 
 
 class GameNetwork(BoxTransformer):

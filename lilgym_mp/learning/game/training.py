@@ -34,17 +34,15 @@ from lilgym_mp.learning.game.agent import (
     tensors_of,
 )
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
-from lilgym_mp.learning.game.network import GameNetwork
-from lilgym_mp.learning.game.policies import AgentPolicy
+from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
-from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import load_model, weights_digest
 from lilgym_mp.learning.ppo.rollout import as_numpy
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun
+from lilgym_mp.learning.timed_run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingRunError, begin_run, resumable_run
 
 CRITIC = "critic"  # name of the central critic's network

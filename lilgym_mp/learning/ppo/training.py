@@ -23,7 +23,6 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.learning.devices import DeviceError, select_device, torch_threads
-from lilgym_mp.learning.interrupts import StopRequest, stop_on_signals
 from lilgym_mp.learning.model_file import weights_digest
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
@@ -42,7 +41,7 @@ from lilgym_mp.learning.ppo.update import (
     update,
 )
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun
+from lilgym_mp.learning.timed_run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import begin_run
 
 

@@ -23,11 +23,10 @@ from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
-from lilgym_mp.learning.parsing.beam import Candidate, beam_search
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration, reliability
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, program_of, slots_of
-from lilgym_mp.learning.parsing.parser import UNKNOWN, Parse, Parser, ProgramCandidate
+from lilgym_mp.learning.parsing.parser import UNKNOWN, Candidate, Parse, Parser, ProgramCandidate, beam_search
 from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
