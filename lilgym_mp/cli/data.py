@@ -310,10 +310,5 @@ def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, o
     from lilgym_mp.corpus import write_corpus
 
     path = fresh_file(args.output, force=args.force)
-    partial = path.with_name(f".partial-{path.name}")  # keeps the suffix, which decides on compression
-    try:
-        write_corpus(partial, name, f"as {args.corpus}", entries)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_atomically(path, lambda unfinished: write_corpus(unfinished, name, f"as {args.corpus}", entries))
     print(f"wrote {path}")

@@ -9,10 +9,9 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
@@ -24,24 +23,12 @@ REPORT_SECONDS = 1.0
 NAMED_CORPORA = ("builtin", "lilgym")  # corpora available by name on every node
 
 
-@dataclass(frozen=True)
-class ProgressReport:
+class ProgressReport(NamedTuple):
     """Progress of a run."""
 
-    node: str
-    attempt: int  # starts at 1; increases each time the run's node dies
     status: RunStatus
     fraction_done: float | None
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """Result of a run, with its files."""
-
-    status: RunStatus
-    error: str
-    seconds: float
-    files: bytes  # archive made by `pack`
+    location: str  # its node, and the number of the attempt if an earlier node died
 
 
 class ProgressActor:
@@ -146,30 +133,30 @@ def _execute(
 def _update_progress(reports: dict[str, ProgressReport], attempts: Sequence[Attempt]) -> None:
     for attempt in attempts:
         if (report := reports.get(attempt.planned.name)) is not None:
-            attempt.status, attempt.remote_fraction_done = report.status, report.fraction_done
-            attempt.location = f"on {report.node}" + (f", attempt {report.attempt}" if report.attempt > 1 else "")
+            attempt.status, attempt.remote_fraction_done, attempt.location = report
             attempt.began = attempt.began or time.monotonic()
 
 
 def _collect_result(ray: Any, ref: Any, attempt: Attempt) -> None:
     attempt.remote_fraction_done, attempt.location = None, ""
     try:
-        result: RunResult = ray.get(ref)
+        status, attempt.error, attempt.seconds, files = ray.get(ref)
     except (ray.exceptions.RayError, OSError) as error:
         attempt.status, attempt.error = RunStatus.FAILED, str(error).strip().splitlines()[0]
         return
-    unpack(result.files, attempt)
-    attempt.error, attempt.seconds = result.error, result.seconds
-    if result.status is RunStatus.FINISHED:
+    unpack(files, attempt)
+    if status is RunStatus.FINISHED:
         mark_finished(attempt)
-    attempt.status = result.status
+    attempt.status = status
 
 
-def run_on_node(progress_actor: Any, planned: PlannedRun, results: Path, threads: int, files: bytes) -> RunResult:
-    """Executes a run in a temporary directory of the current node."""
+def run_on_node(
+    progress_actor: Any, planned: PlannedRun, results: Path, threads: int, files: bytes
+) -> tuple[RunStatus, str, float, bytes]:
+    """Executes a run in a temporary directory of the current node; its status, error, seconds, and files by `pack`."""
     ray: Any = import_module("ray")
-    node = ray.util.get_node_ip_address()
-    attempt_number = ray.get(progress_actor.begin.remote(planned.name))
+    count = ray.get(progress_actor.begin.remote(planned.name))
+    location = f"on {ray.util.get_node_ip_address()}" + (f", attempt {count}" if count > 1 else "")
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
         (attempt,) = make_attempts([planned], results, threads, Path(directory))
         unpack(files, attempt)
@@ -177,7 +164,7 @@ def run_on_node(progress_actor: Any, planned: PlannedRun, results: Path, threads
 
         def report_progress() -> None:
             while not ended.wait(REPORT_SECONDS):
-                report = ProgressReport(node, attempt_number, attempt.status, attempt.fraction_done)
+                report = ProgressReport(attempt.status, attempt.fraction_done, location)
                 if ray.get(progress_actor.report.remote(planned.name, report)):
                     attempt.stop()
 
@@ -186,7 +173,7 @@ def run_on_node(progress_actor: Any, planned: PlannedRun, results: Path, threads
         attempt.execute()
         ended.set()
         reporter.join()
-        return RunResult(attempt.status, attempt.error, attempt.seconds, pack(attempt))
+        return attempt.status, attempt.error, attempt.seconds, pack(attempt)
 
 
 def pack(attempt: Attempt) -> bytes:

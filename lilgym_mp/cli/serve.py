@@ -92,20 +92,16 @@ def _listen(host: str, port: int) -> socket.socket:
     if not 0 <= port < 65536:
         raise CommandError(f"--port must be in 0 .. 65535, not {port}")
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     except socket.gaierror as error:
         raise CommandError(f"--host {host}: {error.strerror}") from None
-    listening = socket.socket(family, kind, protocol)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind(address)
-        listening.listen(2048)
+        is_dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
+        return socket.create_server(address, family=family, backlog=2048, dualstack_ipv6=is_dual)
     except OSError as error:
-        listening.close()
         if error.errno == errno.EADDRINUSE:
             raise CommandError(f"port {port} is in use; choose another with --port, or 0 for any free one") from None
         raise CommandError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
-    return listening
 
 
 def _url(host: str, port: int) -> str:

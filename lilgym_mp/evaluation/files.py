@@ -41,8 +41,8 @@ def fresh_file(path: Path, *, force: bool) -> Path:
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:
-    """Has `write` create a temporary file in the same directory, then renames it to `path`."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    """Has `write` create a temporary file in the same directory, with the same suffix, then renames it to `path`."""
+    temporary = path.with_name(f".{os.getpid()}.tmp.{path.name}")
     try:
         write(temporary)
         temporary.replace(path)
