@@ -8,9 +8,8 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
-from lilgym_mp.evaluation.metrics import Summary, summarise
 from lilgym_mp.evaluation.policies import NamedPolicy
-from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, evaluate
+from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, Summary, evaluate, summarise
 from lilgym_mp.evaluation.settings import Settings
 
 TRAINING_SPLIT = "train"

@@ -18,7 +18,7 @@ from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.files import write_atomically
-from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene, SceneError
 

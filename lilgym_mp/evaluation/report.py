@@ -11,7 +11,7 @@ from textwrap import fill
 from typing import Any
 
 from lilgym_mp.evaluation.comparison import Result
-from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES, SuccessCount
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, SuccessCount
 from lilgym_mp.terminal import NUMBER
 from lilgym_mp.terminal import table as aligned
 

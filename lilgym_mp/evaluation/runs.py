@@ -1,18 +1,23 @@
-"""Runs a policy on every task of a split, exactly once per pass, many episodes at a time."""
+"""Runs a policy on every task of a split, exactly once per pass, many episodes at a time; accuracy and statistics."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lilgym_mp.corpus.forms import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Observations, Policy, output_of
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.rules import Outcome
 
+FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 BATCH_SIZE = 64  # environments
 IDLE = -1  # sentinel for an episode index: the environment has no episode left to play
 
@@ -143,4 +148,61 @@ def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: fl
         round(reward, 6),
         tuple(actions),
         None if reasons is None else reasons[env_index],
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SuccessCount:
+    """Number of episodes, and of successes among them."""
+
+    episodes: int
+    successes: int
+
+    @property
+    def accuracy(self) -> float | None:
+        """Task-completion accuracy, None if there are no episodes."""
+        return self.successes / self.episodes if self.episodes else None
+
+    @classmethod
+    def of(cls, episodes: Collection[Episode]) -> SuccessCount:
+        return cls(len(episodes), sum(episode.is_success for episode in episodes))
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Statistics of a policy on a split."""
+
+    all: SuccessCount
+    seen: SuccessCount  # statements that occur verbatim in the training tasks
+    unseen: SuccessCount
+    seen_forms: SuccessCount  # statements that share a form with a training statement
+    unseen_forms: SuccessCount
+    mean_reward: float
+    mean_length: float  # mean number of actions
+    outcomes: dict[str, float]  # fraction of all episodes by final outcome
+
+    @property
+    def accuracy(self) -> float:
+        return self.all.successes / self.all.episodes
+
+
+def summarise(episodes: Sequence[Episode], training_statements: Collection[str]) -> Summary:
+    """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
+    if not episodes:
+        raise ValueError("cannot summarise zero episodes")
+    forms = set(map(statement_form, training_statements))
+    outcomes = Counter(episode.outcome for episode in episodes)
+
+    def count(is_counted: Callable[[Episode], bool]) -> SuccessCount:
+        return SuccessCount.of([episode for episode in episodes if is_counted(episode)])
+
+    return Summary(
+        all=SuccessCount.of(episodes),
+        seen=count(lambda episode: episode.statement in training_statements),
+        unseen=count(lambda episode: bool(forms) and episode.statement not in training_statements),
+        seen_forms=count(lambda episode: statement_form(episode.statement) in forms),
+        unseen_forms=count(lambda episode: bool(forms) and statement_form(episode.statement) not in forms),
+        mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
+        mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
+        outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},
     )

@@ -16,17 +16,6 @@ from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, find_learner, shipped_agents
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
 
-__all__ = [
-    "AGENT_FILE",
-    "Agent",
-    "AgentError",
-    "agent_file",
-    "check_configuration",
-    "load_agent",
-    "open_agent",
-    "shipped_agents",
-]
-
 
 class Agent(Protocol):
     """A trained agent."""

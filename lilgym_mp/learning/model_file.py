@@ -1,4 +1,4 @@
-"""A trained model as one safetensors file: tensors and a description.
+"""A trained model as one safetensors file, tensors and a description, and the device that networks run on.
 
 The description is JSON in the file's metadata: the model's kind, the configurations it plays, its supervision, and
 everything its kind needs to rebuild the network. Reading a file never executes its contents.
@@ -20,6 +20,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.files import write_atomically
 
 FORMAT = "lilgym_mp-model"
@@ -28,6 +29,7 @@ METADATA_KEY = "lilgym_mp"
 FLOATS = {torch.float16, torch.bfloat16, torch.float32, torch.float64}  # converted into one another
 LARGEST_FILE = 8 << 30  # bytes
 MOST_LAYERS = 1000
+DEVICES = {name: name for name in ("auto", "cpu", "cuda")}
 PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # first bytes of files written by torch.save and pickle
 
 
@@ -193,3 +195,27 @@ def weights_digest(path: Path) -> str:
         with file.open("rb") as content:
             hashlib.file_digest(content, lambda: digest)
     return digest.hexdigest()
+
+
+class DeviceError(ValueError):
+    """A device this machine does not have."""
+
+
+def select_device(name: str) -> torch.device:
+    """The device of that name; "auto" is CUDA if available, else the CPU. Raises ValueError naming the choices."""
+    name = choose("device", name, DEVICES)
+    available = torch.cuda.is_available()
+    if name == "cuda" and not available:
+        raise DeviceError("device cuda was requested, but PyTorch finds no CUDA device here; choose cpu or auto")
+    return torch.device("cuda" if name != "cpu" and available else "cpu")
+
+
+@contextmanager
+def torch_threads(count: int) -> Iterator[None]:
+    """Within the block torch uses `count` threads."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

@@ -12,10 +12,10 @@ import numpy as np
 from lilgym_mp.actions import named
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
 from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, decisions, one_hot
-from lilgym_mp.evaluation.metrics import summarise
 from lilgym_mp.evaluation.policies import NamedPolicy, Policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
+from lilgym_mp.evaluation.runs import summarise
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm.player import Episode, Player, Turn
 from lilgym_mp.rules import Dynamics

@@ -11,7 +11,7 @@ from lilgym_mp.actions import Action, AddItem
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
-from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import Colour, Shape, Size

@@ -19,15 +19,16 @@ from torch import Tensor, nn
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.devices import DeviceError, select_device
 from lilgym_mp.learning.model_file import (
     METADATA_KEY,
+    DeviceError,
     ModelDescription,
     ModelFileError,
     load_model,
     load_weights,
     read_description,
     save_model,
+    select_device,
 )
 from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.models.factory import make_model

@@ -21,12 +21,17 @@ from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agents import AgentError
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations
-from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    described_network,
+    load_model_of_kind,
+    load_weights,
+    select_device,
+)
 from lilgym_mp.learning.ppo.states import BoxImageTable
 
 KIND = "game"

@@ -20,7 +20,6 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.agents import AgentError, agent_file
-from lilgym_mp.learning.devices import select_device, torch_threads
 from lilgym_mp.learning.game.agent import (
     KIND,
     VIEWS,
@@ -37,7 +36,7 @@ from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
-from lilgym_mp.learning.model_file import load_model, weights_digest
+from lilgym_mp.learning.model_file import load_model, select_device, torch_threads, weights_digest
 from lilgym_mp.learning.ppo.rollout import as_numpy
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks

@@ -17,7 +17,6 @@ from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -32,6 +31,7 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
+    select_device,
 )
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.rules import Dynamics

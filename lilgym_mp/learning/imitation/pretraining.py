@@ -27,9 +27,8 @@ from lilgym_mp.learning.parsing.batches import (
     training_step,
 )
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
-from lilgym_mp.learning.parsing.pairs import Pair, Variations
+from lilgym_mp.learning.parsing.pairs import COLOURS, TOKENS, Pair, Variations, tokens_recoloured, words_recoloured
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, tokens_recoloured, words_recoloured
 from lilgym_mp.learning.training_run import NotFiniteError
 
 PARSER = ParserRecipe()  # hyperparameters shared with parse and plan

@@ -24,7 +24,6 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator.training_pairs import training_pairs
 from lilgym_mp.learning import timed_run
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -34,6 +33,7 @@ from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPr
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
+from lilgym_mp.learning.model_file import select_device
 from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
 from lilgym_mp.learning.training_run import begin_run
 from lilgym_mp.rules import make_dynamics

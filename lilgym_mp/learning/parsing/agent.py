@@ -14,7 +14,6 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
 from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.model_file import (
     ModelDescription,
     check_numbers,
@@ -22,6 +21,7 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
+    select_device,
 )
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser

@@ -1,31 +1,101 @@
-"""Training pairs of normalised statements and program tokens, and their augmentation."""
+"""Training pairs of normalised statements and program tokens, their indices, and their augmentation.
+
+Colours are permuted in statement and program alike so that every statement names them in the same order: the rules and
+the program language are symmetric in the colours, so the parser need not learn each permutation.
+"""
 
 from __future__ import annotations
 
 import random
+import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 from lilgym_mp.corpus.spelling import normalised_words
-from lilgym_mp.learning.parsing.symbols import (
-    TOKENS,
-    TokenTable,
-    inverse,
-    standard_colours,
-    tokens_recoloured,
-    words_recoloured,
-)
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.canonical import canonical_form
-from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, tree_from_tokens
+from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
+from lilgym_mp.scene import Colour
 
 APPEARANCE_WORDS = {"tower": "<tower>", "scatter": "<scatter>"}  # first word of each normalised statement
 MAX_NUMBER = 7  # largest number in an augmented statement
 MAX_WORDS = 64  # including the appearance word; longer statements are truncated
 SHAPES = ("circle", "square", "triangle")
+COLOURS = tuple(colour.name.lower() for colour in Colour)
+_COLOUR_TOKEN = re.compile(r"is_(yellow|black|blue)\(1\)|Color\.(YELLOW|BLACK|BLUE)")
+
+Exchange = Mapping[str, str]  # colour name in lower case -> its replacement
+
+
+def standard_colours(words: Iterable[str]) -> dict[str, str]:
+    """The permutation that puts the named colours in the order of `Colour`, followed by the unnamed ones."""
+    named = dict.fromkeys([*(word for word in words if word in COLOURS), *COLOURS])
+    return dict(zip(named, COLOURS, strict=True))
+
+
+def words_recoloured(words: Sequence[str], exchange: Exchange) -> list[str]:
+    return [exchange.get(word, word) for word in words]
+
+
+def inverse(exchange: Exchange) -> dict[str, str]:
+    return {new: old for old, new in exchange.items()}
+
+
+def tokens_recoloured(tokens: Sequence[str], exchange: Exchange) -> list[str]:
+    """Program tokens with their colours replaced."""
+
+    def recoloured(token: str) -> str:
+        found = _COLOUR_TOKEN.fullmatch(token)
+        if found is None:
+            return token
+        name = exchange[(found[1] or found[2]).lower()]
+        return f"is_{name}(1)" if found[1] else f"Color.{name.upper()}"
+
+    return [recoloured(token) for token in tokens]
+
+
+@dataclass(frozen=True)
+class SymbolTable:
+    """Indices of symbols, from 1; 0 is padding."""
+
+    symbols: tuple[str, ...]
+
+    @cached_property
+    def _indices(self) -> dict[str, int]:
+        return {symbol: index for index, symbol in enumerate(self.symbols, start=1)}
+
+    def __len__(self) -> int:
+        """Padding included."""
+        return 1 + len(self.symbols)
+
+    def index(self, symbol: str, default: int | None = None) -> int:
+        return self._indices[symbol] if default is None else self._indices.get(symbol, default)
+
+    def symbol(self, index: int) -> str:
+        return self.symbols[index - 1]
+
+
+@dataclass(frozen=True)
+class TokenTable(SymbolTable):
+    """Indices of program tokens. A parser keeps the table it was trained with, so new words do not affect it."""
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for a token that the program language lacks."""
+        unknown = [symbol for symbol in self.symbols if symbol not in token_arities()]
+        if unknown:
+            raise ValueError(f"this version of the program language has no {', '.join(map(repr, unknown[:3]))}")
+
+    @cached_property
+    def arities(self) -> tuple[int, ...]:
+        """By index; 0 for padding."""
+        return (0, *(token_arities()[symbol] for symbol in self.symbols))
+
+
+TOKENS = TokenTable(tuple(token_arities()))  # of newly trained networks
 
 
 class Pair(NamedTuple):

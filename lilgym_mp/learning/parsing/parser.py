@@ -13,11 +13,19 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.generator import ScenePool
-from lilgym_mp.learning.devices import torch_threads
-from lilgym_mp.learning.model_file import check_sizes
+from lilgym_mp.learning.model_file import check_sizes, torch_threads
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import Slot, normalise_statement, open_slots_of, program_of
-from lilgym_mp.learning.parsing.symbols import TOKENS, SymbolTable, TokenTable, inverse, words_recoloured
+from lilgym_mp.learning.parsing.pairs import (
+    TOKENS,
+    Slot,
+    SymbolTable,
+    TokenTable,
+    inverse,
+    normalise_statement,
+    open_slots_of,
+    program_of,
+    words_recoloured,
+)
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
 from lilgym_mp.scene import Scene

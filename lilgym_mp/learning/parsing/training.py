@@ -20,16 +20,14 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.generator.training_pairs import training_pairs
-from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription
+from lilgym_mp.learning.model_file import ModelDescription, select_device
 from lilgym_mp.learning.parsing import batches
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
-from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, Pair, Variations
+from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
 from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import TrainingRun, begin_run
 from lilgym_mp.rules import Outcome

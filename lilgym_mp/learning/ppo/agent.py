@@ -15,13 +15,13 @@ from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.model_file import (
     ModelDescription,
     check_shapes,
     described_network,
     load_model_of_kind,
     load_weights,
+    select_device,
 )
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model

@@ -21,9 +21,8 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
-from lilgym_mp.learning.devices import DeviceError, select_device, torch_threads
-from lilgym_mp.learning.model_file import weights_digest
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
+from lilgym_mp.learning.model_file import DeviceError, select_device, torch_threads, weights_digest
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model

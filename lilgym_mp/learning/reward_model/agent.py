@@ -21,8 +21,13 @@ from lilgym_mp.envs.proposer_verifier.partners import encode_answer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.devices import select_device
-from lilgym_mp.learning.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.model_file import (
+    ModelDescription,
+    described_network,
+    load_model_of_kind,
+    load_weights,
+    select_device,
+)
 from lilgym_mp.learning.parsing.agent import ParseAndPlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader

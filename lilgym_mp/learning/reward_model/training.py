@@ -23,8 +23,8 @@ from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.devices import select_device
 from lilgym_mp.learning.imitation.batches import vocabulary_of
+from lilgym_mp.learning.model_file import select_device
 from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
 from lilgym_mp.learning.reward_model.collection import (
     Collector,

@@ -15,8 +15,8 @@ from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import Appearance, InvalidReason
 from lilgym_mp.evaluation.decisions import Decision, action_cells
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED, Header, RecordedEpisode, Recording
-from lilgym_mp.evaluation.metrics import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.web.app_services import Services

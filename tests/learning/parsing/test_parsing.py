@@ -25,11 +25,20 @@ from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration, reliability
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, program_of, slots_of
+from lilgym_mp.learning.parsing.pairs import (
+    COLOURS,
+    TOKENS,
+    Pair,
+    SymbolTable,
+    Variations,
+    normalise_statement,
+    pair_of,
+    program_of,
+    slots_of,
+)
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Candidate, Parse, Parser, ProgramCandidate, beam_search
 from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.parsing.symbols import COLOURS, TOKENS, SymbolTable
 from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
@@ -467,7 +476,7 @@ def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
     """
     parse = """
         from lilgym_mp import load_agent
-        from lilgym_mp.learning.parsing.symbols import TOKENS
+        from lilgym_mp.learning.parsing.pairs import TOKENS
         print(load_agent("parse-and-plan", "cpu").parser.parse("There are two blue blocks.", "tower").candidates)
         print(len(TOKENS))
     """
