@@ -34,12 +34,18 @@ def cpu_seconds() -> float:
 
 @dataclass
 class Counters:
-    """The counters in a checkpoint; field names are part of its format."""
+    """The counters of all learners in a checkpoint; field names are part of its format."""
 
     steps: int = 0  # of the environments in PPO and in the game, else of the optimiser
     seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
     cpu_seconds: float = 0.0  # over all sessions of the run
     exploring_seconds: float = 0.0  # part of them for data collection
+    episodes: int = 0  # that PPO has played
+    games: int = 0  # that the game's learner has played
+    optimiser_steps: int = 0  # of PPO
+    states: int = 0  # labelled states that imitation has been trained on
+    begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
+    labels: int = 0  # labelled scenes that a reward model has been trained on
 
 
 class Budget(NamedTuple):
@@ -68,11 +74,10 @@ class TimedRun(ABC, Generic[Measured]):
     """A run in memory."""
 
     files: TrainingRun
-    counters: Counters
 
     def __init__(self, budget: Budget, report_every: Every | None = None, save_every: Every | None = None) -> None:
         budget.check()
-        self.budget = budget
+        self.budget, self.counters = budget, Counters()
         self._report_every = report_every or Every(seconds=REPORT_SECONDS)
         self._save_every = save_every or Every(seconds=SAVE_SECONDS)
         self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
@@ -184,7 +189,7 @@ class TimedRun(ABC, Generic[Measured]):
         """Continues from the checkpoint, if there is one. Raises TrainingRunError."""
         if self.files.has_checkpoint:
             with self.files.checkpoint(device) as state:
-                self.counters = type(self.counters)(**state["counters"])
+                self.counters = Counters(**state["counters"])
                 self.restore(state)
                 for name, tensor in (state.get("network") or state["networks"]).items():
                     if not torch.isfinite(tensor).all():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,7 +41,7 @@ from lilgym_mp.learning.ppo.rollout import as_numpy
 from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.timed_run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingRunError, begin_run, resumable_run
 
 CRITIC = "critic"  # name of the central critic's network
@@ -64,11 +64,6 @@ class Progress(NamedTuple):
     losses: dict[str, dict[str, float]]  # by network: policy, value, entropy, clipped
     claim_loss: float | None
     claim_accuracy: float | None
-
-
-@dataclass
-class _Counters(Counters):
-    games: int = 0
 
 
 def train_game(
@@ -109,7 +104,6 @@ def train_game(
 class Run(TimedRun["Progress"]):
     """A run in memory; a step is a rollout with its updates."""
 
-    counters: _Counters
     on_progress: Callable[[Progress, float], object]
 
     def __init__(
@@ -148,7 +142,6 @@ class Run(TimedRun["Progress"]):
             for name, network in actors.items()
         }
         self._rng = np.random.default_rng(recipe.seed)
-        self.counters = _Counters()
         self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
         if resume:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,7 +34,7 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
 from lilgym_mp.learning.model_file import select_device
-from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
+from lilgym_mp.learning.timed_run import Budget, TimedRun
 from lilgym_mp.learning.training_run import begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.task import Task
@@ -56,12 +56,6 @@ class Progress(NamedTuple):
     truth: float | None = None  # truth loss; None during pretraining, like the following
     actions: float | None = None  # loss of the sets of optimal actions
     truth_accuracy: float | None = None
-
-
-@dataclass
-class _Counters(Counters):
-    states: int = 0  # labelled states trained on
-    begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
 def train_imitation(
@@ -92,8 +86,6 @@ def train_imitation(
 
 
 class _Run(TimedRun[StepResult]):
-    counters: _Counters
-
     def __init__(
         self,
         settings: Settings,
@@ -110,7 +102,6 @@ class _Run(TimedRun[StepResult]):
         super().__init__(budget)
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
-        self.counters = _Counters()
         tasks = settings.make("train").tasks
         self._excluded = held_out_digests(settings.corpus)
         identity = {

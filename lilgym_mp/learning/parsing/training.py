@@ -28,7 +28,7 @@ from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, COLOURS, TOKENS, 
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.timed_run import Budget, Counters, Every, TimedRun, stop_on_signals
+from lilgym_mp.learning.timed_run import Budget, Every, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import TrainingRun, begin_run
 from lilgym_mp.rules import Outcome
 
@@ -144,7 +144,6 @@ class _Run(TimedRun[float]):
         super().__init__(Budget(None, recipe.steps), Every(REPORT_EVERY), Every(save_every))
         self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
         self._device = select_device(device)
-        self.counters = Counters()
         self._data = data = load_training_data(corpus, recipe)
         identity = {
             "learner": KIND,

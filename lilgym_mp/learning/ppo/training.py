@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +40,7 @@ from lilgym_mp.learning.ppo.update import (
     update,
 )
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.timed_run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import begin_run
 
 
@@ -61,12 +61,6 @@ class Progress(NamedTuple):
     value_loss: float
     entropy: float
     clipped: float  # fraction of probability ratios outside the clip range
-
-
-@dataclass
-class _Counters(Counters):
-    optimiser_steps: int = 0
-    episodes: int = 0
 
 
 def train_ppo(
@@ -109,7 +103,6 @@ def train_ppo(
 class Run(TimedRun["Progress"]):
     """A run in memory; a step is a rollout with its updates."""
 
-    counters: _Counters
     curve: LearningCurve | None = None
     on_progress: Callable[[Progress], object]
 
@@ -147,7 +140,6 @@ class Run(TimedRun["Progress"]):
         _to(self.model, self._device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
-        self.counters = _Counters()
         self._collector = RolloutCollector(settings, recipe, self.tasks)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         if resume and self.files.has_checkpoint:

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +40,7 @@ from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
-from lilgym_mp.learning.timed_run import Budget, Counters, TimedRun
+from lilgym_mp.learning.timed_run import Budget, TimedRun
 from lilgym_mp.learning.training_run import TrainingError, begin_run
 from lilgym_mp.scene import Scene
 
@@ -65,11 +65,6 @@ class Progress(NamedTuple):
     loss: float
     accuracy: float
     held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
-
-
-@dataclass
-class _Counters(Counters):
-    labels: int = 0  # labelled scenes trained on
 
 
 def train_reward_model(
@@ -98,8 +93,6 @@ def train_reward_model(
 
 
 class _Run(TimedRun[tuple[float, float]]):
-    counters: _Counters
-
     def __init__(
         self,
         settings: Settings,
@@ -115,7 +108,6 @@ class _Run(TimedRun[tuple[float, float]]):
         super().__init__(budget)
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
-        self.counters = _Counters()
         tasks = settings.make("train").tasks
         played = {settings.configuration: tasks}
         if settings.start == FLIPIT:
