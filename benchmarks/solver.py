@@ -1,4 +1,4 @@
-"""Solves whole corpora with the expert: solved and proven shortest tasks, replays, time, and demonstrations per second.
+"""Solves whole corpora with the expert: solved and proven shortest tasks, successes, time, and demonstrations per second.
 
 Without LILGYM_DATA, only the builtin corpus is solved. Run: python benchmarks/solver.py --jobs 2
 """
@@ -11,8 +11,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
 
-from lilgym_mp.cli.solve import replay
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Episode, evaluate
+from lilgym_mp.evaluation.policies import ExpertPolicy
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver.demonstrations import arrays, demonstrations, drawn_tasks, write_npz
@@ -39,20 +40,21 @@ def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | Non
 
 def report_on(corpus: str, rules: str, jobs: int) -> None:
     summaries = {}
-    replays: dict[str, tuple[int, int]] = {}
+    played: dict[str, list[Episode]] = {}
     for configuration in CONFIGURATIONS:
         settings = Settings(configuration, corpus=corpus, rules=rules)
         for split in SPLITS:
             reports = solved(settings, split, jobs)
             name = f"{configuration} {split}"
             summaries[name] = summarise(reports)
-            replays[name] = replay(settings, split, reports)
+            played[name] = evaluate(ExpertPolicy(settings), settings, split)
             for task, solution, _ in reports:
                 if not solution.solved:
                     print(f"  {name} {task.id}: {solution.status}, {solution.reason}")
     print(f"\ncorpus {corpus}, rules {rules}\n\n{markdown_table(summary_rows(summaries))}\n")
-    played, successes = (sum(counts) for counts in zip(*replays.values(), strict=True))
-    print(f"replayed in the environment: {successes:,} of {played:,} succeed\n", flush=True)
+    episodes = [episode for each in played.values() for episode in each]
+    successes = sum(episode.is_success for episode in episodes)
+    print(f"played by the expert in the environment: {successes:,} of {len(episodes):,} succeed\n", flush=True)
 
 
 def main() -> None:

@@ -59,7 +59,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
     parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
     parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: write an animation of the solutions")
-    parser.add_argument("--replay", action="store_true", help="verify each solution by playing it in the environment")
     add_solving(parser)
     add_settings(parser)
     parser.set_defaults(run=run)
@@ -97,9 +96,6 @@ def run(args: argparse.Namespace) -> int:
                 for task, solution, _ in reports
                 if solution.status is not Status.SOLVED
             ]
-            if args.replay:
-                played, successes = replay(settings, split, reports)
-                print(f"{name}: {successes:,} of {played:,} solutions succeed in the environment")
             source, dynamics = {"settings": settings.to_json(), "split": split}, settings.dynamics()
             records += [{**source, **report_json(report, dynamics)} for report in reports]
     first = chosen[0]
@@ -121,8 +117,8 @@ def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
     """Prints the solutions of the named tasks, action by action."""
     if len(chosen) != 1 or len(args.split or ["one"]) != 1:
         raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
-    if args.out is not None or args.replay or args.limit is not None:
-        raise CommandError("--task excludes --out, --replay and --limit")
+    if args.out is not None or args.limit is not None:
+        raise CommandError("--task excludes --out and --limit")
     if args.gif is not None:
         fresh_file(args.gif, force=args.force)
     (settings,) = chosen
@@ -172,19 +168,3 @@ def solve_shown(tasks: Sequence[Task], settings: Settings, split: str, args: arg
             return solve_tasks(tasks, settings.dynamics(), **limits, on_report=lambda report: progress.advance())
         except BrokenProcessPool:
             raise CommandError("a worker process was killed; --jobs 1 solves without worker processes") from None
-
-
-def replay(settings: Settings, split: str, reports: Sequence[TaskReport]) -> tuple[int, int]:
-    """The number of solutions, and of those that succeed when played in the environment."""
-    env = settings.make(split)
-    encode = env.dynamics.appearance.encode
-    solutions = [report for report in reports if report.solution.solved]
-    successes = 0
-    for task, solution, _ in solutions:
-        env.reset(options={"task": task.id})
-        info: dict[str, Any] = {}
-        for action in solution.actions:
-            *_, info = env.step(encode(action))
-        successes += bool(info.get("is_success"))
-    env.close()
-    return len(solutions), successes

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+
+import numpy as np
 
 from lilgym_mp.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.appearances import InvalidReason
@@ -151,24 +152,20 @@ def figure_10(data: ReportData) -> Item:
     return Chart("Figure 10", title, heat_maps(panels), note)
 
 
-def _maps(entry: AgentResults, grid: tuple[int, int]) -> list[tuple[str, list[list[float]]]]:
+def _maps(entry: AgentResults, grid: tuple[int, int]) -> list[tuple[str, np.ndarray]]:
     """Titled maps of all edits and of each type, in per cent of all edits."""
     by_type = {name: action_map(entry, grid, types) for name, types in EDIT_TYPES.items()}
-    all_edits = [[sum(cells) for cells in zip(*rows, strict=True)] for rows in zip(*by_type.values(), strict=True)]
-    total = sum(map(sum, all_edits)) or 1
+    all_edits = np.sum([*by_type.values()], axis=0)
     return [
-        (f"{entry.agent}, {entry.configuration}: {name}", [[100 * cell / total for cell in row] for row in counts])
+        (f"{entry.agent}, {entry.configuration}: {name}", 100 * counts / max(1, all_edits.sum()))
         for name, counts in {"all": all_edits, **by_type}.items()
     ]
 
 
-def action_map(entry: AgentResults, grid: tuple[int, int], types: tuple[type, ...]) -> list[list[int]]:
+def action_map(entry: AgentResults, grid: tuple[int, int], types: tuple[type, ...]) -> np.ndarray:
     """(rows, columns) counts of actions of the given types by grid cell."""
-    columns, rows = grid
-    counts = [[0] * columns for _ in range(rows)]
-    edits: list[Any] = [
-        action for run in entry.runs for e in run.episodes for action in e.actions if isinstance(action, types)
-    ]
-    for edit in edits:
-        counts[edit.row][edit.column] += 1
+    counts = np.zeros(grid[::-1], np.int64)
+    for edit in (action for run in entry.runs for episode in run.episodes for action in episode.actions):
+        if isinstance(edit, types) and isinstance(edit, AddItem | RemoveItem):
+            counts[edit.row, edit.column] += 1
     return counts

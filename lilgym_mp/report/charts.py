@@ -142,13 +142,13 @@ def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagon
     return figure
 
 
-def heat_maps(panels: Sequence[Sequence[tuple[str, Sequence[Sequence[float]]]]]) -> Figure:
+def heat_maps(panels: Sequence[Sequence[tuple[str, np.ndarray]]]) -> Figure:
     """Rows of titled heat maps, each with its own scale and colour bar."""
     figure: Any = new_figure(WIDTH, 125 * len(panels) + 20)
     grid: Any = figure.subplots(len(panels), max(map(len, panels)), squeeze=False)
     for row, row_panels in zip(grid, panels, strict=True):
         for axes, (title, values) in zip(row, row_panels, strict=True):
-            top = max(map(max, values)) or 1.0  # matplotlib draws an empty range in the middle colour
+            top = values.max() or 1.0  # matplotlib draws an empty range in the middle colour
             image = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="equal")
             axes.set_title(title, loc="left", fontsize=8, color=INK)
             axes.set_xticks([])

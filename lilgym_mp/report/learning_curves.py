@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from lilgym_mp.learning.learners import find_learner
-from lilgym_mp.report.aggregation import MeanStd, mean_std
+from lilgym_mp.report.aggregation import mean_std
 from lilgym_mp.report.charts import Line, line_chart
 from lilgym_mp.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
@@ -38,10 +38,11 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
         shown = [curve for curve in evaluated if curve.configuration == configuration]
         for name, runs in _group_by_recipe(shown).items():
             for suffix, key in _metrics(runs):
-                line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key)
+                line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key, 100)
+                assert line is not None
                 drawn.append(line)
-                last = mean_std([run.evaluations[-1][key] for run in runs])
-                rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last and _percent(last)])
+                last = mean_std([100 * run.evaluations[-1][key] for run in runs])
+                rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last])
         panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
     if not panels:
         yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
@@ -101,16 +102,19 @@ def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
     return [("", PROGRAM_ACCURACY)]
 
 
-def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str) -> Line:
-    """Mean and deviation over runs in per cent, at the step counts common to all of them."""
-    by_steps = [{record["steps"]: record[key] for record in run} for run in runs]
-    steps = sorted(set(by_steps[0]).intersection(*by_steps[1:]))
-    points = [_percent(point) for x in steps if (point := mean_std([run[x] for run in by_steps])) is not None]
-    return Line(name, steps, [point.mean for point in points], [point.deviation or 0.0 for point in points])
-
-
-def _percent(share: MeanStd) -> MeanStd:
-    return MeanStd(100 * share.mean, None if share.deviation is None else 100 * share.deviation, share.runs)
+def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str, scale: float = 1) -> Line | None:
+    """Mean and deviation over runs up to where the first of them ends, at its steps; None without such records."""
+    series: list[tuple[list[float], list[float]]] = []
+    for run in runs:
+        records = [record for record in run if record.get(key) is not None]
+        if records:
+            steps = [record["step" if "step" in record else "steps"] for record in records]
+            series.append((steps, [scale * record[key] for record in records]))
+    if not series:
+        return None
+    xs = min((steps for steps, _ in series), key=max)
+    ys = np.array([np.interp(xs, *points) for points in series])
+    return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)
 
 
 def progress_curves(data: ReportData) -> Item:
@@ -122,25 +126,11 @@ def progress_curves(data: ReportData) -> Item:
     for (learner, configuration), curves in groups.items():
         key, label = find_learner(learner).progress
         by_recipe = _group_by_recipe(curves)
-        lines = [line for name, runs in by_recipe.items() if (line := _mean_progress(name, runs, key)) is not None]
+        found = (mean_line(name, [run.progress for run in runs], key) for name, runs in by_recipe.items())
+        lines = [line for line in found if line is not None]
         if lines:
             panels.append((f"{learner} {configuration}".strip(), "steps", label, lines))
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
     note = "Training progress, on training tasks. Lines are means over runs, bands the sample standard deviation."
     return Chart(ITEM, TITLE, line_chart(panels), note)
-
-
-def _mean_progress(name: str, runs: Sequence[TrainingCurve], key: str) -> Line | None:
-    """Up to where the first run ends, at its steps."""
-    series: list[tuple[list[float], list[float]]] = []
-    for run in runs:
-        records = [record for record in run.progress if record.get(key) is not None]
-        if records:
-            steps = [record["step" if "step" in record else "steps"] for record in records]
-            series.append((steps, [record[key] for record in records]))
-    if not series:
-        return None
-    xs = min((steps for steps, _ in series), key=max)
-    ys = np.array([np.interp(xs, *points) for points in series])
-    return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)

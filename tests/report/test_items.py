@@ -198,7 +198,7 @@ def test_section_d2__errors_by_reason_and_by_kind_of_stop(data: ReportData):
 
 def test_figure_10__counts_actions_by_cell_and_type(data: ReportData):
     removed = action_map(data.entries[0], (19, 5), REMOVES)
-    assert (removed[0][0], removed[4][18], sum(map(sum, removed))) == (4, 1, 5)
+    assert (removed[0][0], removed[4][18], removed.sum()) == (4, 1, 5)
     assert action_map(data.entries[0], (19, 5), ADDS)[4][0] == 1
 
 
@@ -483,7 +483,7 @@ def test_figure_4__averages_dev_accuracy_over_seeds_by_reward(tmp_path: Path):
     trained(tmp_path / "b", 1, [(0, 0.3, 0), (0, 0.7, 0)])
     trained(tmp_path / "c", 0, [(0, 0.2, 0), (0, 0.4, 0.25)], nlvr_reward=True)
     found = load_report_data([tmp_path])
-    line = mean_line("x", [curve.evaluations for curve in found.curves[:2]], "accuracy_with_image")
+    line = mean_line("x", [curve.evaluations for curve in found.curves[:2]], "accuracy_with_image", 100)
     assert (line.xs, line.ys) == ([0, 32], [pytest.approx(20), pytest.approx(60)])
     assert line.deviations == [pytest.approx(200**0.5), pytest.approx(200**0.5)]
     chart, table = dev_curves(found.curves)
