@@ -1,4 +1,4 @@
-"""Solves whole corpora with the expert: solved and proven shortest tasks, successes, time, and demonstrations per second.
+"""Solves whole corpora with the expert: tasks solved and proven shortest, successes, time, demonstrations per second.
 
 Without LILGYM_DATA, only the builtin corpus is solved. Run: python benchmarks/solver.py --jobs 2
 """

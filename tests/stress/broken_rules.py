@@ -266,7 +266,7 @@ BREAKS = (
     ),
     Break(
         "imitation loss over sets of actions",
-        f"{LEARNING}/imitation/losses.py",
+        f"{LEARNING}/imitation/update.py",
         "torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)",
         "types[..., 0] + added",
         ("tests/learning/imitation",),

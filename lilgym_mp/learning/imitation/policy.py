@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs, pad_rows
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.losses import log_policy
-from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS, ImitationNetwork, Inputs
+from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS, ImitationNetwork, Inputs, Outputs
 from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
@@ -65,6 +66,26 @@ class NetworkPolicy:
                 outputs = self.network(inputs, batch_targets)
             log_probabilities[rows] = log_policy(outputs, batch_targets)[:, 0].cpu().numpy()
         return log_probabilities
+
+
+def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
+    """(S, A, logits) log-probabilities of all actions in the first A scenes, in the order of `ActionHeads`."""
+    stop, edit = stop_log_probabilities(outputs.truth[:, : targets.shape[1]], targets)
+    types = outputs.types.log_softmax(-1) + edit[..., None]
+    return torch.cat(
+        [
+            stop[..., None],
+            types[..., :1] + outputs.adds.log_softmax(-1),
+            types[..., 1:] + outputs.removes.log_softmax(-1),
+        ],
+        -1,
+    )
+
+
+def stop_log_probabilities(truth: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
+    """log P(STOP) and log P(not STOP): P(STOP) is the probability that the statement has the target value."""
+    signed = torch.where(targets == 1, truth, -truth)
+    return F.logsigmoid(signed), F.logsigmoid(-signed)
 
 
 def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:

@@ -1,6 +1,7 @@
 """Imitation of sets of optimal actions with dataset aggregation (DAgger): the algorithm without its files and budget.
 
-Start reading at `Imitation`: `collect_first`, then `step`, with `collect_more` in between. `losses` has the loss.
+Start reading at `Imitation`: `collect_first`, then `step`, with `collect_more` in between. The loss is `losses`: the
+negative log-probability of the set of optimal first actions, with auxiliary losses.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from torch import nn
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor, nn
 
-from lilgym_mp.learning.imitation.batches import BatchSampler
+from lilgym_mp.learning.imitation.batches import Batch, BatchSampler
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
-from lilgym_mp.learning.imitation.losses import losses
-from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, action_chooser, play_episodes, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingError
@@ -27,6 +28,7 @@ from lilgym_mp.scene import Scene
 ENTRIES_PER_COLLECTION = 32
 ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
 LAST_SCENES = 3  # of each of the network's episodes that are labelled
+MIN_PROBABILITY = 1e-13  # clamp; sets below it have no gradient
 LOWEST_RATE = 0.02  # the last learning rate relative to the peak
 
 
@@ -124,6 +126,40 @@ class Imitation:
         self.network.load_state_dict(state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.rng = self.collector.rng = rng
+
+
+class Losses(NamedTuple):
+    """Means over the batch."""
+
+    truth: Tensor  # binary cross-entropy of the statement's truth, which determines STOP
+    actions: Tensor  # -log P(set | not STOP)
+    steps: Tensor  # cross-entropy of the steps to go
+    legal: Tensor  # binary cross-entropy of legal edits (Scatter)
+
+
+def set_log_probabilities(outputs: Outputs, optimal: Tensor) -> Tensor:
+    """(S, A) log P(set | not STOP) of the edits in the boolean mask `optimal` (S, A, logits)."""
+    add_count = outputs.adds.shape[-1]
+    types = outputs.types.log_softmax(-1)
+    added = _log_masked_probability(outputs.adds, optimal[..., 1 : 1 + add_count])
+    removed = _log_masked_probability(outputs.removes, optimal[..., 1 + add_count :])
+    return torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)
+
+
+def _log_masked_probability(logits: Tensor, mask: Tensor) -> Tensor:
+    """The log of the softmax probability inside the mask, clamped to MIN_PROBABILITY."""
+    return (logits.softmax(-1) * mask).sum(-1).clamp(min=MIN_PROBABILITY).log()
+
+
+def losses(outputs: Outputs, batch: Batch) -> Losses:
+    truth = F.binary_cross_entropy_with_logits(outputs.truth, batch.truths)
+    actions = -set_log_probabilities(outputs, batch.optimal).mean()
+    steps = F.cross_entropy(outputs.steps.flatten(0, 1), batch.steps.flatten())
+    legal = truth.new_zeros(())
+    if outputs.legal is not None:
+        each = F.binary_cross_entropy_with_logits(outputs.legal, batch.legal.float(), reduction="none")
+        legal = each.mean((-1, -2))[batch.box_mask].mean()
+    return Losses(truth, actions, steps, legal)
 
 
 def learning_rate(recipe: ImitationRecipe, done: float) -> float:

@@ -8,8 +8,9 @@ import torch
 
 from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.learning.imitation.action_heads import action_heads
-from lilgym_mp.learning.imitation.losses import log_policy, set_log_probabilities
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
+from lilgym_mp.learning.imitation.policy import log_policy
+from lilgym_mp.learning.imitation.update import set_log_probabilities
 
 
 def random_outputs(appearance: Tower | Scatter) -> Outputs:

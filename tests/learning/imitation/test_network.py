@@ -12,9 +12,8 @@ from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector
-from lilgym_mp.learning.imitation.losses import log_policy
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions, log_policy
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 
