@@ -70,7 +70,9 @@ class NetworkPolicy:
 
 def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
     """(S, A, logits) log-probabilities of all actions in the first A scenes, in the order of `ActionHeads`."""
-    stop, edit = stop_log_probabilities(outputs.truth[:, : targets.shape[1]], targets)
+    truth = outputs.truth[:, : targets.shape[1]]
+    signed = torch.where(targets == 1, truth, -truth)  # P(STOP) is the probability of the target value
+    stop, edit = F.logsigmoid(signed), F.logsigmoid(-signed)
     types = outputs.types.log_softmax(-1) + edit[..., None]
     return torch.cat(
         [
@@ -80,12 +82,6 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
         ],
         -1,
     )
-
-
-def stop_log_probabilities(truth: Tensor, targets: Tensor) -> tuple[Tensor, Tensor]:
-    """log P(STOP) and log P(not STOP): P(STOP) is the probability that the statement has the target value."""
-    signed = torch.where(targets == 1, truth, -truth)
-    return F.logsigmoid(signed), F.logsigmoid(-signed)
 
 
 def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:

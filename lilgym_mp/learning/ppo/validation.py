@@ -71,11 +71,13 @@ class Validation:
 
 
 class LearningCurve:
-    """Evaluations on dev at intervals of `every` steps."""
+    """Evaluations on dev at intervals of `every` steps, with the same random numbers each time."""
 
     def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: TrainingRun) -> None:
         """Raises CorpusError when dev has no tasks."""
-        self._evaluator, self._recipe, self._every, self._run = DevEvaluator(settings, recipe.seed), recipe, every, run
+        env = settings.make(SPLIT)
+        self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
+        self._tasks, self._dynamics, self._goals = env.tasks, env.dynamics, _goals(settings)
         self._last = _last_steps(run)
 
     def is_due(self, steps: int) -> bool:
@@ -85,10 +87,31 @@ class LearningCurve:
         """Appends a point, unless there is one at this step already."""
         if self._last is not None and steps <= self._last:
             return
-        point = self._evaluator(playing(model, self._recipe, sampled=True), steps, seconds)
+        point = self.evaluation(playing(model, self._recipe, sampled=True), steps, seconds)
         model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
         self._run.record(point._asdict(), EVALUATIONS_FILE)
         self._last = steps
+
+    def evaluation(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
+        episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
+        solvable = [episode for episode in episodes if self._goals.get(episode.task_id)]
+        return DevEvaluation(
+            steps,
+            round(seconds, 3),
+            len(episodes),
+            _mean([episode.is_success for episode in episodes]),
+            _mean([episode.reward for episode in episodes]),
+            len(solvable) or None,
+            _mean([episode.is_success for episode in solvable]) if solvable else None,
+            _mean([self._stopped_in_goal(episode) for episode in solvable]) if solvable else None,
+        )
+
+    def _stopped_in_goal(self, episode: Episode) -> bool:
+        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
+        if not isinstance(actions[-1], Stop):
+            return False
+        last = scenes(self._dynamics, self._tasks.by_id(episode.task_id).start, actions)[-1]
+        return content(last) in self._goals[episode.task_id]
 
 
 def _last_steps(run: TrainingRun) -> int | None:
@@ -117,38 +140,6 @@ class DevEvaluation(NamedTuple):
     start_scenes_with_image: int | None
     accuracy_with_image: float | None
     image_accuracy: float | None  # fraction of them that end with STOP in such a scene: the NLVR reward's success
-
-
-class DevEvaluator:
-    """Evaluates on dev with the same random numbers each time."""
-
-    def __init__(self, settings: Settings, seed: int) -> None:
-        """Raises CorpusError when dev has no tasks."""
-        env = settings.make(SPLIT)
-        self._settings, self._seed = settings, seed
-        self._tasks, self._dynamics = env.tasks, env.dynamics
-        self._goals = _goals(settings)
-
-    def __call__(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
-        episodes = evaluate(policy, self._settings, SPLIT, seed=self._seed)
-        solvable = [episode for episode in episodes if self._goals.get(episode.task_id)]
-        return DevEvaluation(
-            steps,
-            round(seconds, 3),
-            len(episodes),
-            _mean([episode.is_success for episode in episodes]),
-            _mean([episode.reward for episode in episodes]),
-            len(solvable) or None,
-            _mean([episode.is_success for episode in solvable]) if solvable else None,
-            _mean([self._stopped_in_goal(episode) for episode in solvable]) if solvable else None,
-        )
-
-    def _stopped_in_goal(self, episode: Episode) -> bool:
-        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
-        if not isinstance(actions[-1], Stop):
-            return False
-        last = scenes(self._dynamics, self._tasks.by_id(episode.task_id).start, actions)[-1]
-        return content(last) in self._goals[episode.task_id]
 
 
 def _goals(settings: Settings) -> Mapping[str, frozenset[Content]]:

@@ -28,8 +28,8 @@ from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
-from lilgym_mp.learning.ppo.validation import DevEvaluator
-from lilgym_mp.learning.training_run import TrainingRunError, resumable_run
+from lilgym_mp.learning.ppo.validation import LearningCurve
+from lilgym_mp.learning.training_run import TrainingRunError, begin_run, resumable_run
 from lilgym_mp.scene import Scene, Shape
 from tests.own_corpus import write_own_corpus
 
@@ -210,17 +210,19 @@ def test_train__evaluates_on_dev_at_the_start_periodically_and_at_the_end(tmp_pa
     assert equal(tmp_path / "curve", tmp_path / "plain")  # training is unaffected
 
 
-def test_evaluator__image_accuracy_counts_only_scenes_of_the_corpus(own: str):
+def test_learning_curve__image_accuracy_counts_only_scenes_of_the_corpus(own: str, tmp_path: Path):
     def adds(count: int) -> Any:
         blue_left, stop = 3, 0
         return lambda seen, legal, rng: np.where(seen.steps < count, blue_left, stop)
 
-    evaluator = DevEvaluator(Settings("TowerScratch", corpus=own), 0)
-    one, two = (evaluator(adds(count), 0, 0.0) for count in (1, 2))
+    run = begin_run(tmp_path, {})
+    curve = LearningCurve(Settings("TowerScratch", corpus=own), SMALL, 1, run)
+    one, two = (curve.evaluation(adds(count), 0, 0.0) for count in (1, 2))
     # Of "something yellow", "something blue" and two items, the corpus has one blue block for the second.
     assert (one.start_scenes_with_image, one.image_accuracy, one.accuracy_with_image) == (3, 1 / 3, 1 / 3)
     assert (two.image_accuracy, two.accuracy) == (0, 2 / 3)
-    assert DevEvaluator(Settings("TowerFlipIt", corpus=own), 0)(adds(1), 0, 0.0).image_accuracy is None
+    flipit = LearningCurve(Settings("TowerFlipIt", corpus=own), SMALL, 1, run)
+    assert flipit.evaluation(adds(1), 0, 0.0).image_accuracy is None
 
 
 def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
