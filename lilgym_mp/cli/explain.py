@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.actions import describe
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.film import FAILURE_RGB, PENDING_RGB, SUCCESS_RGB, FilmFrame, film_frames
+from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.options import CommandError, add_device, add_settings, given_environment
-from lilgym_mp.render.frames import smooth_picture
+from lilgym_mp.render.frames import frame
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
         print(f"outcome: {outcome} (the task's program: {task.program})")
     if args.film is not None:
-        film_frames(args.film, [_film(plan, planner, statement, task.target)])
+        _film(args.film, plan, planner, f'"{statement}" Make it {str(task.target).lower()}.')
         print(f"film: {args.film}")
     return 0
 
@@ -102,14 +102,10 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
     raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
 
 
-def _film(plan: Plan, planner: Planner, statement: str, target: bool) -> list[FilmFrame]:
-    task = f'"{statement}" Make it {str(target).lower()}.'
+def _film(path: Path, plan: Plan, planner: Planner, task: str) -> None:
+    """Writes the plan's scenes with its actions as a GIF."""
     visited = scenes(planner.dynamics, plan.scene, plan.actions[:-1])
     captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
-    frames = [
-        FilmFrame(smooth_picture(scene, 1), task, caption, PENDING_RGB)
-        for scene, caption in zip(visited, captions, strict=True)
-    ]
-    likely = plan.success_probability >= 0.5
     stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
-    return [*frames, FilmFrame(smooth_picture(visited[-1], 1), task, stop, SUCCESS_RGB if likely else FAILURE_RGB)]
+    shown = zip([*visited, visited[-1]], [*captions, stop], strict=True)
+    save_gif(path, [frame(scene, [task, caption], planner.dynamics.appearance) for scene, caption in shown])

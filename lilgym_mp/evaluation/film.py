@@ -42,8 +42,8 @@ class FilmFrame(NamedTuple):
     task: str  # statement and target as text
     caption: str  # last action, and the outcome at the end
     rgb: tuple[int, int, int]  # colour of caption and border
-    truth: bool | None = None  # of the statement in the picture
-    target: bool | None = None
+    truth: bool  # of the statement in the picture
+    target: bool
 
 
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
@@ -72,7 +72,7 @@ def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Epi
     film_frames(path, [list(episode_frames(env, episode)) for episode in episodes], columns)
 
 
-def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int = 1) -> None:
+def film_frames(path: Path, films: Sequence[Sequence[FilmFrame]], columns: int) -> None:
     """Writes a GIF of films in a grid; each stays on its last frame until all have ended."""
     length = max(map(len, films))
     save_gif(path, (_grid([film[min(index, len(film) - 1)] for film in films], columns) for index in range(length)))
@@ -101,11 +101,10 @@ def _tile(frame: FilmFrame) -> Image.Image:
     ink = INK_RGB if frame.rgb == PENDING_RGB else frame.rgb
     bottom = top + IMAGE_HEIGHT + BORDER + 2
     pen.text((MARGIN, bottom), frame.caption, fill=ink, font=font)
-    if frame.truth is not None:
-        goal, now = f"goal: {str(frame.target).lower()}", f"now: {str(frame.truth).lower()}"
-        rgb = SUCCESS_RGB if frame.truth == frame.target else MISSED_RGB
-        pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=INK_RGB, font=font)
-        pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=rgb, font=font)
+    goal, now = f"goal: {str(frame.target).lower()}", f"now: {str(frame.truth).lower()}"
+    rgb = SUCCESS_RGB if frame.truth == frame.target else MISSED_RGB
+    pen.text((MARGIN, bottom + LINE_HEIGHT), goal, fill=INK_RGB, font=font)
+    pen.text((MARGIN + GOAL_WIDTH, bottom + LINE_HEIGHT), now, fill=rgb, font=font)
     return tile
 
 
