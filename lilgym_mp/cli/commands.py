@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any, TypeVar
 
 from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
-from lilgym_mp.appearances import Appearance, Grid
+from lilgym_mp.appearances import Appearance
 from lilgym_mp.scene import Colour, Shape, Size
 
 Value = TypeVar("Value")
@@ -31,18 +31,8 @@ _PUNCTUATION = str.maketrans("(),", "   ")
 
 
 def command_help(appearance: Appearance) -> list[str]:
-    """Lines that describe the commands for actions."""
-    if appearance.grid is None:
-        return [
-            f"add BOX COLOUR   such as: {describe(appearance.example)}",
-            "remove BOX       such as: REMOVE(MIDDLE)",
-        ]
-    columns, rows = appearance.grid
-    example = f"{describe(appearance.example)}  (0..{columns - 1}, 0..{rows - 1})"
-    return [
-        f"add COLUMN ROW SHAPE COLOUR SIZE   such as: {example}",
-        "remove COLUMN ROW                  remove the item that covers most of that cell",
-    ]
+    """Lines that describe the commands for edits."""
+    return [usage for usage, readers, _ in _forms(appearance).values() if readers]
 
 
 def words_of(line: str) -> list[str]:
@@ -53,28 +43,25 @@ def words_of(line: str) -> list[str]:
 def parse_command(words: Words, appearance: Appearance) -> Action:
     """The action of a command; words may be abbreviated. Raises CommandSyntaxError."""
     verb = match_choice("command", words[0], VERBS)
-    usage, readers, make = _forms(appearance.grid)[verb]
+    usage, readers, make = _forms(appearance)[verb]
     if len(words) - 1 != len(readers):
         raise CommandSyntaxError(f"{verb} takes {len(readers)} words, not {len(words) - 1}; usage: {usage}")
     return make(*(read(word) for read, word in zip(readers, words[1:], strict=True)))
 
 
-def _forms(grid: Grid | None) -> dict[str, tuple[str, Sequence[Reader], Callable[..., Action]]]:
+def _forms(appearance: Appearance) -> dict[str, tuple[str, Sequence[Reader], Callable[..., Action]]]:
     """The usage of each command, what reads its words, and what makes its action."""
-    stop = ("stop", (), lambda: STOP)
-    if grid is None:
-        box, colour = _choice("box", BOXES), _choice("colour", COLOURS)
-        add = ("add BOX COLOUR, such as: add left blue", (box, colour), AddBlock)
+    stop, example = ("stop", (), lambda: STOP), describe(appearance.example)
+    if appearance.grid is None:
+        box, colour = partial(match_choice, "box", choices=BOXES), partial(match_choice, "colour", choices=COLOURS)
+        add = (f"add BOX COLOUR, such as: {example}", (box, colour), AddBlock)
         return {"add": add, "remove": ("remove BOX, such as: remove left", (box,), RemoveBlock), "stop": stop}
-    cell = partial(_coordinate, "column", grid[0]), partial(_coordinate, "row", grid[1])
-    attribute = _choice("shape, colour or size", {**SHAPES, **COLOURS, **SIZES})
-    usage = "add COLUMN ROW SHAPE COLOUR SIZE, such as: add 3 4 circle blue small"
-    remove = ("remove COLUMN ROW, such as: remove 3 4", cell, RemoveItem)
+    columns, rows = appearance.grid
+    cell = partial(_coordinate, "column", columns), partial(_coordinate, "row", rows)
+    attribute = partial(match_choice, "shape, colour or size", choices={**SHAPES, **COLOURS, **SIZES})
+    usage = f"add COLUMN ROW SHAPE COLOUR SIZE, such as: {example}  (0..{columns - 1}, 0..{rows - 1})"
+    remove = ("remove COLUMN ROW: the item that covers most of that cell", cell, RemoveItem)
     return {"add": (usage, (*cell, *[attribute] * 3), _add_item), "remove": remove, "stop": stop}
-
-
-def _choice(what: str, choices: Mapping[str, Any]) -> Reader:
-    return lambda word: match_choice(what, word, choices)
 
 
 def _add_item(column: int, row: int, *attributes: IntEnum) -> Action:

@@ -65,7 +65,7 @@ def test_play__invalid_commands_are_explained_and_take_no_step(play: Play):
         BLUE_TASK, "dance", "add", "add left", "add up blue", "add left bl", "remove 3", "hint me", "", "show"
     )
     assert "unknown command 'dance'; choose from add, remove, stop, hint" in output
-    assert "add takes 2 words, not 0; usage: add BOX COLOUR, such as: add left blue" in output
+    assert "add takes 2 words, not 0; usage: add BOX COLOUR, such as: ADD(LEFT, BLUE)" in output
     assert "unknown box 'up'; choose from left, middle, right" in output
     assert "'bl' could be black or blue; choose from yellow, black, blue" in output
     assert "unknown box '3'" in output
