@@ -1,7 +1,8 @@
 """The command `lilgym-mp`, one module per subcommand.
 
-Each module defines `add_parser(subparsers)`, which sets `run(args) -> int` as its parser's default. Heavy imports are
-inside `run`, so that `lilgym-mp --help` is fast and works without torch.
+A module's docstring is its help: its first line in the list of commands, the rest in its own. It defines
+`add_options(parser)`, and `run(args) -> int` unless each of its actions sets one. Heavy imports are inside `run`, so
+that `lilgym-mp --help` is fast and works without torch.
 """
 
 from __future__ import annotations
@@ -75,7 +76,11 @@ def make_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
-        import_module(f"{__name__}.{name.replace('-', '_')}").add_parser(subparsers)
+        module = import_module(f"{__name__}.{name.replace('-', '_')}")
+        summary, _, description = (module.__doc__ or "").strip().partition("\n\n")
+        command = subparsers.add_parser(name, help=summary[:1].lower() + summary[1:-1], description=description)
+        command.set_defaults(run=getattr(module, "run", None))
+        module.add_options(command)
     return parser
 
 

@@ -1,4 +1,8 @@
-"""`lilgym-mp bench`: compares the steps per second of all ways to run the environments."""
+"""Measure the steps per second of all ways to run the environments.
+
+Plays the same recorded actions in all ways to run the environments, alternating between them, and compares their speed
+with that of copying the observations.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +24,7 @@ CHART = "benchmark_scaling.png"
 PICTURES = "pictures"  # subdirectory of the document's directory
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "bench",
-        help="measure the steps per second of all ways to run the environments",
-        description="Plays the same recorded actions in all ways to run the environments, alternating between them, "
-        "and compares their speed with that of copying the observations.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--only",
         nargs="+",
@@ -46,7 +44,6 @@ def add_parser(subparsers: Any) -> None:
         "--output", type=Path, default=OUTPUT, metavar="DIR", help="directory of the results (default: %(default)s)"
     )
     parser.add_argument("--write-docs", type=Path, metavar="FILE", help="update the tables and the chart of a document")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

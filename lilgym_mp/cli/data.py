@@ -1,4 +1,4 @@
-"""`lilgym-mp data ...`: installs the official corpus, inspects any corpus, and makes start scenes."""
+"""Install, check, summarise, show and extend corpora."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
@@ -34,8 +34,7 @@ PROBES, PROBE_WALKS = 96, 16  # scenes on which statements are compared with the
 SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser("data", help="install, check, summarise, show and extend corpora")
+def add_options(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
 
     def add(name: str, run: Callable[[argparse.Namespace], int], summary: str) -> argparse.ArgumentParser:

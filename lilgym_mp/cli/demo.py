@@ -1,4 +1,8 @@
-"""`lilgym-mp demo`: trains two agents in parallel, and compares them with baselines and the expert."""
+"""Train two agents in about three minutes, and see what they do.
+
+Trains a parse-and-plan agent and an imitation agent on the builtin corpus, evaluates both on dev of TowerScratch,
+compares them with an untrained network, random policies and the expert, and writes films of their episodes.
+"""
 
 from __future__ import annotations
 
@@ -32,21 +36,13 @@ POLL_SECONDS = 0.2
 PARSE_AND_PLAN, IMITATION = "parse-and-plan", "imitation"
 
 
-def add_parser(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    parser = subparsers.add_parser(
-        "demo",
-        help="train two agents in about three minutes, and see what they do",
-        description="Trains a parse-and-plan agent and an imitation agent on the builtin corpus, evaluates both on "
-        f"{SPLIT} of {CONFIGURATION}, compares them with an untrained network, random policies and the expert, and "
-        "writes films of their episodes.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_number(parser, "--parser-steps", PARSER_STEPS, "training steps of the parser")
     add_number(parser, "--minutes", IMITATION_MINUTES, "CPU time for the imitation agent")
     add_seed(parser, "of training and evaluation")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"empty or new directory (default: {DIRECTORY}, {DIRECTORY}-2, ...)"
     )
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

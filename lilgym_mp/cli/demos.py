@@ -1,4 +1,8 @@
-"""`lilgym-mp demos`: writes the expert's solutions as demonstrations, to an npz file or a Minari dataset."""
+"""Write demonstrations of the expert, as npz or Minari dataset.
+
+Writes a shortest solution of each task, with its statement, program and target. Equal settings and seeds give equal
+files.
+"""
 
 from __future__ import annotations
 
@@ -39,13 +43,7 @@ OBSERVATIONS = (TEXT, ARRAYS, STRUCTURED)
 EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari dataset names
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "demos",
-        help="write demonstrations of the expert, as npz or Minari dataset",
-        description="Writes a shortest solution of each task, with its statement, program and target. Equal settings "
-        "and seeds give equal files.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser)
     add_split(parser, "train")
     parser.add_argument("--out", type=Path, metavar="FILE", help="npz file to write; docs/solver.md lists its arrays")
@@ -66,7 +64,6 @@ def add_parser(subparsers: Any) -> None:
     add_number(parser, "--repeats", 1, "with --sets: episodes from each start scene")
     add_solving(parser)
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,8 @@
-"""`lilgym-mp evaluate`: evaluates agents and baseline policies on a split, in one or more configurations."""
+"""Evaluate agents and baseline policies on a split.
+
+Plays every task of a split once per pass, without stop forcing; only agents trained with a mask of legal actions get
+one. Random policies are evaluated too, for comparison, unless --policy or --alone is given.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +13,7 @@ from functools import partial
 from itertools import product
 from pathlib import Path
 from shutil import get_terminal_size
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import NoTasksError
@@ -50,14 +54,7 @@ if TYPE_CHECKING:
 OFF = "off"
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "evaluate",
-        help="evaluate agents and baseline policies on a split",
-        description="Plays every task of a split once per pass, without stop forcing; only agents trained with a mask "
-        "of legal actions get one. Random policies are evaluated too, for comparison, unless --policy or --alone is "
-        "given.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "agents",
         nargs="*",
@@ -114,7 +111,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_device(parser)
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

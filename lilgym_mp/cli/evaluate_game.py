@@ -1,4 +1,9 @@
-"""`lilgym-mp evaluate-game`: measures proposers and verifiers of the two-agent game."""
+"""Measure proposers and verifiers of the two-agent game.
+
+Plays every task of a split once with each pair. A run's proposer plays with its own verifier, an oracle and a verifier
+that looks at the target alone; its verifier plays with an expert that tells the truth and one that lies, too. Without
+runs, scripted partners play each other.
+"""
 
 from __future__ import annotations
 
@@ -49,14 +54,7 @@ J: mean over targets of completeness + soundness - 100; 0 for a verifier that kn
 lies accepted: % of games that end in an accepted false claim."""
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "evaluate-game",
-        help="measure proposers and verifiers of the two-agent game",
-        description="Plays every task of a split once with each pair. A run's proposer plays with its own verifier, an "
-        "oracle and a verifier that looks at the target alone; its verifier plays with an expert that tells the truth "
-        "and one that lies, too. Without runs, scripted partners play each other.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "runs", nargs="*", type=Path, metavar="RUN", help="run directories written by `lilgym-mp train`, or model files"
     )
@@ -86,7 +84,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_device(parser)
-    parser.set_defaults(run=run)
 
 
 @dataclass(frozen=True)

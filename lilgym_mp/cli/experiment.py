@@ -1,4 +1,8 @@
-"""`lilgym-mp experiment FILE.toml`: trains, evaluates and records a matrix of configurations, learners and seeds."""
+"""Train, evaluate and record a matrix of configurations, learners and seeds.
+
+Executes all runs described by a TOML file. If interrupted, the same command resumes them. `lilgym-mp report DIR --out
+REPORT` makes tables and figures of the results.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
 from lilgym_mp.options import CommandError, check_at_least
@@ -23,13 +27,7 @@ UPDATE_SECONDS = 1.0
 FAILED = 1  # exit code if any run failed
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "experiment",
-        help="train, evaluate and record a matrix of configurations, learners and seeds",
-        description="Executes all runs described by a TOML file. If interrupted, the same command resumes them. "
-        "`lilgym-mp report DIR --out REPORT` makes tables and figures of the results.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "file", type=Path, metavar="FILE.toml", help="the experiment; docs/experiments.md lists its keys"
     )
@@ -42,7 +40,6 @@ def add_parser(subparsers: Any) -> None:
     )
     parser.add_argument("--list", action="store_true", help="print the commands without running them")
     parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,8 @@
-"""`lilgym-mp explain`: shows how the parse-and-plan agent parses a statement and plans for it."""
+"""Show how the parse-and-plan agent parses a statement and plans for it.
+
+Shows the programs that the agent finds for a statement with their probabilities and truth values, and the plan for
+them.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ import argparse
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.actions import describe
 from lilgym_mp.corpus import CorpusError
@@ -26,13 +30,7 @@ DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
 DEFAULT_CONFIGURATION = "TowerScratch"
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "explain",
-        help="show how the parse-and-plan agent parses a statement and plans for it",
-        description="Shows the programs that the agent finds for a statement with their probabilities and truth "
-        "values, and the plan for them.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("statement", nargs="?", metavar="STATEMENT", help="such as 'There is a blue block.'")
     parser.add_argument(
         "--task", metavar="ID", help="task that provides the start scene, the target and, by default, the statement"
@@ -54,7 +52,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write an animation of the plan to FILE.gif")
     add_device(parser)
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

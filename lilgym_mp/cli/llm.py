@@ -1,4 +1,8 @@
-"""`lilgym-mp llm`: evaluates a language model, or any other text agent, on the tasks of a split."""
+"""Evaluate a language model on the tasks of a split.
+
+Plays tasks through text: prompts describe the rules, the scene and the legal actions; actions are parsed from the
+answers. Prints every episode's outcome and a summary.
+"""
 
 from __future__ import annotations
 
@@ -31,13 +35,7 @@ if TYPE_CHECKING:
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "llm",
-        help="evaluate a language model on the tasks of a split",
-        description="Plays tasks through text: prompts describe the rules, the scene and the legal actions; actions "
-        "are parsed from the answers. Prints every episode's outcome and a summary.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser)
     parser.add_argument(
         "--agent", required=True, metavar="NAME", help="random, expert, http, transformers, or your own module:Class"
@@ -65,7 +63,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_recording(parser, "--record")
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

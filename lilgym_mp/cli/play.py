@@ -1,4 +1,7 @@
-"""`lilgym-mp play`: a person plays in the terminal."""
+"""Play in the terminal, or by mouse in a window.
+
+Edit the scene until the statement has the target truth value, then stop. Type help for the commands.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import writable_file
@@ -21,19 +24,12 @@ if TYPE_CHECKING:
     from lilgym_mp.envs.single import LilGymEnv
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "play",
-        help="play in the terminal, or by mouse in a window",
-        description="Edit the scene until the statement has the target truth value, then stop. Type help for the "
-        "commands.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?", default="TowerScratch")
     add_task_choice(parser)
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write the session as an animation")
     parser.add_argument("--window", action="store_true", help="play by mouse in a window (needs the extra human)")
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def add_task_choice(parser: argparse.ArgumentParser) -> None:

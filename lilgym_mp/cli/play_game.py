@@ -1,4 +1,8 @@
-"""`lilgym-mp play-game`: a person plays one side of the two-agent game, or both, in the terminal."""
+"""Play the two-agent game in the terminal.
+
+A proposer and a verifier share a task. Play one agent or both by typing actions, such as ADD(LEFT, BLUE) or accept;
+type legal to list the legal actions, and quit to leave.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +30,7 @@ PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # defa
 MOST_LISTED = 40  # legal actions shown
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "play-game",
-        help="play the two-agent game in the terminal",
-        description="A proposer and a verifier share a task. Play one agent or both by typing actions, such as "
-        "ADD(LEFT, BLUE) or accept; type legal to list the legal actions, and quit to leave.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?", default="TowerScratch")
     parser.add_argument(
         "--protocol", choices=list(PROTOCOLS), default="veto", help="protocol of the game (default: %(default)s)"
@@ -52,7 +50,6 @@ def add_parser(subparsers: Any) -> None:
     )
     add_task_choice(parser)
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,16 +1,14 @@
-"""`lilgym-mp program`: checks a program, or traces its evaluation in a scene."""
+"""Check a program, or evaluate it in a scene."""
 
 from __future__ import annotations
 
 import argparse
-from typing import Any
 
 from lilgym_mp.options import CommandError, add_corpus, task_with_id
 from lilgym_mp.programs import ProgramError, compile_program, explain_program
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser("program", help="check a program, or evaluate it in a scene")
+def add_options(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", metavar="ACTION", required=True)
     check = actions.add_parser(
         "check",

@@ -1,4 +1,7 @@
-"""`lilgym-mp prompts`: generates tasks for language models as rows with prompts."""
+"""Generate prompts for training language models.
+
+Writes generated tasks as JSON lines, each with its prompt and all that scoring a reply needs.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,6 @@ import argparse
 import json
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
@@ -15,12 +17,7 @@ from lilgym_mp.options import add_number, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "prompts",
-        help="generate prompts for training language models",
-        description="Writes generated tasks as JSON lines, each with its prompt and all that scoring a reply needs.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth, scene or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
@@ -32,7 +29,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--answers", action="store_true", help='add the expert\'s reply as "answer"')
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

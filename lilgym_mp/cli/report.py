@@ -1,4 +1,9 @@
-"""`lilgym-mp report`: the tables and figures of the paper, and more, for recorded agents."""
+"""Make the paper's tables and figures for recorded episodes.
+
+Writes a page, DIR/index.html, with the paper's tables and figures and more for all recorded episodes; tables also as
+CSV and Markdown, figures also as SVG and PNG. Runs without recorded episodes are evaluated first, together with the
+expert and random policies.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +12,6 @@ import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
 from lilgym_mp.learning.learners import AGENT_FILE
@@ -16,14 +20,7 @@ from lilgym_mp.options import CommandError, add_split
 RUN_FILE = "run.json"
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "report",
-        help="make the paper's tables and figures for recorded episodes",
-        description="Writes a page, DIR/index.html, with the paper's tables and figures and more for all recorded "
-        "episodes; tables also as CSV and Markdown, figures also as SVG and PNG. Runs without recorded episodes are "
-        "evaluated first, together with the expert and random policies.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "paths",
         nargs="+",
@@ -50,7 +47,6 @@ def add_parser(subparsers: Any) -> None:
         help="first play all recorded actions again; end at the first difference in tasks, rewards or outcomes",
     )
     add_split(parser, "dev")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,4 +1,7 @@
-"""`lilgym-mp score`: scores the replies of a language model to prompts of `lilgym-mp prompts`."""
+"""Score a language model's replies to prompts.
+
+Scores replies exactly, and prints the success rate, the mean reward and the outcomes.
+"""
 
 from __future__ import annotations
 
@@ -13,19 +16,13 @@ from lilgym_mp.evaluation.files import writable_file, write_json
 from lilgym_mp.options import CommandError
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "score",
-        help="score a language model's replies to prompts",
-        description="Scores replies exactly, and prints the success rate, the mean reward and the outcomes.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("prompts", type=Path, metavar="FILE", help="written by lilgym-mp prompts")
     parser.add_argument(
         "--answers", type=Path, required=True, metavar="REPLIES", help='JSON lines {"id": ..., "reply": ...}'
     )
     parser.add_argument("--reward", default="success", metavar="NAME", help="success (default), progress or return")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write the summary and every score")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

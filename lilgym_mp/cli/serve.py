@@ -1,4 +1,8 @@
-"""`lilgym-mp serve`: the web application for playing, watching agents, annotating and exploring."""
+"""Play, watch agents, annotate and explore in the browser.
+
+Serves a web application on which to play tasks, watch recorded agents, play the two-agent game, annotate statements
+with programs and explore a corpus. All data stay on this machine; Ctrl-C stops it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,7 @@ import threading
 import webbrowser
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lilgym_mp.extras import install
 from lilgym_mp.options import RUNS, CommandError, add_corpus
@@ -24,13 +28,7 @@ PORT, DATABASE = 8000, "lilgym-web.sqlite3"
 WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "alembic", "pydantic", "anyio")
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "serve",
-        help="play, watch agents, annotate and explore in the browser",
-        description="Serves a web application on which to play tasks, watch recorded agents, play the two-agent game, "
-        "annotate statements with programs and explore a corpus. All data stay on this machine; Ctrl-C stops it.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host",
         default="127.0.0.1",
@@ -58,7 +56,6 @@ def add_parser(subparsers: Any) -> None:
         help="reverse proxy whose X-Forwarded-For and X-Forwarded-Proto are believed; every visitor then needs a token",
     )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

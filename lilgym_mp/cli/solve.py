@@ -1,4 +1,7 @@
-"""`lilgym-mp solve`: solves every task of a split with the expert, and summarises its solutions."""
+"""Solve tasks with the expert.
+
+Finds shortest solutions of all tasks of the splits, and reports which are proven shortest.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +41,7 @@ from lilgym_mp.terminal import Progress, shows_colours, table
 MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "solve",
-        help="solve tasks with the expert",
-        description="Finds shortest solutions of all tasks of the splits, and reports which are proven shortest.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "configurations",
         nargs="*",
@@ -61,7 +59,6 @@ def add_parser(subparsers: Any) -> None:
     parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: write an animation of the solutions")
     add_solving(parser)
     add_settings(parser)
-    parser.set_defaults(run=run)
 
 
 def add_solving(parser: argparse.ArgumentParser) -> None:

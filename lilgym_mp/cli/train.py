@@ -1,18 +1,16 @@
-"""`lilgym-mp train LEARNER`: the commands of all learners."""
+"""Train an agent, or resume its training.
+
+Trains an agent. Ctrl-C saves a checkpoint and exits; --resume continues from it.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import argparse
 
 from lilgym_mp.learning.learners import PACKAGES, find_learner
 
 
-def add_parser(subparsers: Any) -> None:
-    parser = subparsers.add_parser(
-        "train",
-        help="train an agent, or resume its training",
-        description="Trains an agent. Ctrl-C saves a checkpoint and exits; --resume continues from it.",
-    )
+def add_options(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
     for name in PACKAGES:
         learner = find_learner(name)
