@@ -9,6 +9,7 @@ import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,12 @@ CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
 
 class CommandError(Exception):
     """An error that the user can correct; only its message is printed, without a traceback."""
+
+
+def help_of(module: str) -> dict[str, str]:
+    """The help of a command, from its module's docstring: its first line in lists of commands, the rest in its own."""
+    summary, _, description = (import_module(module).__doc__ or "").strip().partition("\n\n")
+    return {"help": summary[:1].lower() + summary[1:-1], "description": description}
 
 
 def add_settings(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.extras import install
-from lilgym_mp.options import CommandError
+from lilgym_mp.options import CommandError, help_of
 from lilgym_mp.terminal import printable
 from lilgym_mp_command import INTERRUPTED
 
@@ -77,8 +77,7 @@ def make_parser() -> argparse.ArgumentParser:
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
     for name in COMMANDS:
         module = import_module(f"{__name__}.{name.replace('-', '_')}")
-        summary, _, description = (module.__doc__ or "").strip().partition("\n\n")
-        command = subparsers.add_parser(name, help=summary[:1].lower() + summary[1:-1], description=description)
+        command = subparsers.add_parser(name, **help_of(module.__name__))
         command.set_defaults(run=getattr(module, "run", None))
         module.add_options(command)
     return parser

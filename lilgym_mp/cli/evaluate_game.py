@@ -232,7 +232,7 @@ def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Playe
         return None if partner is None else Player(str(path), partner, view, path)
     if role is Role.VERIFIER and hasattr(agent, "verifier"):  # it judges claims by a probability
         return Player(str(path), agent.verifier(), "image", path)
-    from lilgym_mp.learning.partners import AgentPartner
+    from lilgym_mp.evaluation.game_partners import AgentPartner
 
     single: Agent = agent
     configuration = configuration_name(settings.appearance, settings.start)

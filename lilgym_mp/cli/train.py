@@ -8,12 +8,13 @@ from __future__ import annotations
 import argparse
 
 from lilgym_mp.learning.learners import PACKAGES, find_learner
+from lilgym_mp.options import help_of
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     commands = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
-    for name in PACKAGES:
+    for name, package in PACKAGES.items():
         learner = find_learner(name)
-        command = commands.add_parser(name, help=learner.summary, description=learner.description)
+        command = commands.add_parser(name, **help_of(f"{package}.learner"))
         learner.add_options(command)
         command.set_defaults(run=learner.train)

@@ -5,7 +5,6 @@ A learner saves its agent as one model file (`model_file`), AGENT_FILE in its ru
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Protocol
 
 from lilgym_mp.choices import choose
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, find_learner, shipped_agents
+from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, shipped_agents
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
 
 
@@ -61,9 +60,7 @@ def open_agent(path: Path, device: str = "auto") -> Agent:
     kind = read_description(path).kind
     if kind not in PACKAGES:
         raise ModelFileError(f"{path}: unknown kind {kind!r}; known: {', '.join(sorted(PACKAGES))}")
-    module, name = find_learner(kind).load_agent.split(":")
-    load: Callable[[Path, str], Agent] = getattr(import_module(module), name)
-    return load(path, device)
+    return import_module(f"{PACKAGES[kind]}.agent").load_agent(path, device)
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:

@@ -1,7 +1,8 @@
 """The learners: what training, evaluation, experiments and reports need to know of each. Imports no torch.
 
-Adding a learner takes a package with a module `learner`, which imports no torch either and defines LEARNER, and a line
-in PACKAGES.
+Adding a learner takes a line in PACKAGES and a package with two modules: `learner`, which imports no torch either and
+defines LEARNER, and whose docstring is the help of its command; and `agent`, whose function `load_agent` of a model file
+and a device returns the Agent.
 """
 
 from __future__ import annotations
@@ -30,15 +31,13 @@ PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model fil
 class Learner:
     """One way to train agents."""
 
-    summary: str  # for lists of commands
-    description: str  # for the help of its command
     add_options: Callable[[argparse.ArgumentParser], None]  # of `lilgym-mp train NAME`
     train: Callable[[argparse.Namespace], int]  # trains as these options say; returns the exit code
-    load_agent: str  # "module:function", a function of the model file and the device that returns the Agent
     recipe: type[Any]  # dataclass of hyperparameters, with fields made by `recipes.setting`
     make_recipe: Callable[[str, dict[str, Any]], Any]  # from a configuration and options; raises ValueError
-    budget: Callable[[Mapping[str, Any]], tuple[str, float]]  # from options: key of progress.jsonl, last value
     progress: tuple[str, str]  # for training curves: key of progress.jsonl, axis label
+    budget: Callable[[Mapping[str, Any]], tuple[str, float]] = lambda options: ("cpu_seconds", 60 * options["minutes"])
+    # ^ from options: key of progress.jsonl, last value
     numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])  # options besides the recipe, with defaults
     texts: Sequence[str] = ()  # further options, with text values
     plays_everything: bool = False  # one agent plays all configurations, so the command takes none

@@ -35,8 +35,8 @@ class TrainedPartners:
 
     def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
         """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
+        from lilgym_mp.evaluation.game_partners import AgentPartner
         from lilgym_mp.learning.game.agent import GameAgent
-        from lilgym_mp.learning.partners import AgentPartner
 
         if name not in self.names():
             raise http_error(404, "there is no such partner; reload the page to see the current ones")

@@ -36,14 +36,12 @@ class Guesses:
 def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[argparse.Namespace]]:
     """The commands that the learner was given."""
     given: list[argparse.Namespace] = []
-    module: Any = ModuleType(f"{PACKAGE}.learner")
-    module.load_agent = lambda path, device: f"agent of {path.name} on {device}"
+    module: Any = ModuleType(f"{PACKAGE}.learner", "Guesses.\n\nGuesses boldly.")
+    agent: Any = ModuleType(f"{PACKAGE}.agent")
+    agent.load_agent = lambda path, device: f"agent of {path.name} on {device}"
     module.LEARNER = Learner(
-        summary="guesses",
-        description="Guesses.",
         add_options=lambda parser: parser.add_argument("--boldness", type=float),
         train=lambda args: given.append(args) or 0,
-        load_agent=f"{PACKAGE}.learner:load_agent",
         recipe=Guesses,
         make_recipe=lambda configuration, options: Guesses(**options),
         budget=lambda options: ("guesses", options["guesses"]),
@@ -51,6 +49,7 @@ def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[argparse.Namespac
         numbers={"guesses": 9},
     )
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.learner", module)
+    monkeypatch.setitem(sys.modules, f"{PACKAGE}.agent", agent)
     monkeypatch.setitem(PACKAGES, "guessing", PACKAGE)
     cli.make_parser.cache_clear()
     yield given

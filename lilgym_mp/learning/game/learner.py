@@ -1,4 +1,7 @@
-"""Learning the proposer-verifier game, and its command."""
+"""Both agents of the proposer-verifier game.
+
+Trains one or both agents of the proposer-verifier game. Ctrl-C saves a checkpoint and exits.
+"""
 
 from __future__ import annotations
 
@@ -221,14 +224,10 @@ def _planned_recipe(configuration: str, options: dict[str, Any]) -> GameRecipe:
 
 
 LEARNER = Learner(
-    summary="both agents of the proposer-verifier game",
-    description="Trains one or both agents of the proposer-verifier game. Ctrl-C saves a checkpoint and exits.",
     add_options=add_options,
     train=train,
-    load_agent="lilgym_mp.learning.game.agent:load_agent",
     recipe=GameRecipe,
     make_recipe=_planned_recipe,
-    budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
     progress=("success", "success rate of training games"),
     numbers={"minutes": DEFAULT_MINUTES, "rounds": None},
     texts=(*_GAME, *PARTNERS, "start_from"),

@@ -1,4 +1,8 @@
-"""Imitation of the expert as a learner, and its command."""
+"""A network that imitates the expert's optimal actions, from images and text.
+
+Trains a network to imitate the sets of optimal actions that the expert finds. The trained agent acts on images and
+statements alone, without planning.
+"""
 
 from __future__ import annotations
 
@@ -32,15 +36,10 @@ COMMAND = TimedCommand(
     {"teacher": "imitate the search of this reward model, from rewards alone, instead of the expert"},
 )
 LEARNER = Learner(
-    summary="a network that imitates the expert's optimal actions, from images and text",
-    description="Trains a network to imitate the sets of optimal actions that the expert finds. The trained agent acts "
-    "on images and statements alone, without planning.",
     add_options=COMMAND.add_options,
     train=COMMAND.train,
-    load_agent="lilgym_mp.learning.imitation.agent:load_agent",
     recipe=ImitationRecipe,
     make_recipe=lambda configuration, options: default_recipe(CONFIGURATIONS[configuration][0], **options),
-    budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
     progress=("truth_accuracy", "accuracy of predicted truth values"),
     numbers={"minutes": DEFAULT_MINUTES},
 )

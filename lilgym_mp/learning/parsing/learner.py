@@ -1,4 +1,8 @@
-"""The parse-and-plan agent as a learner, and its command."""
+"""An agent that parses statements into programs and plans with them.
+
+Trains one agent for all configurations of a corpus: it learns to parse statements into programs, reads scenes from
+pixels, and plans for the most likely programs. Takes some minutes on one CPU core.
+"""
 
 from __future__ import annotations
 
@@ -70,12 +74,8 @@ def _note(progress: TrainingProgress) -> str:
 
 
 LEARNER = Learner(
-    summary="an agent that parses statements into programs and plans with them",
-    description="Trains one agent for all configurations of a corpus: it learns to parse statements into programs, "
-    "reads scenes from pixels, and plans for the most likely programs. Takes some minutes on one CPU core.",
     add_options=add_options,
     train=train,
-    load_agent="lilgym_mp.learning.parsing.agent:load_agent",
     recipe=ParserRecipe,
     make_recipe=lambda configuration, options: ParserRecipe(**options),
     budget=lambda options: ("step", options.get("steps", ParserRecipe().steps)),

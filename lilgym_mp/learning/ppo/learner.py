@@ -1,4 +1,7 @@
-"""Proximal policy optimisation as a learner, and its command."""
+"""Proximal policy optimisation, from rewards alone.
+
+Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint and exits.
+"""
 
 from __future__ import annotations
 
@@ -115,12 +118,8 @@ def _recipe(configuration: str, options: dict[str, Any]) -> PPORecipe:
 
 
 LEARNER = Learner(
-    summary="proximal policy optimisation, from rewards alone",
-    description="Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint and "
-    "exits.",
     add_options=add_options,
     train=train,
-    load_agent="lilgym_mp.learning.ppo.agent:load_agent",
     recipe=PPORecipe,
     make_recipe=_recipe,
     budget=lambda options: ("steps", options["steps"]),

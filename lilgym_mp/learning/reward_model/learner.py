@@ -1,4 +1,8 @@
-"""The reward model as a learner, and its command."""
+"""A model of rewards and search with it, from rewards and the rules of editing.
+
+Learns from the rewards of STOPs whether statements hold in scenes, and plays by searching, with the rules of editing,
+for a scene where it is sure of the target. One agent plays both starts of an appearance.
+"""
 
 from __future__ import annotations
 
@@ -31,15 +35,10 @@ COMMAND = TimedCommand(
     _note,
 )
 LEARNER = Learner(
-    summary="a model of rewards and search with it, from rewards and the rules of editing",
-    description="Learns from the rewards of STOPs whether statements hold in scenes, and plays by searching, with the "
-    "rules of editing, for a scene where it is sure of the target. One agent plays both starts of an appearance.",
     add_options=COMMAND.add_options,
     train=COMMAND.train,
-    load_agent="lilgym_mp.learning.reward_model.agent:load_agent",
     recipe=RewardModelRecipe,
     make_recipe=lambda configuration, options: default_recipe(CONFIGURATIONS[configuration][0], **options),
-    budget=lambda options: ("cpu_seconds", 60 * options["minutes"]),
     progress=("held_out_accuracy", "accuracy of predicted truth values on held-out statements"),
     numbers={"minutes": DEFAULT_MINUTES},
 )
