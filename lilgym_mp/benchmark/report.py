@@ -46,10 +46,6 @@ COLOURS: Mapping[str, str] = {
 SINGLE = "single"  # the first point of the line "batched"
 
 
-class DocumentError(ValueError):
-    """A document has no marks for the tables."""
-
-
 def report_text(bench: Bench) -> str:
     """Everything as Markdown: conditions, then the tables of each configuration."""
     rates: Columns = {
@@ -131,11 +127,11 @@ def report_json(bench: Bench) -> dict[str, Any]:
 
 
 def insert_tables(document: str, text: str) -> str:
-    """The document with the text between the marks replaced. Raises DocumentError if it has no marks."""
+    """The document with the text between the marks replaced. Raises ValueError if it has no marks."""
     before, begin, rest = document.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not begin or not end:
-        raise DocumentError(f"no marks for the tables: it needs two lines, {BEGIN} and {END}")
+        raise ValueError(f"no marks for the tables: it needs two lines, {BEGIN} and {END}")
     return f"{before}{BEGIN}\n\n{fold_long_blocks(text)}\n\n{END}{after}"
 
 

@@ -93,11 +93,11 @@ def _write(bench: Any, output: Path, document: Path | None) -> None:
 
 def _with_tables(document: Path, text: str) -> str:
     """The document's text with its tables replaced."""
-    from lilgym_mp.benchmark.report import DocumentError, insert_tables
+    from lilgym_mp.benchmark.report import insert_tables
 
     try:
         return insert_tables(document.read_text(encoding="utf-8"), text)
     except OSError as error:
         raise CommandError(f"cannot read {document}: {error.strerror or error}") from None
-    except DocumentError as error:
+    except ValueError as error:
         raise CommandError(f"{document}: {error}") from None

@@ -185,7 +185,14 @@ def _is_default_pair(proposer: Player, verifier: Player) -> bool:
 def _games(args: argparse.Namespace) -> list[GameToPlay]:
     """The games to play: that of the runs, or one for each protocol."""
     corpus = {} if args.corpus is None else {"corpus": args.corpus}
-    agents = {path: _open(path, args) for path in args.runs}
+    agents: dict[Path, Any] = {}
+    if args.runs:
+        import torch
+
+        from lilgym_mp.learning.agents import open_agent
+
+        torch.set_num_threads(args.threads)
+        agents = {path: open_agent(path, args.device) for path in args.runs}
     own = {path: agent.settings for path, agent in agents.items() if hasattr(agent, "settings")}
     if own:
         first, *others = own
@@ -201,15 +208,6 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
         protocols = args.protocol or list(PROTOCOLS)
         settings = [GameSettings(appearance, start, protocol, **corpus) for protocol in protocols]
     return [_game(each, agents) for each in settings]
-
-
-def _open(path: Path, args: argparse.Namespace) -> Any:
-    import torch
-
-    from lilgym_mp.learning.agents import open_agent
-
-    torch.set_num_threads(args.threads)
-    return open_agent(path, args.device)
 
 
 def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:

@@ -6,7 +6,7 @@ docs/report.md describes every key.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
@@ -91,10 +91,6 @@ class Decision:
         if len(values["types"]) != len(ActionType) or len(values["legal"]) != len(ActionType):
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")
         return cls(**values)
-
-    def with_optimality(self, *, optimal: bool | None, steps_to_go: int | None) -> Self:
-        """A copy with the expert's judgement."""
-        return replace(self, optimal=optimal, steps_to_go=steps_to_go)
 
 
 def _probability(name: str, value: Any) -> float:

@@ -84,8 +84,8 @@ class ExpertProposer:
 class AgentPartner:
     """A single-agent trained agent in one seat.
 
-    It acts on the half-size image, the statement and the target, whatever its seat's view: a proposer proposes the action
-    it would take, a verifier accepts a claim exactly where it would itself STOP, and accepts every edit.
+    It acts on the half-size image, the statement and the target, whatever its seat's view: a proposer proposes the
+    action it would take, a verifier accepts a claim exactly where it would itself STOP, and accepts every edit.
     """
 
     def __init__(self, policy: Policy) -> None:

@@ -6,6 +6,7 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from lilgym_mp.actions import Action, Stop
@@ -133,8 +134,10 @@ class Recorder:
             return episode.decisions
         states = [State(task, scene, step) for step, scene in enumerate(scenes(self._dynamics, task.start, actions))]
         return tuple(
-            decision.with_optimality(
-                optimal=_is_optimal(judge, state, action), steps_to_go=judge.optimal_actions(state).steps or None
+            replace(
+                decision,
+                optimal=_is_optimal(judge, state, action),
+                steps_to_go=judge.optimal_actions(state).steps or None,
             )
             for decision, state, action in zip(episode.decisions, states, actions, strict=False)
         )

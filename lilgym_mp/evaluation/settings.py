@@ -54,13 +54,7 @@ class Settings:
 
     def arguments(self, split: str) -> dict[str, Any]:
         """The keyword arguments of `gymnasium.make`."""
-        return {
-            "corpus": self.corpus,
-            "split": split,
-            "rules": self.rules,
-            "horizon": self.horizon,
-            "grid": self.grid,
-        }
+        return {**{name: value for name, value in asdict(self).items() if name != "configuration"}, "split": split}
 
     def make(self, split: str) -> LilGymEnv:
         """A new environment, without Gymnasium's own wrappers.

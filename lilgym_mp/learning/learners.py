@@ -1,8 +1,8 @@
 """The learners: what training, evaluation, experiments and reports need to know of each. Imports no torch.
 
 Adding a learner takes a line in PACKAGES and a package with two modules: `learner`, which imports no torch either and
-defines LEARNER, and whose docstring is the help of its command; and `agent`, whose function `load_agent` of a model file
-and a device returns the Agent.
+defines LEARNER, and whose docstring is the help of its command; and `agent`, whose function `load_agent` of a model
+file and a device returns the Agent.
 """
 
 from __future__ import annotations

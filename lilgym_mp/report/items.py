@@ -22,6 +22,7 @@ PARTS = ("mean", "sd", "runs", "low", "high")  # columns of a MeanStd in CSV fil
 FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
+@dataclass(frozen=True)
 class Named:
     """An item of the paper, or our own."""
 
@@ -38,8 +39,6 @@ class Named:
 class Table(Named):
     """Rows of cells; None is a missing value."""
 
-    item: str
-    title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[Cell, ...], ...]
     note: str = ""
@@ -76,8 +75,6 @@ class Table(Named):
 class Chart(Named):
     """A matplotlib figure."""
 
-    item: str
-    title: str
     figure: Figure
     note: str = ""
     raster: bool = False  # contains scene images, so the page embeds the PNG instead of the SVG
@@ -87,8 +84,6 @@ class Chart(Named):
 class MissingItem(Named):
     """An item that cannot be made from these recordings."""
 
-    item: str
-    title: str
     note: str  # the reason, and what is needed
 
 

@@ -18,7 +18,7 @@ from PIL import Image
 from lilgym_mp.benchmark import Bench, Effort, Workload, benchmark_cases, players
 from lilgym_mp.benchmark.catalogue import COPY_GROUP, BenchmarkCase
 from lilgym_mp.benchmark.players import Play, Timing
-from lilgym_mp.benchmark.report import BEGIN, COLOURS, END, DocumentError, insert_tables, report_text, scaling_chart
+from lilgym_mp.benchmark.report import BEGIN, COLOURS, END, insert_tables, report_text, scaling_chart
 from lilgym_mp.benchmark.traces import EPISODE_ACTIONS, Episode, Script, vector_trace
 from lilgym_mp.cli import main
 
@@ -156,7 +156,7 @@ def test_chart__has_a_panel_per_configuration() -> None:
 
 def test_insert_tables__replaces_the_old_tables() -> None:
     assert insert_tables(f"Before\n{BEGIN}\nold\n{END}\nafter\n", "new") == f"Before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
-    with pytest.raises(DocumentError, match="begin"):
+    with pytest.raises(ValueError, match="begin"):
         insert_tables("no marks", "new")
 
 

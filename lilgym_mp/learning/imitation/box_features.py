@@ -76,10 +76,7 @@ class BoxFeatureTable(BoxIndex):
             return
         new = self.boxes[first:]
         self._grow_capacity(max(len(box.items) for box in new))
-        items = np.full((len(new), self.item_capacity, len(Item._fields)), -1, np.int64)
-        for row, box in zip(items, new, strict=True):
-            if box.items:
-                row[: len(box.items)] = box.items
+        items = item_arrays(new, self.item_capacity)
         columns = {
             "counts": (items[:, :, 2] >= 0).sum(1),
             "features": item_features(items),

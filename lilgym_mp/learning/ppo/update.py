@@ -96,7 +96,8 @@ def update(
                 policy, values = experience.evaluate(some)
                 old = Transitions(*(column[torch.from_numpy(some)] for column in experience.transitions))
                 loss = losses(recipe, policy, values, old, entropy_coefficient)
-                check_finite(loss)
+                if not torch.isfinite(loss.total):
+                    raise NotFiniteError(f"policy {loss.policy.item():g}, value {loss.value.item():g}")
                 (loss.total * (len(some) / len(rows))).backward()
                 parts.append(loss._replace(total=loss.total.detach()))
             nn.utils.clip_grad_norm_(parameters, recipe.gradient_norm)
@@ -179,11 +180,6 @@ def scale_advantages(advantages: Float32Array, mode: str) -> Float32Array:
     """A rollout's advantages divided by their standard deviation, and centred if `mode` is "normalised"."""
     centre = advantages.mean() if mode == "normalised" else 0.0
     return (advantages - centre) / (advantages.std() + EPSILON)
-
-
-def check_finite(loss: Losses) -> None:
-    if not torch.isfinite(loss.total):
-        raise NotFiniteError(f"policy {loss.policy.item():g}, value {loss.value.item():g}")
 
 
 def mean_losses(parts: list[Losses]) -> Losses:

@@ -35,48 +35,6 @@ SMALL_GAIN = 0.01  # gain of the last layers, so that training starts from a nea
 MAX_CACHED = 20_000  # statements, and boxes; 8,192 boxes take 30 MB
 
 
-class GroupedRows(NamedTuple):
-    """R rows grouped by S statements and padded to P rows per statement."""
-
-    counts: Int64Array  # (S,) rows of each statement
-    padded: Int64Array  # (S, P) row indices of each statement in order; 0 is padding
-    positions: Int64Array  # (R,) index of each row among the S * P
-
-
-class StatementGroups(NamedTuple):
-    """N states of S statements, and their R distinct statement-box pairs."""
-
-    boxes: Int64Array  # (R,) box of each pair
-    pairs: GroupedRows
-    pairs_of: Int64Array  # (N, 3) pair indices of each state
-    states: GroupedRows
-
-
-def group_by_statement(states: States) -> StatementGroups:
-    count, box_count = len(states.statements), len(states.box_hashes)
-    codes = states.statement_of[:, None] * box_count + states.boxes_of
-    pairs, pairs_of = np.unique(codes, return_inverse=True)
-    owners, boxes = np.divmod(pairs, box_count)
-    return StatementGroups(
-        boxes,
-        _grouped(owners, count),
-        pairs_of.reshape(-1, BOX_COUNT),
-        _grouped(states.statement_of, count),
-    )
-
-
-def _grouped(statement_of: Int64Array, count: int) -> GroupedRows:
-    order = np.argsort(statement_of, kind="stable")
-    counts = np.bincount(statement_of, minlength=count)
-    firsts, most = counts.cumsum() - counts, int(counts.max())
-    owners = statement_of[order]
-    positions = np.empty(len(order), np.int64)
-    positions[order] = owners * most + np.arange(len(order)) - firsts[owners]
-    padded = np.zeros(count * most, np.int64)
-    padded[positions] = np.arange(len(order))
-    return GroupedRows(counts, padded.reshape(count, most), positions)
-
-
 class EncodedBoxes(NamedTuple):
     """U distinct boxes, independent of statements."""
 
@@ -166,14 +124,15 @@ class BoxTransformer(Model):
         device = self.value.weight.device
         statements = self._encode_statements(states.statements)
         boxes = self._encode_boxes(states)
-        groups = group_by_statement(states)
-        box_of_pair, pairs_of = (torch.from_numpy(array).to(device) for array in (groups.boxes, groups.pairs_of))
-        packing = _packing(groups.pairs, device)
-        pairs = boxes.vectors.index_select(0, box_of_pair)  # (R, d)
+        count, box_count = len(states.statements), len(states.box_hashes)
+        codes, pair_of = np.unique(states.statement_of[:, None] * box_count + states.boxes_of, return_inverse=True)
+        owners, box_of = np.divmod(codes, box_count)  # (R,) statement and box of each distinct pair
+        packing, pairs_of = _packing(owners, count, device), torch.from_numpy(pair_of.reshape(-1, BOX_COUNT)).to(device)
+        pairs = boxes.vectors.index_select(0, torch.from_numpy(box_of).to(device))  # (R, d)
         layers = zip(statements.key_values, self.readings, self.feedforwards, strict=False)
         for key_value, attention, feedforward in layers:
             pairs = feedforward(attention(pairs, key_value, statements.mask, packing))
-        scenes = self._encode_scenes(pairs, pairs_of, statements, _packing(groups.states, device))
+        scenes = self._encode_scenes(pairs, pairs_of, statements, _packing(states.statement_of, count, device))
         boxes_of, targets = (torch.from_numpy(array).to(device) for array in (states.boxes_of, states.targets))
         return EncodedStates(scenes, targets, pairs, pairs_of, boxes.patches, boxes_of)
 
@@ -244,8 +203,17 @@ class BoxTransformer(Model):
         return network.StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
-def _packing(rows: GroupedRows, device: torch.device) -> network.Packing:
-    return network.Packing(torch.from_numpy(rows.padded).to(device), torch.from_numpy(rows.positions).to(device))
+def _packing(owners: Int64Array, statements: int, device: torch.device) -> network.Packing:
+    """Rows (R,) grouped by the statements that own them, in order, and padded to as many rows of each."""
+    rows, order = np.arange(len(owners)), np.argsort(owners, kind="stable")
+    counts = np.bincount(owners, minlength=statements)
+    firsts, most = counts.cumsum() - counts, int(counts.max())
+    positions = np.empty(len(order), np.int64)
+    positions[order] = owners[order] * most + rows - firsts[owners[order]]
+    padded = np.zeros(statements * most, np.int64)
+    padded[positions] = rows
+    grouped = torch.from_numpy(padded.reshape(statements, most))
+    return network.Packing(grouped.to(device), torch.from_numpy(positions).to(device))
 
 
 def _gather(rows: Tensor, indices: Tensor) -> Tensor:
