@@ -31,7 +31,7 @@ class CommandError(Exception):
     """An error that the user can correct; only its message is printed, without a traceback."""
 
 
-def help_of(module: str) -> dict[str, str]:
+def help_of(module: str) -> dict[str, Any]:
     """The help of a command, from its module's docstring: its first line in lists of commands, the rest in its own."""
     summary, _, description = (import_module(module).__doc__ or "").strip().partition("\n\n")
     return {"help": summary[:1].lower() + summary[1:-1], "description": description}
@@ -89,10 +89,6 @@ def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
     """--out and --resume of a training run; `default`: its directory's name in RUNS."""
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {RUNS}/{default})")
     parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
-
-
-def add_save_every(parser: argparse.ArgumentParser, default: int) -> None:
-    add_number(parser, "--save-every", default, "steps between checkpoints")
 
 
 def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> None:

@@ -8,7 +8,7 @@ Module attributes are the keys of saved parameters, so renaming one breaks model
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -27,15 +27,6 @@ from lilgym_mp.learning.ppo.states import States
 IMPOSSIBLE = -1e4  # logit
 SURE = 8.0  # logit of accepting an edit, of a verifier that learns from claims alone
 BIN_SHARPNESS = 200.0
-
-
-class ChoicePolicy(Protocol):
-    """Distributions of N choices, such as a `FactoredPolicy`."""
-
-    def evaluate_actions(self, actions: Tensor) -> tuple[Tensor, Tensor]: ...
-    def log_prob(self, actions: Tensor) -> Tensor: ...
-    def sample(self, rng: np.random.Generator) -> Int64Array: ...
-    def greedy(self) -> Int64Array: ...
 
 
 class Categorical:
@@ -63,7 +54,7 @@ class Categorical:
 class AgentPolicy(NamedTuple):
     """An agent's actions of the game: choice x (messages + 1) + message, as `Game` numbers them."""
 
-    choice: ChoicePolicy
+    choice: FactoredPolicy | Categorical
     message: Categorical | None
     sizes: int  # of the action of a choice with silence: messages + 1
 
@@ -80,7 +71,7 @@ class AgentPolicy(NamedTuple):
             return self.choice.log_prob(actions)
         return self.choice.log_prob(actions // self.sizes) + self.message.log_prob(actions % self.sizes)
 
-    def act(self, draw: Callable[[ChoicePolicy | Categorical], Int64Array]) -> Int64Array:
+    def act(self, draw: Callable[[FactoredPolicy | Categorical], Int64Array]) -> Int64Array:
         """(N,) actions; `draw` takes the choice and the message from their distributions."""
         chosen = draw(self.choice)
         return chosen if self.message is None else chosen * self.sizes + draw(self.message)

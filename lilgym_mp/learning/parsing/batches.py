@@ -6,7 +6,7 @@ import math
 import random
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -75,10 +75,7 @@ class ExampleStream:
         return next(pair for example in self.examples if (pair := _pair(example, self.known)) is not None)
 
 
-class PairSource(Protocol):
-    """A source of training pairs."""
-
-    def sample(self, rng: random.Random) -> Pair: ...
+PairSource = ExamplePool | ExampleStream
 
 
 class Batch(NamedTuple):

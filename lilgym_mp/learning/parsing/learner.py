@@ -26,7 +26,7 @@ NAME = "parse-and-plan"
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", help=options.CORPUS_HELP)
     options.add_run_directory(parser, NAME)
-    options.add_save_every(parser, 500)
+    options.add_number(parser, "--save-every", 500, "steps between checkpoints")
     options.add_device(parser)
     add_recipe(parser, ParserRecipe)
 

@@ -41,7 +41,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="directory of pretrained weights: config.json, model.safetensors and tokenizer",
     )
-    options.add_save_every(parser, 100_000)
+    options.add_number(parser, "--save-every", 100_000, "steps between checkpoints")
     parser.add_argument(
         "--evaluate-every",
         type=int,
