@@ -80,7 +80,7 @@ def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
 
 
 def add_device(parser: argparse.ArgumentParser) -> None:
-    """Where networks run; `learning.devices` rejects devices that are not available."""
+    """Where networks run; `learning.model_file` rejects devices that are not available."""
     parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
     add_number(parser, "--threads", 1, "CPU threads")
 

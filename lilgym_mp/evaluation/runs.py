@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.corpus.forms import statement_form
+from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Observations, Policy, output_of

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.cli import evaluate_game, main
+from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.game import population
@@ -40,7 +40,7 @@ def results(file: Path) -> dict[tuple[str, str], dict[str, Any]]:
 def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
     """Runs by path, to be filled in by the test."""
     trained: dict[str, Trained] = {}
-    monkeypatch.setattr(evaluate_game, "_open", lambda path, args: trained[str(path)])
+    monkeypatch.setattr("lilgym_mp.learning.agents.open_agent", lambda path, device: trained[str(path)])
     return trained
 
 
