@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.appearances.tower import CAPACITY, tower_tables
-from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.learning.imitation.box_features import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
 from lilgym_mp.scene import BOX_SIDE, Colour, Scene, Shape, Size
 
@@ -123,9 +123,10 @@ class BoxTable(BoxIndex):
         self.appearance = appearance
         self.item_width = sum(ITEM_PARTS[appearance].values())
         self.box_width = sum(BOX_PARTS[appearance].values())
-        self._items = np.zeros((0, CAPACITY, self.item_width), np.uint8)
+        self._kinds = {bytes(self.item_width): 0}  # items that differ for the network, by their features; 0: no item
+        self._updated = 0  # boxes with features
+        self._items = np.zeros((0, CAPACITY), np.int64)
         self._box = np.zeros((0, self.box_width), np.uint8)
-        self._counts = np.zeros(0, np.int64)
         if appearance == "tower":
             for box in tower_tables().boxes:
                 self.index(box)
@@ -138,31 +139,37 @@ class BoxTable(BoxIndex):
         left, middle, right = (self.boxes[index] for index in boxes)
         return Scene((left, middle, right))
 
-    def features(self, indices: Int64Array) -> tuple[UInt8Array, UInt8Array, BoolArray]:
-        """Of boxes (...): items (..., I, F), boxes (..., G), and (..., I) which items there are."""
+    def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
+        """Of boxes (...): their items (..., I) as indices in `item_features`, 0 for none, and features (..., G)."""
         self._update()
-        counts = self._counts[indices]
-        most = max(1, int(counts.max(initial=0)))
-        return self._items[indices, :most], self._box[indices], np.arange(most) < counts[..., None]
+        items = self._items[indices]
+        return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
+
+    def item_features(self) -> UInt8Array:
+        """(K, F) of the items that there are in boxes whose features were asked for; the first is none."""
+        return np.frombuffer(b"".join(self._kinds), np.uint8).reshape(-1, self.item_width)
 
     def _update(self) -> None:
-        first = len(self._counts)
+        first = self._updated
         new = self.boxes[first:]
         if not new:
             return
-        counts = np.array([len(box.items) for box in new])
-        extra = int(counts.max()) - self._items.shape[1]
+        extra = max(len(box.items) for box in new) - self._items.shape[1]
         if extra > 0:
-            self._items = np.pad(self._items, ((0, 0), (0, extra), (0, 0)))
+            self._items = np.pad(self._items, ((0, 0), (0, extra)))
         compute = _tower_features if self.appearance == "tower" else _scatter_features
         item_features, box_features = compute(item_arrays(new, self._items.shape[1]))
+        kinds = [
+            self._kinds.setdefault(row.tobytes(), len(self._kinds))
+            for row in item_features.reshape(-1, self.item_width)
+        ]
         capacity = max(64, len(self._items) // 2)  # amortised growth
         if first + len(new) > len(self._items):
-            self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0), (0, 0)))
+            self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0)))
             self._box = np.pad(self._box, ((0, capacity + len(new)), (0, 0)))
-        self._items[first : first + len(new)] = item_features
+        self._items[first : first + len(new)] = np.reshape(kinds, (len(new), -1))
         self._box[first : first + len(new)] = box_features
-        self._counts = np.concatenate([self._counts, counts])
+        self._updated = len(self.boxes)
 
 
 def scatter_item_features(items: Int64Array) -> UInt8Array:

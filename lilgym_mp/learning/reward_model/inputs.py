@@ -68,14 +68,14 @@ class InputReader:
 
     def boxes(self, indices: Int64Array) -> BoxFeatures:
         """Features of the boxes (S, U)."""
-        items, looks, present = self.table.features(indices)
-        row, box, place = present.nonzero()
-        counts = present.sum((1, 2))
-        column = np.arange(len(row)) - np.repeat(counts.cumsum() - counts, counts)
-        packed = np.zeros((len(indices), max(1, int(counts.max())), items.shape[-1]), np.float32)
-        owners = np.full(packed.shape[:2], indices.shape[1])
-        packed[row, column], owners[row, column] = items[row, box, place], box
-        arrays = packed, owners, looks.astype(np.float32)
+        items, looks = self.table.features(indices)
+        features = self.table.item_features()
+        rows = np.arange(len(items))[:, None, None]
+        occurs = np.zeros((len(items), len(features)), np.bool_)
+        occurs[rows, items] = occurs[:, :1] = True
+        members = (occurs.cumsum(1) - 1)[rows, items]
+        features = features[pad_rows([row.nonzero()[0] for row in occurs])]
+        arrays = features.astype(np.float32), members, looks.astype(np.float32)
         return BoxFeatures(*(torch.from_numpy(array).to(self.device) for array in arrays))
 
     def scenes(self, scenes: Int64Array) -> tuple[BoxFeatures, Tensor]:

@@ -22,10 +22,10 @@ SPARSE = -1.5  # initial bias of what is counted: few items are
 
 
 class BoxFeatures(NamedTuple):
-    """Of U boxes of each statement, or of all statements alike (S = 1), with M items."""
+    """Of U boxes of each statement, or of all statements alike (S = 1)."""
 
-    items: Tensor  # (S, M, F)
-    owners: Tensor  # (S, M) the box of each item; U for padding
+    items: Tensor  # (S, M, F) those that differ; the first is none
+    members: Tensor  # (S, U, I) the items of each box; 0 for none
     looks: Tensor  # (S, U, G)
 
 
@@ -36,6 +36,11 @@ class Reading(NamedTuple):
     box_weights: Tensor  # (S, G, d)
     scales: tuple[Tensor, ...]  # of the modulated layers, (S, 1, d or d + k)
     shifts: tuple[Tensor, ...]
+
+    def first(self, count: int) -> Reading:
+        """That of the first `count` statements."""
+        scales, shifts = ([part[:count] for part in parts] for parts in (self.scales, self.shifts))
+        return Reading(self.item_weights[:count], self.box_weights[:count], (*scales,), (*shifts,))
 
 
 class ModulatedNetwork(nn.Module):
@@ -92,22 +97,23 @@ class ModulatedNetwork(nn.Module):
     def item_sums(self, reading: Reading, features: BoxFeatures) -> Tensor:
         """(S, U, d + k) of U boxes."""
         units = self.item_units(reading, features.items)
-        boxes = features.looks.shape[1]
-        first = torch.arange(len(units), device=units.device)[:, None] * (boxes + 1)
-        sums = units.new_zeros(len(units) * (boxes + 1), units.shape[-1])
-        sums = sums.index_add(0, (features.owners + first).flatten(), units.flatten(0, 1))
-        return sums.unflatten(0, (len(units), -1))[:, :-1]
+        statements, items = units.shape[:2]
+        first = torch.arange(statements, device=units.device)[:, None, None] * items
+        members = torch.where(features.members > 0, features.members + first, 0)
+        # row 0, no item of the first statement, is left out
+        sums = F.embedding_bag(members.flatten(0, 1), units.flatten(0, 1), mode="sum", padding_idx=0)
+        return sums.unflatten(0, (statements, -1))
 
     def box_values(self, reading: Reading, sums: Tensor, looks: Tensor) -> Tensor:
         """(S, U, 2 (d + k)), counts last, from item sums (S, U, d + k) and box features (S or 1, U, G)."""
         looks = F.pad(looks @ reading.box_weights + self.box.bias, (0, self.counts))
-        units = self.box_layer(self._coded(sums, self.width)) * reading.scales[1] + reading.shifts[1] + looks
+        units = self._coded(self.box_layer, sums, self.width) * reading.scales[1] + reading.shifts[1] + looks
         parts = [part.split([self.width, self.counts], -1) for part in (sums, self._activated(units, 0.0))]
         return torch.cat([column for pair in zip(*parts, strict=True) for column in pair], -1)
 
     def logits(self, reading: Reading, sums: Tensor) -> Tensor:
         """(S, N) of scenes, from their boxes' values summed (S, N, 2 (d + k))."""
-        x = F.relu(self.scene_layer(self._coded(sums, 2 * self.width)) * reading.scales[2] + reading.shifts[2])
+        x = F.relu(self._coded(self.scene_layer, sums, 2 * self.width) * reading.scales[2] + reading.shifts[2])
         x = F.relu(self.last_layer(x) * reading.scales[3] + reading.shifts[3])
         return self.output(x).squeeze(-1)
 
@@ -117,14 +123,15 @@ class ModulatedNetwork(nn.Module):
         hidden, counted = x.split([self.width, self.counts], -1)
         return torch.cat([F.relu(hidden), torch.sigmoid(counted + bias)], -1)
 
-    def _coded(self, sums: Tensor, width: int) -> Tensor:
-        """Codes all but the first `width` columns."""
+    def _coded(self, layer: nn.Linear, sums: Tensor, width: int) -> Tensor:
+        """The layer of the sums, of which all but the first `width` columns are coded."""
         if not self.counts:
-            return sums
-        counts = sums[..., width:, None]
-        thresholds = torch.arange(CODE - 1, device=sums.device, dtype=sums.dtype) + 0.5
-        code = torch.cat([torch.sigmoid(4 * (counts - thresholds)), 0.25 * counts], -1)
-        return torch.cat([sums[..., :width], code.flatten(-2)], -1)
+            return layer(sums)
+        plain, codes = layer.weight[:, :width], layer.weight[:, width:].unflatten(1, (-1, CODE))
+        thresholds = 4 * torch.arange(CODE - 1, device=sums.device, dtype=sums.dtype) + 2
+        compared = torch.sigmoid(4 * sums[..., width:, None] - thresholds).flatten(-2)
+        same = F.linear(sums, torch.cat([plain, 0.25 * codes[..., -1]], 1), layer.bias)
+        return same + F.linear(compared, codes[..., :-1].flatten(1))
 
     def forward(self, reading: Reading, features: BoxFeatures, scenes: Tensor) -> Tensor:
         """(S, N) logits of `scenes` (S, N, 3), which index the U boxes with these features."""
@@ -136,5 +143,5 @@ def sum_boxes(values: Tensor, scenes: Tensor) -> Tensor:
     """(S, N, n) the values (S, U, n) of each scene's boxes, summed; `scenes` (S, N, 3)."""
     statements, boxes = values.shape[:2]
     first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
-    flat = (scenes + first).flatten()
-    return values.flatten(0, 1).index_select(0, flat).unflatten(0, scenes.shape).sum(2)
+    sums = F.embedding_bag((scenes + first).flatten(0, 1), values.flatten(0, 1), mode="sum")
+    return sums.unflatten(0, scenes.shape[:2])

@@ -26,7 +26,7 @@ from lilgym_mp.learning.reward_model.features import (
     scatter_item_features,
 )
 from lilgym_mp.learning.reward_model.inputs import InputReader
-from lilgym_mp.learning.reward_model.network import ModulatedNetwork, sum_boxes
+from lilgym_mp.learning.reward_model.network import BoxFeatures, ModulatedNetwork, sum_boxes
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
@@ -65,8 +65,8 @@ class Judge:
         self.reading = network.read(*reader.statements([statement] * len(kinds), kinds))
 
     def logits(self, sums: Tensor) -> Tensor:
-        """(E, N) of success, from values (E, N, 2 (d + k)) summed over boxes."""
-        return self._sign * self.network.logits(self.reading, sums)
+        """(E, N) of success, from values (E, N, 2 (d + k)) summed over boxes, or those of the first exchanges."""
+        return self._sign * self.network.logits(self.reading.first(len(sums)), sums)
 
     def scene_logits(self, scenes: Sequence[Scene]) -> Tensor:
         """(E, N) of success."""
@@ -276,8 +276,7 @@ class _ScatterSearch:
         looks = np.concatenate(
             [look_counts(np.array(box.items, np.int64).reshape(1, -1, 5)) for box in node.scene.boxes]
         )
-        units = judge.network.item_units(judge.reading, judge.reader.boxes(indices[None]).items)
-        change, look_change = self._changes(node.scene, edits, units)
+        change, look_change = self._changes(node.scene, edits, judge.reader.boxes(indices[None]))
         box = np.array([edit.box for edit in edits])
 
         def scores(*parts: tuple[Int64Array, ...]) -> Float64Array:
@@ -303,8 +302,8 @@ class _ScatterSearch:
         order = np.argsort(-double)[:most].tolist()
         return wanted + [(float(double[at]), node, tuple(edits[edit] for edit in pairs[at])) for at in order]
 
-    def _changes(self, scene: Scene, edits: Sequence[_Edit], units: Tensor) -> tuple[Tensor, Int64Array]:
-        """The changes of a box's item sums (E, n, d + k) and looks (n, 9) by each edit; `units` are its items'."""
+    def _changes(self, scene: Scene, edits: Sequence[_Edit], features: BoxFeatures) -> tuple[Tensor, Int64Array]:
+        """The changes of a box's item sums (E, n, d + k) and looks (n, 9) by each edit; `features` of the scene's."""
         canonical = np.array([edit.canonical for edit in edits])
         box, position = (np.array([edit[field] for edit in edits]) for field in (0, 2))
         is_removal = canonical < 0
@@ -312,8 +311,10 @@ class _ScatterSearch:
         look_change = _canonical()[1][canonical.clip(0)]
         if is_removal.any():
             change = change.clone()
-            first = np.cumsum([0, *(len(each.items) for each in scene.boxes)])
-            change[:, torch.from_numpy(is_removal)] = -units[:, (first[box] + position)[is_removal]]
+            units = self._judge.network.item_units(self._judge.reading, features.items)
+            change[:, torch.from_numpy(is_removal)] = -units[
+                :, features.members[0, box[is_removal], position[is_removal]]
+            ]
             removed = [scene.boxes[edit.box].items[edit.position] for edit in edits if edit.canonical < 0]
             look_change[is_removal] = -look_counts(np.array(removed)[:, None])
         return change, look_change

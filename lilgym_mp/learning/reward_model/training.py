@@ -14,6 +14,7 @@ import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
+from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.faults import NoTasksError
@@ -164,7 +165,7 @@ class _Run(TimedRun[tuple[float, float]]):
         chosen = rng.choice(len(self._entries), recipe.statements, replace=len(self._entries) < recipe.statements)
         entries = [self._entries[index] for index in chosen.tolist()]
         indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
-        kinds = [int(rng.choice(self._reader.kinds(entry.statement))) for entry in entries]
+        kinds = [self._random_kind(entry.statement) for entry in entries]
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
         turn, member = divmod(self.counters.steps, recipe.members)
@@ -177,15 +178,13 @@ class _Run(TimedRun[tuple[float, float]]):
             raise self.not_finite()
         self._optimiser.zero_grad()
         loss.backward()
-        nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+        nn.utils.clip_grad_norm_(network.parameters(), 1.0, foreach=True)
         self._optimiser.step()
         self.counters.steps += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
-        with torch.no_grad():
-            averaged = self._averaged.members()[member]
-            for average, parameter in zip(averaged.parameters(), network.parameters(), strict=True):
-                average.lerp_(parameter, 1 - decay)
+        averaged: list[Any] = [*self._averaged.members()[member].parameters()]
+        get_ema_multi_avg_fn(decay)(averaged, [*network.parameters()], turn)
         return value, float(((logits > 0) == (truths > 0.5)).float().mean())
 
     def _judged(
@@ -253,7 +252,7 @@ class _Run(TimedRun[tuple[float, float]]):
         """Walks of the edits that the averaged model likes best."""
         reader = self._search_reader
         table = reader.renewed_table()
-        kinds = [int(self._rng.choice(reader.kinds(entry.statement))) for entry in entries]
+        kinds = [self._random_kind(entry.statement) for entry in entries]
         member = self._random_member()
         reading = member.read(*reader.statements([entry.statement for entry in entries], kinds))
 
@@ -262,6 +261,10 @@ class _Run(TimedRun[tuple[float, float]]):
             return member(reading, features, local).double().numpy()
 
         self._collector.climb(entries, judge)
+
+    def _random_kind(self, statement: str) -> int:
+        kinds = self._reader.kinds(statement)
+        return kinds[self._rng.integers(len(kinds))]
 
     def _random_member(self) -> ModulatedNetwork:
         return self._averaged.members()[int(self._rng.integers(self._recipe.members))]

@@ -13,7 +13,13 @@ from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.augmentation import Augmentation
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.learning.reward_model.features import BoxTable, Exchange, exchanges, standard_exchanges
+from lilgym_mp.learning.reward_model.features import (
+    BoxTable,
+    Exchange,
+    exchanges,
+    scatter_item_features,
+    standard_exchanges,
+)
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
@@ -114,10 +120,11 @@ def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str)
         items, boxes = exchange.columns(appearance)
         for scene in scenes:
             exchanged = augmentation.scene(scene)
-            before = table.features(np.array(table.of(scene)))
-            after = table.features(np.array(table.of(exchanged)))
-            assert np.array_equal(before[0], after[0][..., items])
-            assert np.array_equal(before[1], after[1][..., boxes])
+            (one, looks), (other, exchanged_looks) = (
+                table.features(np.array(table.of(each))) for each in (scene, exchanged)
+            )
+            assert np.array_equal(table.item_features()[one], table.item_features()[other][..., items])
+            assert np.array_equal(looks, exchanged_looks[..., boxes])
 
 
 def test_statements__are_read_in_a_standard_order():
@@ -157,10 +164,25 @@ def test_box_table__gives_features_of_boxes_added_later():
     table = BoxTable("scatter")
     one = Box((Item(0, 0, Shape.CIRCLE, Colour.BLUE, 0),))  # type: ignore[arg-type]
     many = Box(tuple(Item(20 * index, 50, Shape.SQUARE, Colour.BLACK, 0) for index in range(5)))  # type: ignore[arg-type]
-    first = table.features(np.array([table.index(one)]))
-    later = table.features(np.array([table.index(one), table.index(many)]))
-    assert np.array_equal(first[0][0, 0], later[0][0, 0])
-    assert later[2].sum(1).tolist() == [1, 5]
+    first, _ = table.features(np.array([table.index(one)]))
+    features = table.item_features()[first[0]]
+    later, _ = table.features(np.array([table.index(one), table.index(many)]))
+    assert np.array_equal(features, table.item_features()[later[0, :1]])
+    assert (later > 0).sum(1).tolist() == [1, 5]
+
+
+@torch.no_grad()
+def test_item_sums__are_those_of_the_items_of_each_box_alone():
+    planner = new_planner("scatter")
+    reader, network = planner._reader, planner._networks[0]
+    scenes = [task.start for task in load_tasks("builtin", "scatter", "flipit", "dev")[:2]]
+    features = reader.boxes(np.array([reader.table.of(scene) for scene in scenes]))
+    sums = network.item_sums(network.read(*reader.statements([STATEMENT] * 2, [0, 1])), features)
+    for row, scene in enumerate(scenes):
+        reading = network.read(*reader.statements([STATEMENT], [row]))
+        for place, box in enumerate(scene.boxes):
+            items = torch.from_numpy(scatter_item_features(np.array(box.items, np.int64).reshape(-1, 5))).float()
+            assert torch.allclose(sums[row, place], network.item_units(reading, items[None]).sum(1), atol=1e-5)
 
 
 def test_plan__of_one_step_left_is_stop():
