@@ -41,8 +41,8 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_d
 
 def test_training__on_a_full_disk_prints_one_line(tmp_path: Path, full_disk: None, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "run"
-    words = ["train", "ppo", "TowerScratch", "--steps", "1", "--batch", "64", "--out", str(out)]
-    assert main(words) == FAILED
+    small = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]
+    assert main(["train", "ppo", "TowerScratch", "--no-recolour", "--steps", "1", *small, "--out", str(out)]) == FAILED
     assert capsys.readouterr().err.splitlines()[-1] == f"lilgym-mp train: {out / CHECKPOINT_FILE}: File too large"
 
 
