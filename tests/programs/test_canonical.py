@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus import load_tasks
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
@@ -41,8 +41,7 @@ def check(corpus: str) -> int:
     count = 0
     for appearance in ("tower", "scatter"):
         probes = scenes(appearance)
-        sets = load_all_tasks(corpus, [appearance], splits=["train"])
-        for source in sorted({task.program for tasks in sets for task in tasks})[::3]:
+        for source in sorted({task.program for task in load_tasks(corpus, appearance, "scratch", "train")})[::3]:
             tree = parse(source)
             assert parse(source_of(tree)) == tree, source
             form = canonical_form(tree)
