@@ -205,10 +205,9 @@ def write_episodes(path: Path, header: Header, episodes: Sequence[RecordedEpisod
 def read_episodes(path: Path) -> Recording:
     """Reads a file written by `write_episodes`. Raises EpisodesError naming the file, the line and the error."""
     lines = _lines(path)
-    line_number, first = next(lines, (1, None))
-    if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
+    header = _header(path, lines)
+    if header is None:
         raise EpisodesError(f"{path}: holds no recorded episodes: its first line must name the format {FORMAT!r}")
-    header = _read(path, line_number, Header.from_json, first)
     episodes = tuple(_read(path, line_number, RecordedEpisode.from_json, line) for line_number, line in lines)
     if len(episodes) != header.episodes:
         raise EpisodesError(f"{path}: truncated after {len(episodes)} of {header.episodes} episodes")
@@ -217,7 +216,11 @@ def read_episodes(path: Path) -> Recording:
 
 def read_header(path: Path) -> Header | None:
     """The header of the file, None if the first line is of another format. Raises EpisodesError if damaged."""
-    line_number, first = next(_lines(path), (1, None))
+    return _header(path, _lines(path))
+
+
+def _header(path: Path, lines: Iterator[tuple[int, Any]]) -> Header | None:
+    line_number, first = next(lines, (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
         return None
     return _read(path, line_number, Header.from_json, first)

@@ -156,7 +156,11 @@ class TimedRun(ABC, Generic[Measured]):
         try:
             yield
         except NotFiniteError as error:
-            raise self.not_finite(str(error)) from None
+            parts, kept = str(error), f"the last good checkpoint is kept in {self.files.path}"
+            raise TrainingError(
+                f"the loss is not finite at step {self.counters.steps}{parts and f' ({parts})'};"
+                f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
+            ) from None
 
     @contextmanager
     def saved_on_interrupt(self) -> Iterator[None]:
@@ -172,14 +176,6 @@ class TimedRun(ABC, Generic[Measured]):
         began = self.seconds()
         yield
         self.counters.exploring_seconds += self.seconds() - began
-
-    def not_finite(self, parts: str = "") -> TrainingError:
-        """The error for a loss that is not finite; `parts`: the losses that it adds up."""
-        kept = f"the last good checkpoint is kept in {self.files.path}"
-        return TrainingError(
-            f"the loss is not finite at step {self.counters.steps}{parts and f' ({parts})'};"
-            f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
-        )
 
     def save(self) -> None:
         spent = {"seconds": self.wall_seconds(), "cpu_seconds": self.seconds()}

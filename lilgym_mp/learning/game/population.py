@@ -27,8 +27,6 @@ def best_response(
     role: Role,
     settings: GameSettings,
     *,
-    minutes: float | None = None,
-    steps: int | None = None,
     seed: int = 0,
     out: Path | None = None,
     recipe: GameRecipe | None = None,
@@ -37,7 +35,7 @@ def best_response(
     """The agent `role` trained for a budget against `frozen`, the other agent's run directory or a partner.
 
     A proposer is rewarded for accepted false claims alone, a verifier for correct judgements. `out`: the run directory,
-    by default a temporary one. `options` as for `train_game`, with its errors.
+    by default a temporary one. `options`, such as the budget, as for `train_game`, with its errors.
     Raises KeyboardInterrupt if it is stopped early.
     """
     configuration = configuration_name(settings.appearance, settings.start)
@@ -47,8 +45,6 @@ def best_response(
             replace(settings, rewards=rewards),
             replace(recipe or make_recipe(configuration), seed=seed),
             out or Path(temporary) / "run",
-            minutes=minutes,
-            steps=steps,
             partners={role.other: [frozen]},
             **options,
         )

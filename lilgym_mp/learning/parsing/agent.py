@@ -109,21 +109,15 @@ class ParseAndPlanAgent:
     description: ModelDescription
     parser: Parser
 
-    @property
-    def objective(self) -> str:
-        """What its plans maximise by default; accuracy in agents trained before this could be chosen."""
-        return str(self.description.recipe.get("objective", "accuracy"))
-
     def planner(self, settings: Settings, *, votes: bool = True, objective: str | None = None) -> Planner:
-        """`votes` and `objective` as in `Planner`; None is the recipe's objective.
+        """`votes` and `objective` as in `Planner`; None is the recipe's objective, or accuracy if it names none.
 
         Raises AgentError for a configuration it does not play.
         """
         check_configuration(self.description, settings)
         calibration = Calibration(**self.description.details["calibration"])
-        return Planner(
-            self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, votes, objective or self.objective
-        )
+        objective = objective or str(self.description.recipe.get("objective", "accuracy"))
+        return Planner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, votes, objective)
 
     def policy(self, settings: Settings, *, sampled: bool = False, objective: str | None = None) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""

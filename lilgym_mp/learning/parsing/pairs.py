@@ -181,10 +181,7 @@ def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
 
 
 def _exchanged(pair: Pair, exchange: Mapping[str, str]) -> Pair:
-    return Pair(
-        tuple([exchange.get(word, word) for word in pair.words]),
-        tuple([exchange.get(token, token) for token in pair.tokens]),
-    )
+    return Pair(*(tuple(words_recoloured(part, exchange)) for part in pair))
 
 
 class Slot(NamedTuple):

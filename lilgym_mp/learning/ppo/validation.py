@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from statistics import fmean
 from typing import NamedTuple
 
 from torch import Tensor
@@ -60,7 +61,7 @@ class Validation:
         policy = playing(model, self._recipe, sampled=self._recipe.sampled)
         episodes = evaluate(policy, self._settings, TRAINING_SPLIT, seed=seed, task_ids=self._task_ids)
         model.clear_cache()
-        accuracy = _mean([episode.is_success for episode in episodes])
+        accuracy = fmean([episode.is_success for episode in episodes])
         state.validated_at = steps
         state.without_better += 1
         if state.best is None or accuracy > state.best:
@@ -99,11 +100,11 @@ class LearningCurve:
             steps,
             round(seconds, 3),
             len(episodes),
-            _mean([episode.is_success for episode in episodes]),
-            _mean([episode.reward for episode in episodes]),
+            fmean([episode.is_success for episode in episodes]),
+            fmean([episode.reward for episode in episodes]),
             len(solvable) or None,
-            _mean([episode.is_success for episode in solvable]) if solvable else None,
-            _mean([self._stopped_in_goal(episode) for episode in solvable]) if solvable else None,
+            fmean([episode.is_success for episode in solvable]) if solvable else None,
+            fmean([self._stopped_in_goal(episode) for episode in solvable]) if solvable else None,
         )
 
     def _stopped_in_goal(self, episode: Episode) -> bool:
@@ -151,7 +152,3 @@ def _goals(settings: Settings) -> Mapping[str, frozenset[Content]]:
     except CorpusError:
         return {}
     return {task.id: task.goals for task in tasks if isinstance(task, MatchingTask)}
-
-
-def _mean(values: Collection[float]) -> float:
-    return sum(values) / len(values)

@@ -42,7 +42,7 @@ from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Planner
 from lilgym_mp.learning.timed_run import Budget, TimedRun
-from lilgym_mp.learning.training_run import TrainingError, begin_run
+from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, begin_run
 from lilgym_mp.scene import Scene
 
 ENTRIES_PER_COLLECTION = 16
@@ -175,7 +175,7 @@ class _Run(TimedRun[tuple[float, float]]):
         loss = F.binary_cross_entropy_with_logits(logits, truths)
         value = loss.item()
         if not math.isfinite(value):
-            raise self.not_finite()
+            raise NotFiniteError
         self._optimiser.zero_grad()
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0, foreach=True)
