@@ -123,7 +123,8 @@ class BoxTable(BoxIndex):
         self.appearance = appearance
         self.item_width = sum(ITEM_PARTS[appearance].values())
         self.box_width = sum(BOX_PARTS[appearance].values())
-        self._kinds = {bytes(self.item_width): 0}  # items that differ for the network, by their features; 0: no item
+        self._kinds = {bytes(self.item_width): 0}  # distinct items by their features; 0: no item
+        self.item_features = np.zeros((1, self.item_width), np.uint8)  # (K, F)
         self._updated = 0  # boxes with features
         self._items = np.zeros((0, CAPACITY), np.int64)
         self._box = np.zeros((0, self.box_width), np.uint8)
@@ -140,14 +141,10 @@ class BoxTable(BoxIndex):
         return Scene((left, middle, right))
 
     def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
-        """Of boxes (...): their items (..., I) as indices in `item_features`, 0 for none, and features (..., G)."""
+        """Of boxes (...): items (..., I) as indices in `item_features`, of which 0 is none, and features (..., G)."""
         self._update()
         items = self._items[indices]
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
-
-    def item_features(self) -> UInt8Array:
-        """(K, F) of the items that there are in boxes whose features were asked for; the first is none."""
-        return np.frombuffer(b"".join(self._kinds), np.uint8).reshape(-1, self.item_width)
 
     def _update(self) -> None:
         first = self._updated
@@ -159,10 +156,10 @@ class BoxTable(BoxIndex):
             self._items = np.pad(self._items, ((0, 0), (0, extra)))
         compute = _tower_features if self.appearance == "tower" else _scatter_features
         item_features, box_features = compute(item_arrays(new, self._items.shape[1]))
-        kinds = [
-            self._kinds.setdefault(row.tobytes(), len(self._kinds))
-            for row in item_features.reshape(-1, self.item_width)
-        ]
+        rows = item_features.reshape(-1, self.item_width)
+        kinds = [self._kinds.setdefault(row.tobytes(), len(self._kinds)) for row in rows]
+        if len(self._kinds) > len(self.item_features):
+            self.item_features = np.frombuffer(b"".join(self._kinds), np.uint8).reshape(-1, self.item_width)
         capacity = max(64, len(self._items) // 2)  # amortised growth
         if first + len(new) > len(self._items):
             self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0)))

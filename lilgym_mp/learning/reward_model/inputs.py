@@ -69,7 +69,7 @@ class InputReader:
     def boxes(self, indices: Int64Array) -> BoxFeatures:
         """Features of the boxes (S, U)."""
         items, looks = self.table.features(indices)
-        features = self.table.item_features()
+        features = self.table.item_features
         rows = np.arange(len(items))[:, None, None]
         occurs = np.zeros((len(items), len(features)), np.bool_)
         occurs[rows, items] = occurs[:, :1] = True

@@ -123,7 +123,7 @@ def test_exchange__permutes_the_features_of_the_exchanged_scene(appearance: str)
             (one, looks), (other, exchanged_looks) = (
                 table.features(np.array(table.of(each))) for each in (scene, exchanged)
             )
-            assert np.array_equal(table.item_features()[one], table.item_features()[other][..., items])
+            assert np.array_equal(table.item_features[one], table.item_features[other][..., items])
             assert np.array_equal(looks, exchanged_looks[..., boxes])
 
 
@@ -165,9 +165,9 @@ def test_box_table__gives_features_of_boxes_added_later():
     one = Box((Item(0, 0, Shape.CIRCLE, Colour.BLUE, 0),))  # type: ignore[arg-type]
     many = Box(tuple(Item(20 * index, 50, Shape.SQUARE, Colour.BLACK, 0) for index in range(5)))  # type: ignore[arg-type]
     first, _ = table.features(np.array([table.index(one)]))
-    features = table.item_features()[first[0]]
+    features = table.item_features[first[0]]
     later, _ = table.features(np.array([table.index(one), table.index(many)]))
-    assert np.array_equal(features, table.item_features()[later[0, :1]])
+    assert np.array_equal(features, table.item_features[later[0, :1]])
     assert (later > 0).sum(1).tolist() == [1, 5]
 
 
