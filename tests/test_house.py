@@ -166,10 +166,11 @@ def _project_files() -> list[Path]:
 
 
 def _phrases(path: Path) -> Iterator[tuple[str, ...]]:
-    """The text between quotes, line ends and similar separators, split into words."""
+    """The text between quotes, line ends and similar separators, split into words; none too short."""
     content = path.read_bytes()
     text = (gzip.decompress(content) if path.suffix == ".gz" else content).decode(errors="ignore")
-    return map(_words, re.split(r'["`\n.:;|]', text))
+    least = 2 * LONG_STATEMENT - 1  # letters and blanks
+    return (_words(phrase) for phrase in re.split(r'["`\n.:;|]', text) if len(phrase) >= least)
 
 
 def test_repository__contains_no_official_statement(official_data: Path):
