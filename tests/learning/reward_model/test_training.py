@@ -30,7 +30,7 @@ from lilgym_mp.scene import Box, Scene
 from lilgym_mp.task import Task
 from tests.learning.reward_model.conftest import small_recipe
 
-STEPS = 150
+STEPS = 110
 
 
 def accuracy(agent: RewardModelAgent, settings: Settings) -> float:
