@@ -316,19 +316,9 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         return self._buffers.steps.copy()
 
     @property
-    def actions(self) -> Int64Array:
-        """(N,) a new array: the actions of the last step."""
-        return self._buffers.action.copy()
-
-    @property
     def horizon(self) -> int:
         """Actions an episode may have."""
         return self.dynamics.horizon
-
-    @property
-    def item_capacity(self) -> int:
-        """Slots of a box in `scene_array`."""
-        return self._buffers.items.shape[2]
 
     def action_masks(self) -> BoolArray:
         """(N, actions) a new array: whether each action is valid now."""

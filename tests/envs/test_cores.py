@@ -229,11 +229,9 @@ def test_images__of_touching_items_do_not_depend_on_their_order() -> None:
 @pytest.fixture
 def fresh_choice() -> Iterator[None]:
     """Clears the cached choice of cores before and after the test."""
-    for function in (cores._compiled, cores._warn_once):
-        function.cache_clear()
+    cores._compiled.cache_clear()
     yield
-    for function in (cores._compiled, cores._warn_once):
-        function.cache_clear()
+    cores._compiled.cache_clear()
 
 
 def core_of(dynamics: Dynamics, count: int) -> type:

@@ -77,7 +77,7 @@ def test_arrays__of_a_batch(corpus: Any):
     batch = multi_discrete_actions_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, corpus=str(corpus)))
     batch.reset(seed=0)
     batch.step(np.array([[1, 0, 2], [1, 2, 1], [0, 0, 0]]))
-    assert batch.unwrapped.actions.tolist() == [3, 8, 0]
+    assert batch.unwrapped._buffers.action.tolist() == [3, 8, 0]
 
 
 @pytest.mark.parametrize("grid", [(19, 5), (38, 10)])

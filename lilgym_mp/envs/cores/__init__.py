@@ -44,11 +44,6 @@ def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Buff
     try:
         return getattr(import_module(module), name)
     except ImportError as fault:
-        _warn_once(str(fault))
+        message = f"batches run several times slower because numba cannot be imported: {fault}"
+        warnings.warn(message, RuntimeWarning, stacklevel=2)
         return None
-
-
-@cache
-def _warn_once(fault: str) -> None:
-    message = f"batches run several times slower because numba cannot be imported: {fault}"
-    warnings.warn(message, RuntimeWarning, stacklevel=2)

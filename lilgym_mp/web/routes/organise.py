@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Request, Response
@@ -15,7 +15,7 @@ from sqlalchemy.orm import Session
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.web import statement_import
-from lilgym_mp.web.app_services import Services
+from lilgym_mp.web.app_services import AppServices, Services
 from lilgym_mp.web.authentication import (
     ANNOTATOR,
     OPERATOR,
@@ -35,6 +35,8 @@ from lilgym_mp.web.templating import render_page
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
+
+T = TypeVar("T")
 
 IMPORT_BATCH = 200  # statements stored at once; other writes take their turn in between
 DisplayName = Annotated[
@@ -164,33 +166,25 @@ async def new_person(services: Services, person: CurrentOrganiser, new: NewPerso
 @api.post("/people/{person_id}/token", status_code=201)
 async def new_token(services: Services, person: CurrentOrganiser, person_id: RowId) -> TokenBody:
     """Issues a new login link for a person, which ends the older link and all of the person's logins."""
-
-    def replace_token(session: Session) -> tuple[str, str]:
-        found = find_other_person(session, person, person_id)
-        return found.name, issue_token(found)
-
-    name, token = await services.database.write(replace_token)
+    name, token = await _change(services, person, person_id, lambda found: (found.name, issue_token(found)))
     return TokenBody(name=name, path=f"/login?token={token}")
 
 
 @api.put("/people/{person_id}/role", status_code=204)
 async def change_role(services: Services, person: CurrentOrganiser, person_id: RowId, new: RoleBody) -> None:
     """Makes a person an annotator or an organiser."""
-
-    def set_role(session: Session) -> None:
-        find_other_person(session, person, person_id).role = new.role
-
-    await services.database.write(set_role)
+    await _change(services, person, person_id, lambda found: setattr(found, "role", new.role))
 
 
 @api.delete("/people/{person_id}/token", status_code=204)
 async def revoke(services: Services, person: CurrentOrganiser, person_id: RowId) -> None:
     """Revokes a person's token, which ends all of their logins."""
+    await _change(services, person, person_id, lambda found: setattr(found, "token_hash", None))
 
-    def remove_token(session: Session) -> None:
-        find_other_person(session, person, person_id).token_hash = None
 
-    await services.database.write(remove_token)
+async def _change(services: AppServices, organiser: Person, person_id: int, change: Callable[[Person], T]) -> T:
+    """Applies `change` to another person; responds with 404 or 409 as `find_other_person`."""
+    return await services.database.write(lambda session: change(find_other_person(session, organiser, person_id)))
 
 
 # Batches
