@@ -15,6 +15,7 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.envs.proposer_verifier import protocols
 from lilgym_mp.programs import compile_program, words
 from lilgym_mp.programs.functions import items
+from lilgym_mp.wrappers.gymnasium_adapter import factory
 from tests.scenes import B, scene, tower
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -35,11 +36,12 @@ def test_recipe_of_a_word__compiles_and_is_true_of_high_items() -> None:
 def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -> None:
     names: dict[str, Any] = {}
     exec(WRAPPER, names)
-    env = names["item_count_v0"](gym.make("lilgym_mp/TowerFlipIt-v0"))
+    item_count_v0 = factory(names["ItemCount"])
+    env = item_count_v0(gym.make("lilgym_mp/TowerFlipIt-v0"))
     observation, _ = env.reset(seed=0)
     assert observation["items"] == sum(len(box.items) for box in env.unwrapped.scene.boxes)
     assert env.observation_space.contains(observation)
-    batch = names["item_count_v0"](gym.make_vec("lilgym_mp/TowerFlipIt-v0", num_envs=3))
+    batch = item_count_v0(gym.make_vec("lilgym_mp/TowerFlipIt-v0", num_envs=3))
     assert batch.reset(seed=[0, 1, 2])[0]["items"][0] == observation["items"]
     assert np.shape(batch.reset(seed=0)[0]["items"]) == (3,)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvState, Transformation
 
 MASK = "action_mask"  # the info's key
@@ -30,6 +30,3 @@ class ActionMask(EnvWrapper[MaskInfo]):
     """
 
     transformation_class = MaskInfo
-
-
-action_mask_v0 = factory(ActionMask)

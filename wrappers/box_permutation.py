@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lilgym_mp.corpus.permutation import with_permuted_boxes
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -24,6 +24,3 @@ class BoxPermutation(EnvWrapper[PermutedTasks]):
     """
 
     transformation_class = PermutedTasks
-
-
-box_permutation_v0 = factory(BoxPermutation)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, Format
 
 
@@ -30,6 +30,3 @@ class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
 
     transformation_class = Channels
-
-
-channels_first_v0 = factory(ChannelsFirst)

@@ -10,7 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.arrays import Float32Array
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
 
@@ -77,6 +77,3 @@ class StatementEmbedding(EnvWrapper[Embedding]):
 
     def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
         super().__init__(env, encoder=encoder, limit=limit)
-
-
-statement_embedding_v0 = factory(StatementEmbedding)

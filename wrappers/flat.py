@@ -10,7 +10,7 @@ from gymnasium import spaces
 from gymnasium.spaces.utils import flatten_space
 
 from lilgym_mp.arrays import Float32Array
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation, WrongEnvironment
 
 
@@ -53,6 +53,3 @@ class FlatObservation(EnvWrapper[Flattening]):
     """
 
     transformation_class = Flattening
-
-
-flat_observation_v0 = factory(FlatObservation)

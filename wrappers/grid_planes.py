@@ -23,7 +23,7 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import PLANES, Batch, EnvDescription, EnvState, SceneFormat
 
 OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # index of the last plane
@@ -97,6 +97,3 @@ class GridPlanes(EnvWrapper[Planes]):
 
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)
-
-
-grid_planes_v0 = factory(GridPlanes)

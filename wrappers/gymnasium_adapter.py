@@ -145,7 +145,7 @@ def factory(
 
     words = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", wrapper.__name__)
     wrap.__name__ = wrap.__qualname__ = f"{words.lower()}_v0"  # `NLVRReward` has `nlvr_reward_v0`
-    wrap.__module__ = wrapper.__module__
+    wrap.__module__ = sys._getframe(1).f_globals["__name__"]  # of the caller, where pickle finds it
     wrap.__doc__ = f"Applies `{wrapper.__name__}` to an environment of any kind.\n\n{wrapper.__doc__}"
     wrap.__signature__ = signature.replace(return_annotation="AnyEnv")  # pyright: ignore[reportFunctionMemberAccess]
     return wrap

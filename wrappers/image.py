@@ -7,7 +7,7 @@ from typing import cast
 
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, Transformation
 
 
@@ -34,6 +34,3 @@ class ImageObservation(EnvWrapper[Image]):
     """
 
     transformation_class = Image
-
-
-image_observation_v0 = factory(ImageObservation)

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from lilgym_mp.actions import STOP, ActionType
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.choices import choose
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
@@ -97,6 +97,3 @@ class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
 
     def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
         super().__init__(env, masks=masks)
-
-
-multi_discrete_actions_v0 = factory(MultiDiscreteActions)

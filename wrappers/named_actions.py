@@ -11,7 +11,7 @@ from gymnasium import spaces
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import Appearance
 from lilgym_mp.arrays import BoolArray
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 
@@ -79,6 +79,3 @@ class NamedActions(EnvWrapper[NameDecoding]):
     """
 
     transformation_class = NameDecoding
-
-
-named_actions_v0 = factory(NamedActions)

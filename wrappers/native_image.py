@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import IMAGE, Batch, EnvDescription, EnvState, SceneFormat
 
 SIZE = "native"
@@ -37,6 +37,3 @@ class NativeImage(EnvWrapper[NativeDrawing]):
     """
 
     transformation_class = NativeDrawing
-
-
-native_image_v0 = factory(NativeImage)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lilgym_mp.corpus.matching import matching_corpus
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 
 
@@ -24,6 +24,3 @@ class NLVRReward(EnvWrapper[MatchingTasks]):
     """
 
     transformation_class = MatchingTasks
-
-
-nlvr_reward_v0 = factory(NLVRReward)

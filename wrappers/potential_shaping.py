@@ -12,7 +12,7 @@ from lilgym_mp.arrays import Float64Array
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.solution import value
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import EnvDescription, Transformation
 
 
@@ -54,6 +54,3 @@ class PotentialShaping(EnvWrapper[Shaping]):
 
     def __init__(self, env: gym.Env[Any, Any], discount: float = 1.0, budget: int | None = None) -> None:
         super().__init__(env, discount=discount, budget=budget)
-
-
-potential_shaping_v0 = factory(PotentialShaping)

@@ -7,7 +7,7 @@ from typing import Any
 
 from gymnasium import spaces
 
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvState, Format
 
 STEPS_LEFT = "steps_left"  # observation key
@@ -27,6 +27,3 @@ class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
 
     transformation_class = Countdown
-
-
-steps_left_v0 = factory(StepsLeft)

@@ -11,7 +11,7 @@ import numpy as np
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.wrappers.action_mask import MASK
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 TRAINING_SPLIT = "train"
@@ -64,6 +64,3 @@ class StopForcing(EnvWrapper[Forcing]):
 
     def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
         super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
-
-
-stop_forcing_v0 = factory(StopForcing)

@@ -12,7 +12,7 @@ from gymnasium import spaces
 from lilgym_mp.arrays import Int16Array
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Colour, Shape, Size
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import ITEMS, Batch, EnvDescription, EnvState, SceneFormat
 
 PRESENT = "present"  # observation key
@@ -59,6 +59,3 @@ class StructuredObservation(EnvWrapper[Items]):
 
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
         super().__init__(env, keep_image=keep_image, slots=slots)
-
-
-structured_observation_v0 = factory(StructuredObservation)

@@ -31,7 +31,7 @@ from lilgym_mp.scene import (
     Scene,
     Shape,
 )
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
@@ -322,6 +322,3 @@ class TextObservation(EnvWrapper[TextFormat]):
     def instructions(self) -> str:
         """The rules in words: the task, rewards, cell grid, actions and answer format."""
         return instructions(self.transformation.env_description.dynamics)
-
-
-text_observation_v0 = factory(TextObservation)

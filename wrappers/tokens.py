@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
 
 STATEMENT = "statement"  # observation key
@@ -59,6 +59,3 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     @property
     def vocabulary(self) -> Vocabulary:
         return self.transformation.arrays.vocabulary
-
-
-tokenized_statement_v0 = factory(TokenizedStatement)

@@ -13,8 +13,13 @@ from gymnasium import spaces
 from lilgym_mp.actions import ActionError, describe, named
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.scene import Scene
-from lilgym_mp.wrappers import MultiDiscreteActions, NamedActions, StopForcing, WrongEnvironment
-from lilgym_mp.wrappers.multi_discrete import multi_discrete_actions_v0
+from lilgym_mp.wrappers import (
+    MultiDiscreteActions,
+    NamedActions,
+    StopForcing,
+    WrongEnvironment,
+    multi_discrete_actions_v0,
+)
 
 Make = Callable[..., gym.Env[Any, Any]]
 

@@ -47,6 +47,6 @@ def test_every_wrapper__is_documented(name: str):
 @pytest.mark.parametrize("name", [name for name in wrappers.__all__ if name.endswith("_v0")])
 def test_every_factory__is_named_in_its_help(name: str):
     title, _, signature, *_ = pydoc.render_doc(getattr(wrappers, name), renderer=pydoc.plaintext).split("\n")
-    assert title.startswith(f"Python Library Documentation: function {name} in module lilgym_mp.wrappers.")
+    assert title.startswith(f"Python Library Documentation: function {name} in module lilgym_mp.wrappers")
     assert signature.startswith(f"{name}(")
     assert inspect.signature(getattr(wrappers, name)).return_annotation in ("Any", "AnyEnv")
