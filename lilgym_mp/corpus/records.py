@@ -34,15 +34,8 @@ class Record(NamedTuple):
     scene: object = None  # the released `structured_rep`
 
 
-class FileText(NamedTuple):
-    """A file's text and the SHA-256 of its bytes on disk."""
-
-    text: str
-    sha256: str
-
-
-def read_text(path: Path) -> FileText:
-    """The UTF-8 text of a plain or gzip file, without a byte-order mark.
+def read_text(path: Path) -> tuple[str, str]:
+    """The UTF-8 text of a plain or gzip file, without a byte-order mark, and the SHA-256 of its bytes on disk.
 
     Raises CorpusError for a file that is missing, unreadable, too large, broken gzip, not UTF-8 or empty.
     """
@@ -56,7 +49,7 @@ def read_text(path: Path) -> FileText:
         raise CorpusError(f"{path}: not UTF-8 text: byte 0x{data[fault.start]:02x} at offset {fault.start}") from None
     if not text.strip():
         raise CorpusError(f"{path}: the file is empty")
-    return FileText(text, sha256)
+    return text, sha256
 
 
 def read_bytes(path: Path) -> bytes:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from enum import Enum
 from typing import Any, NamedTuple, cast
 
 from lilgym_mp.programs import syntax
@@ -99,8 +98,6 @@ def _value_text(value: Any) -> str:
             return _item_text(value)
         case BoxView():
             return f"the {BOX_TITLES[value.index]} box"
-        case Enum():
-            return str(value)
         case list() | tuple() | set() | frozenset():
             return _listed(cast("Iterable[Any]", value))
         case _:

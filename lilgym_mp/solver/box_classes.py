@@ -8,7 +8,6 @@ different signatures.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
@@ -27,28 +26,17 @@ EMPTY_BOX = Box()
 Query = Callable[[Box], Hashable]  # a function of one box
 
 
-@dataclass(frozen=True, slots=True)
-class Signature:
-    """The results of a program's queries of a box."""
-
-    queries: tuple[Query, ...]
-
-    def __call__(self, box: Box) -> Hashable:
-        return tuple([query(box) for query in self.queries])
-
-
 class _NotSeparableError(Exception):
     """The program's value does not depend on queries of single boxes alone."""
 
 
 @lru_cache(maxsize=PROGRAM_CACHE_SIZE)
-def signature_of(program: str) -> Signature | None:
-    """A function whose equal values mean interchangeable boxes; None if the program is not known to be separable."""
+def queries_of(program: str) -> tuple[Query, ...] | None:
+    """Functions whose equal values mean interchangeable boxes; None if the program is not known to be separable."""
     try:
-        queries = tuple(dict.fromkeys(_queries(compile_program(program).tree)))
+        return tuple(map(_compiled, dict.fromkeys(_queries(compile_program(program).tree))))
     except _NotSeparableError:
         return None
-    return Signature(tuple(map(_compiled, queries)))
 
 
 class BoxClasses:
@@ -58,11 +46,10 @@ class BoxClasses:
     """
 
     def __init__(self, programs: Iterable[str]) -> None:
-        signatures = [signature_of(program) for program in programs]
-        self.separable = None not in signatures
+        by_program = list(map(queries_of, programs))
+        self.separable = None not in by_program
         self.representatives: list[Box] = []  # by class
-        queries = [query for signature in signatures if signature is not None for query in signature.queries]
-        self._queries = tuple(dict.fromkeys(queries))
+        self._queries = tuple(dict.fromkeys(query for queries in by_program for query in queries or ()))
         self._by_signature: dict[Hashable, int] = {}
         self._by_box: dict[tuple[Item, ...], int] = {}
 

@@ -7,7 +7,7 @@ geometry is considered.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -26,7 +26,6 @@ ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the langua
 LOGIC_WORDS: dict[str, Callable[..., BoolArray]] = {"AND": np.logical_and, "OR": np.logical_or, "NOT": np.logical_not}
 NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # groups of words that never inspect an item
 FEATURE_CACHE_SIZE = 4_096
-PROGRAM_CACHE_SIZE = 4_096
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,25 +53,14 @@ class ProgramFeatures:
         return self.tests_towers or bool(self.relations)
 
 
-@lru_cache(maxsize=PROGRAM_CACHE_SIZE)
-def program_features(tree: syntax.Node) -> ProgramFeatures:
-    """The features of the program with this syntax tree. Conservative: it may include some that do not matter."""
-    found = dict.fromkeys(_features(tree))
+def program_features(*trees: syntax.Node) -> ProgramFeatures:
+    """The features of the programs with these syntax trees. Conservative: it may include some that do not matter."""
+    found = dict.fromkeys(feature for tree in trees for feature in _features(tree))
     return ProgramFeatures(
         item_features=tuple(feature for feature in found if not isinstance(feature, Word | _BoxFeature)),
         order_matters=_BoxFeature.ORDER in found,
         relations=tuple(feature for feature in found if isinstance(feature, Word)),
         tests_towers=_BoxFeature.TOWER in found,
-    )
-
-
-def merged_features(programs: Sequence[ProgramFeatures]) -> ProgramFeatures:
-    """The union of the features of several programs."""
-    return ProgramFeatures(
-        item_features=tuple(dict.fromkeys(feature for program in programs for feature in program.item_features)),
-        order_matters=any(program.order_matters for program in programs),
-        relations=tuple(dict.fromkeys(word for program in programs for word in program.relations)),
-        tests_towers=any(program.tests_towers for program in programs),
     )
 
 

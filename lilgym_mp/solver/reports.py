@@ -44,8 +44,6 @@ def solve_tasks(
     `budget`: scenes examined per task. `on_report` is called with each report, in order, as soon as it is ready. Ends
     all processes when interrupted. Raises ValueError for fewer than one job or a budget below 1.
     """
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1, not {jobs}")
     solve = partial(_solutions, dynamics, Solver(dynamics, budget).budget)
     reports: list[TaskReport] = []
     for task, found in zip(tasks, map_chunks(solve, tasks, jobs, 1 if jobs == 1 else CHUNK_SIZE), strict=True):

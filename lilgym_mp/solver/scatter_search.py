@@ -18,7 +18,7 @@ from lilgym_mp.solver.edit_tables import addition_actions, addition_table, remov
 from lilgym_mp.solver.first_actions import ScatterReachability
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
-from lilgym_mp.solver.program_features import merged_features, program_features
+from lilgym_mp.solver.program_features import program_features
 from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
@@ -31,7 +31,7 @@ MAX_EXTRA_EDITS = 2  # distances tried beyond the abstract distance before the p
 @lru_cache(maxsize=ABSTRACTION_CACHE_SIZE)
 def abstraction_of(programs: tuple[str, ...]) -> Abstraction:
     """The abstraction under the features of all these programs, shared by all tasks that have them."""
-    return Abstraction(merged_features([program_features(compile_program(program).tree) for program in programs]))
+    return Abstraction(program_features(*(compile_program(program).tree for program in programs)))
 
 
 class ScatterSearch:

@@ -10,7 +10,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.solver import Solver, tower_search
-from lilgym_mp.solver.box_classes import signature_of
+from lilgym_mp.solver.box_classes import queries_of
 from tests.scenes import B, K, Y, scatter_boxes, tower_boxes
 from tests.scenes import tower as stack
 from tests.solver.tasks import mdp, task
@@ -29,13 +29,13 @@ SEPARABLE = (
 @given(data=st.data())
 @settings(max_examples=20)
 def test_signature__determines_the_programs_value(program: str, boxes: st.SearchStrategy[Box], data: st.DataObject):
-    signature = signature_of(program)
-    assert signature is not None
+    queries = queries_of(program)
+    assert queries is not None
     drawn = data.draw(st.lists(boxes, min_size=3, max_size=9))
     left, middle, right = drawn[:3]
     for box in drawn[3:]:
         for index, known in enumerate((left, middle, right)):
-            if signature(known) == signature(box):
+            if all(query(known) == query(box) for query in queries):
                 scene = Scene((left, middle, right))
                 assert compile_program(program)(scene) == compile_program(program)(scene.with_box(index, box))
 
@@ -52,13 +52,14 @@ def test_signature__determines_the_programs_value(program: str, boxes: st.Search
     ],
 )
 def test_signature__is_none_if_the_program_is_not_separable(program: str):
-    assert signature_of(program) is None
+    assert queries_of(program) is None
 
 
 def test_signature__distinguishes_errors_from_values():
-    signature = signature_of("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))")
-    assert signature is not None
-    assert len({signature(Box(tuple(blocks))) for blocks in (stack(B), stack(K), stack(B, Y))}) == 3
+    queries = queries_of("exist(filter_obj(all_boxes, lambda b: is_blue(unique(b))))")
+    assert queries is not None
+    boxes = [Box(tuple(blocks)) for blocks in (stack(B), stack(K), stack(B, Y))]
+    assert len({tuple(query(box) for query in queries) for box in boxes}) == 3
 
 
 def test_search_by_class__finds_solutions_as_short_as_exhaustive_search(monkeypatch: pytest.MonkeyPatch):

@@ -107,7 +107,7 @@ def _answer(url: str) -> dict[str, object]:
         with tempfile.TemporaryDirectory() as directory:
             path = Path(directory) / "answer"
             fetch(url, path)
-            answer = as_object(parse_json(read_text(path).text))
+            answer = as_object(parse_json(read_text(path)[0]))
     except JSONFault as fault:
         raise CorpusError(f"{url}: the response cannot be read: {fault}") from None
     if answer is None:

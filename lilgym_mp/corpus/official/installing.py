@@ -76,7 +76,7 @@ def read_installation(directory: Path) -> Installation | None:
     if not path.is_file():
         return None
     try:
-        record: Any = as_object(parse_json(read_text(path).text)) or {}
+        record: Any = as_object(parse_json(read_text(path)[0])) or {}
         if (record["format"], record["version"]) != (FORMAT, VERSION):
             raise JSONFault(f"format {record['format']!r} {record['version']!r} is not {FORMAT!r} {VERSION}")
         files = [OfficialFile(**file)._replace(proof=Proof(file["proof"])) for file in record["files"]]
