@@ -11,6 +11,8 @@ from enum import IntEnum
 from itertools import product
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
+from lilgym_mp.choices import listed
+
 Member = TypeVar("Member")
 
 BOX_COUNT = 3
@@ -105,9 +107,9 @@ class Item(NamedTuple):
         except (KeyError, TypeError):
             pass
         if not isinstance(data, Mapping):
-            raise SceneError(f"an item must be an object with keys {_listed(JSON_ITEM_KEYS)}, not {data!r}")
+            raise SceneError(f"an item must be an object with keys {listed(JSON_ITEM_KEYS)}, not {data!r}")
         if set(record) != JSON_ITEM_KEYS:
-            raise SceneError(f"an item has keys {_listed(record)}; it must have {_listed(JSON_ITEM_KEYS)}")
+            raise SceneError(f"an item has keys {listed(record)}; it must have {listed(JSON_ITEM_KEYS)}")
         return cls(
             _pixel(record, "x_loc"),
             _pixel(record, "y_loc"),
@@ -269,8 +271,4 @@ def _one_of(record: Mapping[str, object], key: str, choices: Mapping[Any, Member
     for name, member in choices.items():
         if value == name and not isinstance(value, bool | float):
             return member
-    raise SceneError(f"unknown {key} {value!r}; choose from {_listed(choices)}")
-
-
-def _listed(names: Iterable[object]) -> str:
-    return ", ".join(sorted(str(name) for name in names))
+    raise SceneError(f"unknown {key} {value!r}; choose from {listed(choices)}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.corpus.permutation import with_permuted_boxes
+from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import TaskChange
 

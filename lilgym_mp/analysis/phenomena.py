@@ -8,22 +8,28 @@ ones. RULES and SYNTAX_RULES contain the rules, each described by its docstring,
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import lru_cache
 from itertools import combinations
+from typing import NamedTuple
 
-from lilgym_mp.analysis import structure
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.programs.syntax import (
+    Arithmetic,
     Call,
+    Comparison,
+    Constant,
     Display,
     Lambda,
     Logic,
+    Member,
     Node,
     Not,
     SceneName,
+    Variable,
     WordName,
+    children,
     free_variables,
     parse,
     walk,
@@ -31,6 +37,11 @@ from lilgym_mp.programs.syntax import (
 from lilgym_mp.scene import BOX_COUNT
 
 CACHE_SIZE = 8_192  # cached programs and statements
+_OPERATOR_OF_WORD = {"le": "<=", "ge": ">=", "lt": "<", "gt": ">"}  # all other comparison words mean ==
+MIRRORED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
+_COUNTING = ("count", "len")
+FILTERING = ("filter_obj", "filter_color", "filter_shape", "filter_size")
+_VALUE_SETS = ("get_set_colors", "get_set_shapes", "get_set_sizes", "query_color", "query_shape", "query_size")
 
 
 class Phenomenon(StrEnum):
@@ -56,7 +67,7 @@ class SyntacticPhenomenon(StrEnum):
 PHENOMENA: tuple[Phenomenon | SyntacticPhenomenon, ...] = (*Phenomenon, *SyntacticPhenomenon)
 
 
-_SELECTION_WORDS = (*structure.FILTERING, "All", "Any", "contained", "member_of", "equal_set")
+_SELECTION_WORDS = (*FILTERING, "All", "Any", "contained", "member_of", "equal_set")
 _SAMENESS_WORDS = ("all_same", "all_same_color", "all_same_shape", "all_same_size", "all_same_attribute")
 _LEVEL_WORDS = ("is_top", "is_bottom", "is_second", "is_third")
 _MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusive")  # relations that are not spatial
@@ -64,27 +75,25 @@ _MEMBERSHIP_WORDS = ("get_box_inclusive", "get_box_exclusive", "get_img_exclusiv
 
 def _has_existence(tree: Node) -> bool:
     """`exist` or `Any`."""
-    return structure.uses(tree, "exist", "Any")
+    return uses(tree, "exist", "Any")
 
 
 def _has_exact_cardinality(tree: Node) -> bool:
     """`==` or `!=` compares a count with a number of at least 1 (2 for a count of colours, shapes or sizes)."""
     return any(
-        operator in ("==", "!=")
-        and structure.is_count(left)
-        and (structure.literal_int(right) or 0) > (1 if structure.counts_values(left) else 0)
-        for left, operator, right in structure.comparisons(tree)
+        operator in ("==", "!=") and is_count(left) and (literal_int(right) or 0) > (1 if counts_values(left) else 0)
+        for left, operator, right in comparisons(tree)
     )
 
 
 def _has_soft_cardinality(tree: Node) -> bool:
     """`<`, `<=`, `>` or `>=` compares a count with a number, except when it states that the count is zero."""
     return any(
-        operator in structure.MIRRORED
-        and structure.is_count(left)
-        and structure.literal_int(right) is not None
+        operator in MIRRORED
+        and is_count(left)
+        and literal_int(right) is not None
         and not _says_none(left, operator, right)
-        for left, operator, right in structure.comparisons(tree)
+        for left, operator, right in comparisons(tree)
     )
 
 
@@ -92,32 +101,27 @@ def _has_universal(tree: Node) -> bool:
     """`All`, `all`, `equal_set`, or `contained` for a set that depends on the scene; or a selection, or its count, is
     compared with the set it was selected from; or `==` or `>=` compares the number of boxes with a property with 3.
     """
-    if structure.uses(tree, "All", "all", "equal_set"):
+    if uses(tree, "All", "all", "equal_set"):
         return True
-    if any(not structure.is_literal(structure.arguments(call)[0]) for call in structure.calls(tree, "contained")):
+    if any(not is_literal(arguments(call)[0]) for call in calls(tree, "contained")):
         return True
     return any(
         _selects_whole(left, right) or _selects_whole(right, left) or _counts_every_box(left, operator, right)
-        for left, operator, right in structure.comparisons(tree)
+        for left, operator, right in comparisons(tree)
     )
 
 
 def _selects_whole(part: Node, whole: Node) -> bool:
     """Whether `part` is a selection from `whole`; also for their counts."""
-    part, whole = structure.counted_set(part) or part, structure.counted_set(whole) or whole
-    return any(
-        structure.structure_key(source) == structure.structure_key(whole)
-        for source in structure.selection_sources(part)
-    )
+    part, whole = counted_set(part) or part, counted_set(whole) or whole
+    return any(structure_key(source) == structure_key(whole) for source in selection_sources(part))
 
 
 def _counts_every_box(left: Node, operator: str, right: Node) -> bool:
-    counted = structure.counted_set(left)
-    if counted is None or structure.literal_int(right) != BOX_COUNT or operator not in ("==", ">="):
+    counted = counted_set(left)
+    if counted is None or literal_int(right) != BOX_COUNT or operator not in ("==", ">="):
         return False
-    return any(
-        isinstance(source, SceneName) and source.name == "all_boxes" for source in structure.selection_sources(counted)
-    )
+    return any(isinstance(source, SceneName) and source.name == "all_boxes" for source in selection_sources(counted))
 
 
 def _has_coordination(tree: Node) -> bool:
@@ -126,29 +130,26 @@ def _has_coordination(tree: Node) -> bool:
     """
     if any(isinstance(node, Logic) and node.operator == "or" for node in walk(tree)):
         return True
-    if structure.uses(tree, "OR", "union", "union_all") or any(
-        isinstance(node, Display) and len(node.elements) > 1 and structure.is_literal(node) for node in walk(tree)
+    if uses(tree, "OR", "union", "union_all") or any(
+        isinstance(node, Display) and len(node.elements) > 1 and is_literal(node) for node in walk(tree)
     ):
         return True
-    return any(
-        sum(structure.uses(operand, *_SELECTION_WORDS) for operand in operands) > 1
-        for operands in structure.conjunctions(tree)
-    )
+    return any(sum(uses(operand, *_SELECTION_WORDS) for operand in operands) > 1 for operands in conjunctions(tree))
 
 
 def _says_none(left: Node, operator: str, right: Node) -> bool:
     """Whether the comparison states that a count is zero."""
-    return structure.is_count(left) and (operator, structure.literal_int(right)) in (("==", 0), ("<=", 0), ("<", 1))
+    return is_count(left) and (operator, literal_int(right)) in (("==", 0), ("<=", 0), ("<", 1))
 
 
 def _has_negation(tree: Node) -> bool:
     """`not`, `!=`, `not in`, a comparison with False, or a comparison stating that a count is zero."""
     return (
-        structure.uses(tree, "NOT")
+        uses(tree, "NOT")
         or any(isinstance(node, Not) for node in walk(tree))
         or any(
-            operator in ("!=", "not in") or _says_none(left, operator, right) or structure.literal_bool(right) is False
-            for left, operator, right in structure.comparisons(tree)
+            operator in ("!=", "not in") or _says_none(left, operator, right) or literal_bool(right) is False
+            for left, operator, right in comparisons(tree)
         )
     )
 
@@ -157,13 +158,13 @@ def _has_comparison(tree: Node) -> bool:
     """Two values that both depend on the scene are compared (except a selection with its source); or the number of
     distinct colours, shapes or sizes is compared; or an `all_same` word or `min`.
     """
-    if structure.uses(tree, "min", *_SAMENESS_WORDS):
+    if uses(tree, "min", *_SAMENESS_WORDS):
         return True
     return any(
-        structure.counts_values(left)
-        if structure.is_literal(right)
-        else not (structure.is_literal(left) or _selects_whole(left, right) or _selects_whole(right, left))
-        for left, operator, right in structure.comparisons(tree)
+        counts_values(left)
+        if is_literal(right)
+        else not (is_literal(left) or _selects_whole(left, right) or _selects_whole(right, left))
+        for left, operator, right in comparisons(tree)
         if operator not in ("in", "not in")
     )
 
@@ -182,13 +183,13 @@ def _has_presupposition(tree: Node) -> bool:
     """`unique` of anything but an item's neighbours, or `min`; or two conditions joined by `and` refer to the same
     selection.
     """
-    if structure.uses(tree, "min"):
+    if uses(tree, "min"):
         return True
-    if any(not structure.are_neighbours(*structure.arguments(call)) for call in structure.calls(tree, "unique")):
+    if any(not are_neighbours(*arguments(call)) for call in calls(tree, "unique")):
         return True
     return any(
-        structure.selections(one) & structure.selections(other)
-        for operands in structure.conjunctions(tree)
+        selections(one) & selections(other)
+        for operands in conjunctions(tree)
         for one, other in combinations(operands, 2)
     )
 
@@ -197,7 +198,7 @@ def _has_coreference(tree: Node) -> bool:
     """A condition on one item refers to the item of an enclosing condition."""
     return any(
         parameter in free_variables(inner)
-        for parameter, body in structure.item_conditions(tree)
+        for parameter, body in item_conditions(tree)
         for inner in walk(body)
         if isinstance(inner, Lambda) and inner.parameter != parameter
     )
@@ -298,3 +299,167 @@ def phenomena(program: str) -> frozenset[Phenomenon]:
 def syntactic_phenomena(statement: str) -> frozenset[SyntacticPhenomenon]:
     """The syntactic phenomena of a statement, by SYNTAX_RULES."""
     return frozenset(phenomenon for phenomenon, rule in SYNTAX_RULES.items() if rule(statement))
+
+
+# Queries on syntax trees: counts, comparisons, selections, conjunctions
+
+
+class Compared(NamedTuple):
+    """A comparison `left operator right`, written with an operator or a word."""
+
+    left: Node
+    operator: str
+    right: Node
+
+
+def word_name(node: Node) -> str | None:
+    """The name of the word that the node calls or refers to."""
+    return node.word.name if isinstance(node, Call | WordName) else None
+
+
+def word_names(tree: Node) -> set[str]:
+    """The names of all words that the tree uses."""
+    return {name for node in walk(tree) if (name := word_name(node)) is not None}
+
+
+def uses(tree: Node, *names: str) -> bool:
+    return any(word_name(node) in names for node in walk(tree))
+
+
+def calls(tree: Node, *names: str) -> Iterator[Call]:
+    """The calls of words of those names."""
+    return (node for node in walk(tree) if isinstance(node, Call) and node.word.name in names)
+
+
+def arguments(node: Node) -> tuple[Node, ...]:
+    """The explicit arguments of a call; empty for other nodes."""
+    return tuple(children(node)) if isinstance(node, Call) else ()
+
+
+def comparisons(tree: Node) -> Iterator[Compared]:
+    """Every comparison in the tree; a constant operand is moved to the right."""
+    for node in walk(tree):
+        if isinstance(node, Comparison):
+            lefts = (node.left, *node.rights)
+            found = [Compared(*pair) for pair in zip(lefts, node.operators, node.rights, strict=False)]
+        elif isinstance(node, Call) and node.word.group == "comparison":
+            left, right = arguments(node)
+            found = [Compared(left, _OPERATOR_OF_WORD.get(node.word.name, "=="), right)]
+        else:
+            continue
+        for left, operator, right in found:
+            if isinstance(left, Constant) and not isinstance(right, Constant):
+                yield Compared(right, MIRRORED.get(operator, operator), left)
+            else:
+                yield Compared(left, operator, right)
+
+
+def literal_int(node: Node) -> int | None:
+    return node.value if isinstance(node, Constant) and type(node.value) is int else None
+
+
+def literal_bool(node: Node) -> bool | None:
+    return node.value if isinstance(node, Constant) and isinstance(node.value, bool) else None
+
+
+def is_literal(node: Node) -> bool:
+    """Whether the node is a constant, or a list or set of constants."""
+    return all(isinstance(part, Constant | Display) for part in walk(node))
+
+
+def counted_set(node: Node) -> Node | None:
+    """The set whose elements the node counts."""
+    return arguments(node)[0] if word_name(node) in _COUNTING and arguments(node) else None
+
+
+def is_count(node: Node) -> bool:
+    """Whether the node is a count, or a sum or remainder with a count as an operand."""
+    parts = (node.left, node.right) if isinstance(node, Arithmetic) else (node,)
+    return any(counted_set(part) is not None for part in parts)
+
+
+def selected_from(node: Node) -> Node | None:
+    """The set that the node selects from."""
+    return arguments(node)[0] if word_name(node) in FILTERING and arguments(node) else None
+
+
+def selection_sources(node: Node) -> Iterator[Node]:
+    """The set that the node selects from, followed by the set that one was selected from, and so on."""
+    found = selected_from(node)
+    while found is not None:
+        yield found
+        found = selected_from(found)
+
+
+def structure_key(node: Node, bound: tuple[str, ...] = ()) -> tuple[object, ...]:
+    """A key that is equal for alpha-equivalent expressions (up to renaming of bound variables)."""
+    match node:
+        case Variable(name=name):
+            return ("bound", bound.index(name)) if name in bound else ("free", name)
+        case Lambda(parameter=parameter, body=body):
+            return "lambda", structure_key(body, (parameter, *bound))
+        case Constant(value=value):
+            return "constant", repr(value)
+        case SceneName(name=name):
+            return "scene", name
+        case Member(of=of, name=name):
+            return name, structure_key(of, bound)
+        case Comparison(operators=names):
+            own: tuple[object, ...] = names
+        case Logic(operator=name) | Arithmetic(operator=name):
+            own = (name,)
+        case Display(kind=kind):
+            own = (kind.__name__,)
+        case _:
+            own = (word_name(node),)
+    return type(node).__name__, *own, *(structure_key(child, bound) for child in children(node))
+
+
+def conjuncts(node: Node) -> Iterator[Node]:
+    """The operands of an `and`, with nested `and`s flattened; the node itself if it is not an `and`."""
+    if (isinstance(node, Logic) and node.operator == "and") or (word_name(node) == "AND" and isinstance(node, Call)):
+        for operand in children(node):
+            yield from conjuncts(operand)
+    else:
+        yield node
+
+
+def conjunctions(tree: Node) -> Iterator[list[Node]]:
+    """The operands of every `and` in the tree."""
+    for node in walk(tree):
+        operands = list(conjuncts(node))
+        if len(operands) > 1:
+            yield operands
+
+
+def counts_values(node: Node) -> bool:
+    """Whether the node counts colours, shapes or sizes."""
+    counted = counted_set(node)
+    return counted is not None and word_name(counted) in _VALUE_SETS
+
+
+def are_neighbours(items: Node) -> bool:
+    """Whether the items are the result of a related-items word, such as `get_above`."""
+    return isinstance(items, Call) and items.word.group == "related items"
+
+
+def selections(tree: Node) -> set[tuple[object, ...]]:
+    """Keys of the sets that the tree selects, without those that depend on variables bound in the tree."""
+    bound_inside = {node.parameter for node in walk(tree) if isinstance(node, Lambda)}
+    return {
+        structure_key(node)
+        for node in walk(tree)
+        if selected_from(node) is not None and not bound_inside & free_variables(node)
+    }
+
+
+def item_conditions(tree: Node) -> Iterator[tuple[str, Node]]:
+    """Parameter and body of every lambda applied to a set other than the boxes."""
+    for node in walk(tree):
+        match arguments(node):
+            case (collection, Lambda(parameter=parameter, body=body)):
+                origins = (collection, *selection_sources(collection))
+                if not any(isinstance(origin, SceneName) and origin.name == "all_boxes" for origin in origins):
+                    yield parameter, body
+            case _:
+                continue

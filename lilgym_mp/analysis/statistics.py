@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena
-from lilgym_mp.analysis.structure import word_names
+from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena, word_names
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.official.release import FILE_FACTS, FileFacts

@@ -291,7 +291,7 @@ def _synthesize(args: argparse.Namespace) -> int:
 def _permute(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.jsonlines import flipit_entries
     from lilgym_mp.corpus.loading import load_all_tasks
-    from lilgym_mp.corpus.permutation import with_permuted_boxes
+    from lilgym_mp.corpus.tasks import with_permuted_boxes
 
     entries: list[Mapping[str, object]] = []
     before = after = 0

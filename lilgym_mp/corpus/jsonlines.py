@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import NamedTuple, cast
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.records import (
     SCRATCH,
@@ -20,7 +21,6 @@ from lilgym_mp.corpus.records import (
     Record,
     as_object,
     check_text,
-    listed,
     parse_json,
     read_text,
     shown,

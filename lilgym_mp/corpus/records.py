@@ -10,7 +10,6 @@ import os
 import stat
 import zlib
 from collections import Counter
-from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple, cast
 
@@ -118,11 +117,6 @@ def check_text(what: str, value: object) -> str:
     if not value.isprintable():
         raise JSONFault(f"{what} has unprintable characters: {shown(value)}")
     return value
-
-
-def listed(names: Iterable[object]) -> str:
-    """The names sorted and joined, for error messages."""
-    return ", ".join(sorted(str(name) for name in names))
 
 
 def shown(value: object) -> str:

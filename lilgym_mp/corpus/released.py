@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.records import (
     FLIPIT,
@@ -18,7 +19,6 @@ from lilgym_mp.corpus.records import (
     Record,
     as_object,
     check_text,
-    listed,
     parse_json,
     read_text,
     shown,

@@ -13,7 +13,7 @@ import pytest
 from lilgym_mp.actions import AddItem
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from lilgym_mp.corpus.matching import matching_corpus
-from lilgym_mp.corpus.permutation import with_permuted_boxes
+from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.scene import Colour, Scene, Shape, Size
 from lilgym_mp.wrappers import (

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import NamedTuple, cast
 from urllib.parse import quote
 
+from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.official.fetching import checked_url, fetch
 from lilgym_mp.corpus.official.installing import Installation, install, staging_area
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
+from lilgym_mp.corpus.records import JSONFault, as_object, parse_json, read_bytes, read_text
 
 REPOSITORY = "lil-lab/lilgym"
 NEWEST = "HEAD"  # the newest commit of the repository's default branch

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, Fault
 from lilgym_mp.corpus.official.release import RELEASE, OfficialFile, Proof, check_official_file
-from lilgym_mp.corpus.records import JSONFault, as_object, listed, parse_json, read_bytes, read_text
+from lilgym_mp.corpus.records import JSONFault, as_object, parse_json, read_bytes, read_text
 
 MANIFEST = "installed.json"
 FORMAT, VERSION = "lilgym_mp-official", 1
