@@ -122,7 +122,7 @@ class Tower:
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         left, middle, right = scene.boxes
-        return _legal_rows()[len(left.items)][len(middle.items)][len(right.items)].copy()
+        return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
 
     def explain(self, rules: PlacementRules) -> Iterator[str]:
         boxes, colours = "|".join(BOX_NAMES), "|".join(colour.name for colour in Colour)
@@ -208,10 +208,3 @@ def _legal_by_heights() -> BoolArray:
         elif isinstance(action, RemoveBlock):
             legal[..., index] = heights[action.box] > 0
     return legal
-
-
-@cache
-def _legal_rows() -> list[list[list[BoolArray]]]:
-    """The rows of `_legal_by_heights` in nested lists, which are indexed in half the time. Read-only."""
-    heights = range(CAPACITY + 1)
-    return [[[_legal_by_heights()[left, middle, right] for right in heights] for middle in heights] for left in heights]

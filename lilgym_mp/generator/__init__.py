@@ -1,7 +1,7 @@
 """Generates statements with programs, in two ways (docs/generators.md).
 
 `meanings` makes the generated corpora and most of the builtin corpus: tasks with start scenes, in checked wordings.
-`templates`, used through `training_pairs`, makes a stream of more varied wordings without scenes.
+`templates`, with `training_pairs`, makes a stream of more varied wordings without scenes.
 """
 
 from lilgym_mp.generator.meanings.generated_corpus import CorpusSpec, generated_entries, load_generated

@@ -78,14 +78,6 @@ def vectorised_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], 
     return _vectorise_item_test(key, test, word.depends_on) if word.depends_on_item_only else _memoised(key, mask_of)
 
 
-@cache
-def vectorised_attribute(attribute: str, value: Enum) -> Callable[[Box], Mask]:
-    """The bitmask of a box's items with that value of the attribute (color, shape or size)."""
-    return _vectorise_item_test(
-        f"program attribute {value}", lambda view: getattr(view, attribute) is value, "attributes"
-    )
-
-
 class ItemTest(NamedTuple):
     """The per-item predicate of a vectorised test."""
 

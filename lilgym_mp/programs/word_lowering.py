@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from lilgym_mp.programs import box_functions, costs, ir
 from lilgym_mp.programs.functions.collections import binomial
+from lilgym_mp.programs.words import WORDS
 
 MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 
@@ -174,8 +175,7 @@ def _lower_values(attribute: str) -> Callable[..., ir.AttributeSet]:
         if not isinstance(s, ir.Items):
             ir.unsupported("values")
         found = [
-            ir.occurring(part.mask, [_value_mask(generator, attribute, value, part.box) for value in enum])
-            for part in s.parts
+            ir.occurring(part.mask, [_value_mask(generator, value, part.box) for value in enum]) for part in s.parts
         ]
         return ir.AttributeSet(ir.operate("|", *found), s.total, enum=enum)
 
@@ -191,15 +191,16 @@ def _lower_filter(attribute: str) -> Callable[..., ir.Items]:
         if not isinstance(value.code, ir.Number):
             ir.unsupported("filter by a variable")
         wanted = enum(value.code.value)
-        parts = (ir.narrow(part, ir.ItemMask(_value_mask(generator, attribute, wanted, part.box))) for part in s.parts)
+        parts = (ir.narrow(part, ir.ItemMask(_value_mask(generator, wanted, part.box))) for part in s.parts)
         return ir.Items(tuple(parts), ordered=True)
 
     return lower
 
 
-def _value_mask(generator: Generator, attribute: str, value: Enum, box: str) -> ir.Code:
-    function = box_functions.vectorised_attribute(attribute, value)
-    return generator.box_call(f"{type(value).__name__}_{value.name}", function, box)
+def _value_mask(generator: Generator, value: Enum, box: str) -> ir.Code:
+    """The mask of the test for a colour, shape or size, such as `is_yellow`."""
+    test = WORDS[f"is_{value.name.lower()}"]
+    return generator.box_call(test.name, box_functions.vectorised_test(test, ()), box)
 
 
 def _lower_all_same(attribute: str) -> Callable[..., ir.Bool]:

@@ -34,6 +34,13 @@ class WeightedGoal(NamedTuple):
     target: bool
     probability: float
 
+    @property
+    def opposite(self) -> tuple[str, bool]:
+        return self.program, not self.target
+
+    def holds(self, scene: Scene) -> bool:
+        return compile_program(self.program)(scene) == self.target
+
 
 @dataclass(frozen=True, slots=True)
 class WeightedPlan:
@@ -60,26 +67,11 @@ def check_goals(goals: Sequence[WeightedGoal]) -> None:
         compile_program(goal.program)
 
 
-class _Goal(NamedTuple):
-    """A program and target, with the total probability of all given goals that are equal to it."""
-
-    program: str
-    target: bool
-    probability: float
-
-    @property
-    def opposite(self) -> tuple[str, bool]:
-        return self.program, not self.target
-
-    def holds(self, scene: Scene) -> bool:
-        return compile_program(self.program)(scene) == self.target
-
-
 class _Candidate(NamedTuple):
     """A candidate plan: edits and the goals that they satisfy."""
 
     edits: Sequence[Action]
-    satisfied: frozenset[_Goal]
+    satisfied: frozenset[WeightedGoal]
     mass: float
 
     def satisfies(self, goal: WeightedGoal) -> bool:
@@ -117,7 +109,7 @@ class WeightedPlanner:
         masses: dict[tuple[str, bool], list[float]] = {}
         for program, target, probability in goals:
             masses.setdefault((program, target), []).append(probability)
-        merged = [_Goal(program, target, math.fsum(masses[program, target])) for program, target in masses]
+        merged = [WeightedGoal(program, target, math.fsum(masses[program, target])) for program, target in masses]
         self._given = goals
         self._goals = sorted(merged, key=lambda goal: -goal.probability)
         self._search = search
@@ -152,9 +144,9 @@ class WeightedPlanner:
         satisfied = frozenset(goal for goal in self._goals if goal.holds(scene))
         return _Candidate(edits, satisfied, _mass(satisfied))
 
-    def _greedy(self, goals: Sequence[_Goal]) -> _Candidate:
+    def _greedy(self, goals: Sequence[WeightedGoal]) -> _Candidate:
         """A plan that requires each of these goals in turn, where that improves it."""
-        required: list[_Goal] = []
+        required: list[WeightedGoal] = []
         best = _NO_PLAN
         for goal in goals:
             if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
@@ -163,7 +155,9 @@ class WeightedPlanner:
                     required, best = extended, found
         return best
 
-    def _with_goal(self, goal: _Goal, required: Sequence[_Goal], best: _Candidate) -> tuple[list[_Goal], _Candidate]:
+    def _with_goal(
+        self, goal: WeightedGoal, required: Sequence[WeightedGoal], best: _Candidate
+    ) -> tuple[list[WeightedGoal], _Candidate]:
         """A better plan that satisfies the goal too, and the goals required for it; `best` if there is none.
 
         Goals of `best` that the plan no longer satisfies are required as well, the most probable first.
@@ -180,7 +174,7 @@ class WeightedPlanner:
             extended = [*extended, max(lost, key=self._goals.index)]
         return extended, result
 
-    def _shortest(self, required: Sequence[_Goal], least_edits: int) -> _Candidate | None:
+    def _shortest(self, required: Sequence[WeightedGoal], least_edits: int) -> _Candidate | None:
         """The shortest plan found that satisfies all these goals; it has at least `least_edits` edits."""
         budget = Budget(self._share())
         try:
@@ -199,7 +193,7 @@ class WeightedPlanner:
         """The budget of one search: all that is left for a single goal, else a fraction."""
         return self._budget.left // (1 if len(self._goals) == 1 else BUDGET_DIVISOR)
 
-    def _by_class(self, required: Sequence[_Goal], least_edits: int, budget: Budget) -> _Candidate | None:
+    def _by_class(self, required: Sequence[WeightedGoal], least_edits: int, budget: Budget) -> _Candidate | None:
         """Raises BudgetExhaustedError, and _NoRefinementError where only geometry rules out the nearest goals."""
         programs = tuple(dict.fromkeys(goal.program for goal in required))
         space = class_space(programs)
@@ -221,7 +215,7 @@ class WeightedPlanner:
                 raise _NoRefinementError
         return None
 
-    def _by_solving(self, required: Sequence[_Goal]) -> _Candidate | None:
+    def _by_solving(self, required: Sequence[WeightedGoal]) -> _Candidate | None:
         """Solves the conjunction of the goals as a task."""
         budget = Budget(self._share())
         task = conjunctive_task([(goal.program, goal.target) for goal in required], self._scene)
@@ -233,5 +227,5 @@ class WeightedPlanner:
 _NO_PLAN = _Candidate((), frozenset(), 0.0)
 
 
-def _mass(goals: Iterable[_Goal]) -> float:
+def _mass(goals: Iterable[WeightedGoal]) -> float:
     return math.fsum(goal.probability for goal in goals)

@@ -1,4 +1,4 @@
-"""Endless statement-program pairs: lilgym_mp.generator.training_pairs."""
+"""Endless statement-program pairs: lilgym_mp.generator.templates."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lilgym_mp.generator.meanings.interpretation import holds
 from lilgym_mp.generator.meanings.start_selection import ScenePool
 from lilgym_mp.generator.meanings.statement_grammar import parse_statement
 from lilgym_mp.generator.noise import with_noise
-from lilgym_mp.generator.training_pairs import TrainingPair, training_pairs
+from lilgym_mp.generator.templates import TrainingPair, training_pairs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
@@ -142,6 +142,6 @@ def test_with_noise__adds_no_second_full_stop() -> None:
 
 
 def test_training_pairs__are_imported_lazily() -> None:
-    lazy = ("lilgym_mp.generator.training_pairs", "lilgym_mp.corpus.spelling")
+    lazy = ("lilgym_mp.generator.templates", "lilgym_mp.corpus.spelling")
     code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
