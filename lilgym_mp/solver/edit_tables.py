@@ -26,12 +26,6 @@ class AdditionTable(NamedTuple):
     places: Int64Array  # (cells, 9, 2) by footprint: x and y where the item comes to rest; undefined where invalid
     canonical: Int64Array  # (cells * 27,) the item's `canonical_index`, -1 where invalid; in the order of ADD actions
 
-    def item(self, addition: int) -> Item:
-        """The item that a valid addition adds; `addition` is its index in `canonical`."""
-        cell, item_type = divmod(addition, len(ITEM_TYPES))
-        x, y = self.places[cell, ITEM_TYPE_FOOTPRINTS[item_type]].tolist()
-        return Item(x, y, *ITEM_TYPES[item_type])
-
 
 def _corners(scatter: Scatter) -> Iterator[tuple[int, int]]:
     """The top-left pixels of the cells of a box."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Hashable, Iterator, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 from lilgym_mp.actions import STOP
@@ -11,10 +11,9 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
-from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction, ItemClasses
+from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.edit_tables import addition_actions, addition_table, removal_actions
 from lilgym_mp.solver.first_actions import ScatterReachability
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
@@ -106,33 +105,14 @@ class ScatterSearch:
         found = {self._scatter.encode(solution.actions[0])}
         complete = solution.steps == 2 and solution.proven_optimal and self._exhaustive
         try:
-            classes = abstraction_of(programs_of(state.task)).classes
             for index, box in enumerate(state.scene.boxes) if solution.steps == 2 else ():
-                for actions, after in self._box_edits(index, box, classes):
+                for edit, after in self._editors[index].all_edits(box):
                     budget.spend()
                     if state.task.solved_by(state.scene.with_box(index, after)):
-                        found.update(actions)
+                        found.add(self._scatter.encode(edit))
         except BudgetExhaustedError:
             complete = False
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
-
-    def _box_edits(self, index: int, box: Box, classes: ItemClasses) -> Iterator[tuple[Sequence[int], Box]]:
-        """Groups of actions that are equivalent for the program, each with the box after one of them."""
-        if not self._exhaustive:
-            for edit, after in self._editors[index].all_edits(box):
-                yield [self._scatter.encode(edit)], after
-            return
-        table = addition_table(self._scatter, self._placement, index, box.items)
-        groups: dict[Hashable, list[int]] = {}  # by position, footprint and class
-        for addition in (table.canonical >= 0).nonzero()[0].tolist():
-            item = table.item(addition)
-            groups.setdefault((item.x, item.y, item.footprint, classes.of(item)), []).append(addition)
-        for additions in groups.values():
-            yield addition_actions(self._scatter, index, additions), box.with_item(table.item(additions[0]))
-        for position in range(len(box.items)):
-            remove_actions = removal_actions(self._scatter, index, box.items, position)
-            if remove_actions:
-                yield remove_actions, box.without(position)
 
 
 class _TaskSearch:

@@ -7,6 +7,7 @@ import random
 import pytest
 
 from lilgym_mp.appearances import Scatter
+from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.scene import Box
 from lilgym_mp.solver.canonical_items import canonical_index
@@ -34,12 +35,14 @@ def test_tables__agree_with_the_rules(rules: str, grid: tuple[int, int]):
             adds = addition_actions(scatter, index, range(len(table.canonical)))
             for action in rng.sample(adds, 60):
                 after, invalid = scatter.apply(state.scene, scatter.decode(action), placement)
+                cell, item_type = divmod(action - adds[0], len(ITEM_TYPES))
                 canonical = table.canonical[action - adds[0]]
                 if invalid:
                     assert canonical == -1
                 else:
                     item = after.boxes[index].items[-1]
-                    assert (table.item(action - adds[0]), canonical) == (item, canonical_index(item))
+                    place = table.places[cell, ITEM_TYPE_FOOTPRINTS[item_type]].tolist()
+                    assert (place, canonical) == ([item.x, item.y], canonical_index(item))
             for position in range(-1, len(box.items)):
                 removals = removal_actions(scatter, index, box.items, position)
                 for action in rng.sample(removals, min(2, len(removals))):
