@@ -114,6 +114,4 @@ class ClassSpace:
         return sum([bit for program, bit in self._programs if program(scene)])
 
 
-@lru_cache(maxsize=CACHE_SIZE)
-def class_space(programs: tuple[str, ...]) -> ClassSpace:
-    return ClassSpace(programs)
+class_space = lru_cache(maxsize=CACHE_SIZE)(ClassSpace)

@@ -121,7 +121,7 @@ class _TaskSearch:
     def __init__(self, editors: Sequence[BoxEditor], state: State, max_edits: int, budget: Budget) -> None:
         self._editors = editors
         self._refinements: dict[tuple[int, tuple[AbstractEdit, ...]], Refinement | NoRefinement] = {}  # by box and path
-        self._boxes = state.scene.boxes
+        self._scene = state.scene
         self._is_goal = state.task.solved_by
         self._max_edits = max_edits
         self._budget = budget
@@ -142,7 +142,7 @@ class _TaskSearch:
     # Search in abstract scenes, with refinement
 
     def _by_abstraction(self) -> list[BoxEdit] | None:
-        layers = [self._abstraction.layers(box) for box in self._boxes]
+        layers = [self._abstraction.layers(box) for box in self._scene.boxes]
         nearest = None  # distance of the nearest abstract goal
         for edits in range(1, self._max_edits + 1):
             goals = LazyList(itertools.islice(goals_at(edits, layers, self._is_goal, self._budget), MAX_GOALS))
@@ -160,7 +160,7 @@ class _TaskSearch:
 
     def _refine_goal(self, goal: Scene, layers: Sequence[Layers[AbstractEdit]]) -> list[BoxEdit] | NoRefinement:
         edits: list[BoxEdit] = []
-        for index, box in enumerate(self._boxes):
+        for index, box in enumerate(self._scene.boxes):
             found = self._refine_box(index, box, layers[index].path(goal.boxes[index]))
             if isinstance(found, NoRefinement):
                 return found
@@ -180,12 +180,9 @@ class _TaskSearch:
 
     def _by_single_edit(self) -> list[BoxEdit] | None:
         """A single edit that reaches a goal. If all edits were tried and none does, raises the lower bound to 2."""
-        left, middle, right = self._boxes
-        for index, box in enumerate(self._boxes):
+        for index, box in enumerate(self._scene.boxes):
             for edit, after in self._successors(index)(box):
-                boxes = [left, middle, right]
-                boxes[index] = after
-                if self._is_goal(Scene((boxes[0], boxes[1], boxes[2]))):
+                if self._is_goal(self._scene.with_box(index, after)):
                     return [edit]
         if all(editor.is_exhaustive for editor in self._editors):
             self.least_edits = max(self.least_edits, 2)
@@ -194,7 +191,7 @@ class _TaskSearch:
     def _by_pruned_layers(self) -> list[BoxEdit] | None:
         """At each distance, scenes that need removals only come first: they are few, and often suffice."""
         signature = HeuristicSignature(self._abstraction.features, self._abstraction.classes)
-        pairs = [(box, self._successors(index)) for index, box in enumerate(self._boxes)]
+        pairs = [(box, self._successors(index)) for index, box in enumerate(self._scene.boxes)]
         by_removals = [Layers(box, successors.removals) for box, successors in pairs]
         by_any_edits = [Layers(box, successors, signature) for box, successors in pairs]
         for edits in range(self.least_edits, self._max_edits + 1):

@@ -69,22 +69,19 @@ def all_same(values: words.CollectionArg) -> bool:
     return _all_equal(values)
 
 
-@words.word("attributes")
-def all_same_color(s: words.ItemsArg) -> bool:
-    """Whether all items of `s` have the same colour; false when there are none."""
-    return _all_equal(x.color for x in s)
+def _all_same(attribute: str, spelling: str) -> None:
+    """Declares the word that tests whether items agree in an attribute, such as `all_same_color`."""
+
+    def test(s: words.ItemsArg) -> bool:
+        return _all_equal(getattr(x, attribute) for x in s)
+
+    test.__doc__ = f"Whether all items of `s` have the same {spelling}; false when there are none."
+    words.word("attributes", name=f"all_same_{attribute}")(test)
 
 
-@words.word("attributes")
-def all_same_shape(s: words.ItemsArg) -> bool:
-    """Whether all items of `s` have the same shape; false when there are none."""
-    return _all_equal(x.shape for x in s)
-
-
-@words.word("attributes")
-def all_same_size(s: words.ItemsArg) -> bool:
-    """Whether all items of `s` have the same size; false when there are none."""
-    return _all_equal(x.size for x in s)
+_all_same("color", "colour")
+_all_same("shape", "shape")
+_all_same("size", "size")
 
 
 @words.word("attributes")
