@@ -148,20 +148,32 @@ class GameEnvState(EnvState):
         return self._mask[None].astype(np.bool_)
 
 
-class AECGameWrapper(BaseWrapper[str, Any, Any]):
-    """A wrapper of the AEC environment."""
+class GameWrapper:
+    """What the wrappers of both environments have in common; comes before a wrapper of PettingZoo's."""
 
-    def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
-        super().__init__(env)
+    env: Any
+
+    def __init__(self, env: Any, name: str, adapters: Mapping[str, TransformedAgent]) -> None:
+        super().__init__(env)  # pyright: ignore[reportCallIssue]
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
         self.adapters = adapters  # by agent
-        self._infos: dict[str, Info] | None = None  # cache for this turn
-        self._reward_change: dict[str, float] = {}  # added to each agent's reward of this turn
-        self._cumulative_change: dict[str, float] = {}  # added to each agent's rewards since it last acted
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.adapters[agent].observation_space
+
+    def __str__(self) -> str:
+        return f"{self.name}<{self.env}>"
+
+
+class AECGameWrapper(GameWrapper, BaseWrapper[str, Any, Any]):
+    """A wrapper of the AEC environment."""
+
+    def __init__(self, env: AECEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
+        super().__init__(env, name, adapters)
+        self._infos: dict[str, Info] | None = None  # cache for this turn
+        self._reward_change: dict[str, float] = {}  # added to each agent's reward of this turn
+        self._cumulative_change: dict[str, float] = {}  # added to each agent's rewards since it last acted
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         super().reset(seed, options)
@@ -210,21 +222,9 @@ class AECGameWrapper(BaseWrapper[str, Any, Any]):
                     info[UNCHANGED_REWARD] = self.env.rewards[agent]
         return self._infos
 
-    def __str__(self) -> str:
-        return f"{self.name}<{self.env}>"
 
-
-class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
+class ParallelGameWrapper(GameWrapper, BaseParallelWrapper[str, Any, Any]):
     """A wrapper of the parallel environment."""
-
-    def __init__(self, env: ParallelEnv[str, Any, Any], name: str, adapters: Mapping[str, TransformedAgent]) -> None:
-        super().__init__(env)
-        self.name = name
-        self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
-        self.adapters = adapters  # by agent
-
-    def observation_space(self, agent: str) -> spaces.Space[Any]:
-        return self.adapters[agent].observation_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -255,6 +255,3 @@ class ParallelGameWrapper(BaseParallelWrapper[str, Any, Any]):
         return transformed, {
             agent: self.adapters[agent].info(info, partial(transformed.get, agent)) for agent, info in infos.items()
         }
-
-    def __str__(self) -> str:
-        return f"{self.name}<{self.env}>"

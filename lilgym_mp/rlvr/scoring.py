@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -156,17 +157,11 @@ def checked_truths(program: str, appearance: str) -> Mapping[Scene, bool] | None
             **dict.fromkeys(found[rarer][:count], rarer),
             **dict.fromkeys(found[not rarer][: total - count], not rarer),
         }
-        if count >= LEAST_SCENES and _is_within(STEP_LIMIT // 2, program, truths):
-            return truths
+        if count >= LEAST_SCENES:
+            with suppress(StepLimitError):  # then with fewer scenes
+                bounded_truths(program, tuple(truths), step_limit=STEP_LIMIT // 2)
+                return truths
     return None
-
-
-def _is_within(step_limit: int, program: str, scenes: Iterable[Scene]) -> bool:
-    try:
-        bounded_truths(program, tuple(scenes), step_limit=step_limit)
-    except StepLimitError:
-        return False
-    return True
 
 
 @cache

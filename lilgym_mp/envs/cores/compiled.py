@@ -115,11 +115,9 @@ def item_from_code(code: int) -> Item:
 def _drawing(image_size: str) -> DrawingTables:
     shrink = shrink_of(image_size)
     side = LARGEST_PATCH // shrink
-    runs, run_counts = np.zeros((ITEM_TYPE_COUNT, 2, 2, side, 2), np.int64), np.zeros((ITEM_TYPE_COUNT, 2, 2), np.int64)
-    edges, edge_counts = (
-        np.zeros((ITEM_TYPE_COUNT, 2, 2, side**2, 3), np.int64),
-        np.zeros((ITEM_TYPE_COUNT, 2, 2), np.int64),
-    )
+    kinds = (ITEM_TYPE_COUNT, 2, 2)
+    runs, run_counts = np.zeros((*kinds, side, 2), np.int64), np.zeros(kinds, np.int64)
+    edges, edge_counts = np.zeros((*kinds, side**2, 3), np.int64), np.zeros(kinds, np.int64)
     lines = np.empty((ITEM_TYPE_COUNT + 1, side, 3), np.uint8)
     weights, colours = palette(shrink)
     lines[ITEM_TYPE_COUNT] = colours[0]

@@ -24,9 +24,8 @@ class GridTables(NamedTuple):
 
     clearance: UInt8Array  # `placement.CodeArrays`
     moves: UInt8Array
-    overlaps: (
-        Int64Array  # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
-    )
+    # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
+    overlaps: Int64Array
     areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
     cell_count: int  # cells of the grid

@@ -68,11 +68,7 @@ def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgemen
 
 def agent_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
     """Both agents' infos, by Role: the shared entries and "illegal_choice"."""
-    proposer, verifier = shared, shared.copy()
-    if illegal[0]:
-        proposer["illegal_choice"] = True
-    if illegal[1]:
-        verifier["illegal_choice"] = True
+    proposer, verifier = ({**shared, "illegal_choice": True} if wrong else shared.copy() for wrong in illegal)
     return proposer, verifier
 
 
