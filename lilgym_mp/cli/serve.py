@@ -110,7 +110,7 @@ def server_config(app: FastAPI, proxies: list[str]) -> uvicorn.Config:
     """`proxies`: addresses of the reverse proxies whose headers are believed."""
     import uvicorn
 
-    from lilgym_mp.web.protocol import TimedProtocol
+    from lilgym_mp.web.security import TimedProtocol
 
     return uvicorn.Config(
         app,

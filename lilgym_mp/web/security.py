@@ -1,4 +1,5 @@
-"""Middleware for every request: security headers, allowed hosts, body size, authentication, rate limits and CSRF."""
+"""Middleware for every request: security headers, allowed hosts, body size, authentication, rate limits and CSRF; and
+connections that are closed unless each request arrives in time."""
 
 from __future__ import annotations
 
@@ -6,12 +7,14 @@ import asyncio
 import hmac
 import time
 from collections import OrderedDict
+from typing import Any
 from urllib.parse import SplitResult, urlsplit
 
 from anyio.to_thread import run_sync
 from fastapi import HTTPException, Request
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from lilgym_mp.web.app_services import ServeOptions
 from lilgym_mp.web.authentication import COOKIE, COOKIE_SECONDS, Caller, CookieSigner, find_person
@@ -22,6 +25,7 @@ CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 PUBLIC_PATHS = ("/assets/", "/login", "/healthz")  # path prefixes served without a login
 BODY_LIMITS = 256 * 1024, 30  # bytes, seconds until the last of them
+REQUEST_SECONDS = 30.0  # until the headers of a request are complete, from the connection or the last response
 IMPORT_LIMITS = 32 * 1024 * 1024, 300
 CLOSE = {"Connection": "close"}  # the rest of the body is not read
 IMPORT_PATH = "/api/annotate/imports"
@@ -167,3 +171,22 @@ def _split(url: str) -> SplitResult:
         return urlsplit(url)
     except ValueError:
         return urlsplit("")
+
+
+class TimedProtocol(H11Protocol):
+    """uvicorn itself waits without a limit for the rest of a request that has begun."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # pyright: ignore[reportIncompatibleMethodOverride]
+        super().connection_made(transport)
+        self._expect_request()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._expect_request()
+
+    def _expect_request(self) -> None:
+        self.loop.call_later(REQUEST_SECONDS, self._close_if_idle, self.cycle)
+
+    def _close_if_idle(self, last: Any) -> None:
+        if self.cycle is last:
+            self.transport.close()

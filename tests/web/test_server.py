@@ -124,7 +124,7 @@ def _sent(port: int, *lines: str) -> bytes:
 
 def test_unfinished_requests__are_closed_after_a_limit(app: Any, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("lilgym_mp.web.security.BODY_LIMITS", (1_000, 0.3))
-    monkeypatch.setattr("lilgym_mp.web.protocol.REQUEST_SECONDS", 0.3)
+    monkeypatch.setattr("lilgym_mp.web.security.REQUEST_SECONDS", 0.3)
     browser = Browser(app)
     token = browser.get("/api/session").json()["csrf_token"]
     cookie = f"Cookie: lilgym_visitor={browser.client.cookies['lilgym_visitor']}"

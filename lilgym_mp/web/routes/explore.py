@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Annotated
 
@@ -15,7 +14,7 @@ from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
-from lilgym_mp.programs.syntax import Call, Node, WordName, children, parse
+from lilgym_mp.programs.syntax import Call, WordName, parse, walk
 from lilgym_mp.programs.tracing import trace
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import UnsupportedAppearance
@@ -216,14 +215,8 @@ class CorpusStatement:
         self.tasks: list[tuple[str, Task]] = []  # (start, task)
         self.length = len(words(task.statement))
         self.phenomena = sorted(map(str, phenomena(task.program)))
-        self.words = frozenset(_program_words(parse(task.program)))
-
-
-def _program_words(node: Node) -> Iterator[str]:
-    if isinstance(node, Call | WordName):
-        yield node.word.name
-    for child in children(node):
-        yield from _program_words(child)
+        nodes = walk(parse(task.program))
+        self.words = frozenset(node.word.name for node in nodes if isinstance(node, Call | WordName))
 
 
 @lru_cache(STATEMENT_CACHE_SIZE)
