@@ -19,7 +19,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.benchmark.traces import Trace, Workload, vector_trace
+from lilgym_mp.benchmark.traces import SPLIT, Trace, Workload, vector_trace
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.render import Canvas, draw
 from lilgym_mp.rules import Dynamics, State
@@ -228,7 +228,7 @@ def drawing(dynamics: Dynamics) -> Component:
 @contextmanager
 def reset(workload: Workload) -> Iterator[Play]:
     """`reset` of one environment without wrappers after an episode, including the observation."""
-    env = workload.make_bare()
+    env = workload.settings.make(SPLIT)
     (script,) = workload.scripts(1)
 
     def ends() -> Iterator[None]:

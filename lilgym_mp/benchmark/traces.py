@@ -7,17 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.choices import choose
-from lilgym_mp.envs.registration import environment_id
-from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation.settings import Settings
 
 SPLIT = "train"
 STOP = 0  # index of the action
@@ -56,21 +53,16 @@ class Workload:
 
         Raises ValueError naming the choices, CorpusError (a ValueError) for an unusable corpus.
         """
-        self.configuration = configuration
-        self.appearance, self.start = choose("configuration", configuration, CONFIGURATIONS)
-        self.environment_id = environment_id(self.appearance, self.start)
-        self.arguments: dict[str, Any] = {"corpus": corpus, "split": SPLIT}  # of every kind of environment
-        self.recorder = self.make_bare()
+        self.settings = settings = Settings(configuration, corpus)
+        self.configuration, self.appearance, self.start = configuration, settings.appearance, settings.start
+        self.environment_id, self.arguments = settings.id, settings.arguments(SPLIT)  # of every kind of environment
+        self.recorder = settings.make(SPLIT)
         self._actions = actions
         self._script = cache(self._recorded)
 
     def make(self) -> gym.Env[Any, Any]:
         """One environment, made as usual."""
         return gym.make(self.environment_id, **self.arguments)
-
-    def make_bare(self) -> LilGymEnv:
-        """One environment without Gymnasium's own wrappers."""
-        return cast("LilGymEnv", self.make().unwrapped)
 
     def scripts(self, num_envs: int) -> list[Script]:
         """The scripts of N environments."""

@@ -132,10 +132,7 @@ def errors(data: ReportData) -> Iterator[Item]:
 def _published(configuration: str) -> Iterator[Sequence[Cell]]:
     for (model, name), errors in paper.ERRORS.items():
         if name == configuration:
-            reasons = (errors.separator, errors.empty, errors.does_not_fit, errors.on_top)
-            shares: list[Cell] = [errors.invalid * reason / 100 for reason in reasons]
-            kinds = (errors.direct, errors.early, errors.erroneous)
-            shares += [None if kind is None else errors.stops * kind / 100 for kind in kinds]
+            shares = [None if part is None else whole * part / 100 for whole, parts in errors for part in parts]
             yield [f"{model} †", configuration, 50, *shares, None, None]
 
 

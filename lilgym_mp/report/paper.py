@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import product
-from typing import NamedTuple
 
 from lilgym_mp.report.aggregation import MeanStd
 
@@ -58,27 +57,13 @@ START_SCENES_BY_PHENOMENON: Mapping[str, tuple[int, int, int, int]] = {
     "syntax: prepositional attachment": (44, 215, 3, 8),
 }
 
-
-class ErrorShares(NamedTuple):
-    """Analysis of 50 errors (section D.2) in per cent; None: not reported.
-
-    Reasons are shares of `invalid`, kinds of stop shares of `stops`.
-    """
-
-    invalid: int
-    separator: int
-    empty: int
-    does_not_fit: int
-    on_top: int
-    stops: int
-    direct: int | None
-    early: int | None
-    erroneous: int | None
-
-
-ERRORS: Mapping[tuple[str, str], ErrorShares] = {
-    ("C3+BERT", "ScatterScratch"): ErrorShares(58, 100, 0, 0, 0, 42, 18, 82, None),
-    ("ViLT", "ScatterScratch"): ErrorShares(82, 78, 14, 5, 3, 18, 50, None, 50),
-    ("C3+BERT", "ScatterFlipIt"): ErrorShares(58, 24, 63, 10, 3, 42, 90, None, 10),
-    ("ViLT", "ScatterFlipIt"): ErrorShares(64, 75, 19, 0, 6, 36, None, 100, None),
+# Section D.2: of 50 errors by model and configuration, the invalid actions and the shares of these by reason
+# (separator, empty, does not fit, on top), and the wrong STOPs and the shares of these by kind (direct, early,
+# erroneous). In per cent; None: not reported.
+Shares = tuple[int, tuple[int | None, ...]]
+ERRORS: Mapping[tuple[str, str], tuple[Shares, Shares]] = {
+    ("C3+BERT", "ScatterScratch"): ((58, (100, 0, 0, 0)), (42, (18, 82, None))),
+    ("ViLT", "ScatterScratch"): ((82, (78, 14, 5, 3)), (18, (50, None, 50))),
+    ("C3+BERT", "ScatterFlipIt"): ((58, (24, 63, 10, 3)), (42, (90, None, 10))),
+    ("ViLT", "ScatterFlipIt"): ((64, (75, 19, 0, 6)), (36, (None, 100, None))),
 }

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
-import gymnasium as gym
 import numpy as np
 import torch
-from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
-from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.ppo.models.protocol import Model
@@ -64,21 +60,8 @@ class RolloutCollector:
 
     def __init__(self, settings: Settings, recipe: PPORecipe, tasks: TrainingTasks) -> None:
         self._recipe = recipe
-        self._envs = cast(
-            "BatchedEnv",
-            gym.make_vec(
-                settings.id,
-                num_envs=recipe.envs,
-                copy=False,
-                autoreset_mode=AutoresetMode.DISABLED,
-                **settings.arguments(TRAINING_SPLIT),
-            ),
-        )
-
-        def training_set(_: TaskSet) -> TaskSet:
-            return tasks.tasks
-
-        self._envs.change_tasks(training_set)
+        self._envs = settings.make_batch(TRAINING_SPLIT, recipe.envs)
+        self._envs.change_tasks(lambda _: tasks.tasks)
         self._sampler = TaskSampler(tasks, recipe)
         self._ids = tasks.tasks.ids
         self._task_of = np.zeros(recipe.envs, np.int64)  # task index of each environment
