@@ -193,7 +193,7 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
 
         torch.set_num_threads(args.threads)
         agents = {path: open_agent(path, args.device) for path in args.runs}
-    own = {path: agent.settings for path, agent in agents.items() if hasattr(agent, "settings")}
+    own = {path: agent.settings for path, agent in agents.items() if hasattr(agent, "partner")}
     if own:
         first, *others = own
         if args.protocol:
@@ -223,7 +223,7 @@ def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:
 
 def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Player | None:
     """The agent's side; None if it has none. A single agent proposes its actions, and accepts where it would STOP."""
-    if hasattr(agent, "settings"):
+    if hasattr(agent, "partner"):
         partner = agent.partner(role)
         views = agent.settings.views
         view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views

@@ -10,6 +10,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
+from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.game import population
 from tests.own_corpus import write_own_corpus
@@ -23,6 +24,15 @@ class Trained:
 
     def partner(self, role: Role) -> Any:
         return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]
+
+
+class Single:
+    """A trained agent of the single-agent environment that says on which settings it was trained, as PPO's does."""
+
+    settings = Settings("TowerScratch")
+
+    def policy(self, settings: Settings) -> Any:
+        return random_legal
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +77,15 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
     runs["a"] = Trained(own)
     file = tmp_path / "results.json"
     assert main(["evaluate-game", "a", "--json", str(file)]) == 0
+    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
+    assert results(file).keys() == pairs
+
+
+def test_run_of_a_single_agent__plays_both_sides(tmp_path: Path, own: str, runs: dict[str, Any]):
+    runs["a"] = Single()
+    file = tmp_path / "results.json"
+    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
+    assert main(["evaluate-game", "a", *game, "--json", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
     assert results(file).keys() == pairs
 
