@@ -81,7 +81,7 @@ def play_out(browser: Browser, keys: dict[str, str], seed: int = 0) -> list[str]
                 names = browser.get(f"{SEATS}/{key}/legal")
                 bodies.append(names.text)
                 name = str(rng.choice(names.json()["actions"]))
-                bodies.append(act(browser, key, name).text)
+                bodies.append(act(browser, key, name, len(state["own_actions"])).text)
     raise AssertionError("the game did not end")
 
 

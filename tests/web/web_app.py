@@ -18,6 +18,7 @@ with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # Starlette deprecates httpx in favour of a successor
     from starlette.testclient import TestClient
 
+from anyio.from_thread import start_blocking_portal
 from sqlalchemy import select
 
 from lilgym_mp.web.app import ServeOptions, create_app
@@ -40,6 +41,7 @@ class Browser:
     def __init__(self, app: Any, **headers: str) -> None:
         self.app = app
         self.client = TestClient(app, raise_server_exceptions=False, headers=headers)
+        self.client.portal = app.state.portal
         self._token: str | None = None
 
     def get(self, path: str, **options: Any) -> Any:
@@ -72,7 +74,8 @@ def server(directory: Path, **options: Any) -> Iterator[Any]:
     """The application, with a database in the directory."""
     database = f"sqlite:///{directory / 'web.sqlite3'}"
     app = create_app(ServeOptions(**{"database": database, **UNLIMITED, **options}))
-    try:
-        yield app
-    finally:
-        app.state.services.close()
+    with start_blocking_portal() as app.state.portal:  # one event loop, where clients would start one per request
+        try:
+            yield app
+        finally:
+            app.state.services.close()
