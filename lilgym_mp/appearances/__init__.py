@@ -8,7 +8,6 @@ from lilgym_mp.appearances.base import Appearance, Edit, Grid, InvalidReason
 from lilgym_mp.appearances.placement import PlacementRules
 from lilgym_mp.appearances.scatter import NATIVE, RELEASED_GRID, GridError, Scatter, checked_grid
 from lilgym_mp.appearances.tower import Tower
-from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 
 __all__ = [
@@ -16,7 +15,6 @@ __all__ = [
     "NATIVE",
     "RELEASED_GRID",
     "Appearance",
-    "BoolArray",
     "Edit",
     "Grid",
     "GridError",

@@ -8,12 +8,10 @@ from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.jsonlines import write_corpus
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
 from lilgym_mp.corpus.locations import official_directory, user_cache
-from lilgym_mp.corpus.released import ALL_FILE_NAMES as RELEASED_FILE_NAMES
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
 from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, statement_form, words
 
 __all__ = [
-    "RELEASED_FILE_NAMES",
     "CorpusError",
     "CorpusReport",
     "Fault",

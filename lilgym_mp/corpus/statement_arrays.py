@@ -36,11 +36,6 @@ def training_tasks(tasks: TaskSet) -> TaskSet:
         return tasks
 
 
-def training_statements(tasks: TaskSet) -> list[str]:
-    """The distinct statements of `training_tasks`."""
-    return statements_of(training_tasks(tasks))
-
-
 def default_length(statements: Iterable[str]) -> int:
     """The padded length: the number of words of the longest statement, with some headroom."""
     longest = max(len(words(statement)) for statement in statements)
@@ -61,7 +56,7 @@ class StatementArrays:
         """`truncate`: statements that exceed the length; otherwise they are a ValueError."""
         if length is not None and (isinstance(length, bool) or not isinstance(length, int) or length < 1):  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"length must be a positive whole number of words or None, not {length!r}")
-        training = training_statements(tasks) if vocabulary is None or length is None else []
+        training = statements_of(training_tasks(tasks)) if vocabulary is None or length is None else []
         if isinstance(vocabulary, str | os.PathLike):
             vocabulary = Vocabulary.load(vocabulary)
         self.vocabulary = vocabulary or Vocabulary.from_statements(training)

@@ -10,14 +10,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lilgym_mp.actions import Action
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.observation import item_array, item_capacity
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver.reports import TaskReport
 from lilgym_mp.task import Task
-
-HALF_SIZE = "half"
 
 
 class Demonstration(NamedTuple):
@@ -84,14 +81,9 @@ def arrays(episodes: Sequence[Demonstration], dynamics: Dynamics, *, images: boo
         "items": np.stack([item_array(state.scene, capacity) for state in states]),  # (M, 3, capacity, 5)
     }
     if images:
-        found["image"] = np.stack([*images_of(states)])  # (M, 50, 190, 3)
+        canvas = Canvas("half")
+        found["image"] = np.stack([canvas.show(state.scene).copy() for state in states])  # (M, 50, 190, 3)
     return found
-
-
-def images_of(states: Iterable[State]) -> Iterable[UInt8Array]:
-    """(50, 190, 3) the half-size image of each state."""
-    canvas = Canvas(HALF_SIZE)
-    return (canvas.show(state.scene).copy() for state in states)
 
 
 def write_npz(path: Path, arrays: Mapping[str, Any], about: Mapping[str, Any]) -> None:
