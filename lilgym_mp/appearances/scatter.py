@@ -185,7 +185,7 @@ class Scatter:
         y = row * self.cell[1]
         items = scene.boxes[box_index].items
         found = self.place(FOOTPRINTS[shape][size], x, y, box_index, items, rules)
-        if isinstance(found, InvalidReason):
+        if not isinstance(found, tuple):
             return Edit(scene, found)
         x, y = found
         item = new_tuple(Item, (x, y, shape, colour, size))
@@ -196,7 +196,8 @@ class Scatter:
     ) -> tuple[int, int] | InvalidReason:
         """The position of an item added to the cell with top-left pixel (x, y) of a box with `items`, or why it cannot
         be added."""
-        if x > placement.LAST_CORNER[footprint] or y > placement.LAST_CORNER[footprint]:
+        last = placement.LAST_CORNER[footprint]
+        if x > last or y > last:
             return InvalidReason.OUT_OF_BOX
         tables = placement.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)

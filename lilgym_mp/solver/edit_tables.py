@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.appearances import PlacementRules, Scatter
 from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, add_index, remove_index
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Item
@@ -41,7 +41,7 @@ def addition_table(scatter: Scatter, rules: PlacementRules, index: int, items: t
         for corner in _corners(scatter)
         for footprint in range(FOOTPRINT_COUNT)
     ]
-    rows = np.array([NOWHERE if isinstance(place, InvalidReason) else (*place, 1) for place in found])
+    rows = np.array([(*place, 1) if isinstance(place, tuple) else NOWHERE for place in found])
     by_cell = rows.reshape(-1, FOOTPRINT_COUNT, 3)
     x, y, valid = np.moveaxis(by_cell[:, ITEM_TYPE_FOOTPRINTS], 2, 0)
     shapes, colours, sizes = np.array(ITEM_TYPES).T
