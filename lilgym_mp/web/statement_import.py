@@ -45,7 +45,7 @@ def read_statements(data: bytes, split: str) -> tuple[list[ImportedStatement], l
         path = Path(directory) / "file"
         path.write_bytes(data)
         try:
-            text = read_text(path).text
+            text, _ = read_text(path)
             parsed = list(_parse_corpus(path, faults) if _is_corpus(text) else _parse_nlvr(text, split, faults))
         except CorpusError as fault:
             raise CorpusError(str(fault).replace(f"{path}", "the file")) from None
