@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.appearances import make_appearance
@@ -46,6 +46,7 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True, membe
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
+@settings(max_examples=50)
 @given(data=st.data())
 def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: str, data: st.DataObject):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
