@@ -162,6 +162,7 @@ def test_missing_package__error_names_what_to_install(
 ):
     for name in [name for name in sys.modules if name.startswith("lilgym_mp.learning")]:
         monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setattr("lilgym_mp.learning", None, raising=False)  # the import below replaces it until the end
     monkeypatch.setitem(sys.modules, "safetensors", None)
     assert main(["train", "ppo", "TowerScratch", "--steps", "1", "--out", str(tmp_path)]) == USAGE_ERROR
     written = capsys.readouterr().err
