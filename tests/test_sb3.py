@@ -318,6 +318,7 @@ def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: 
     with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers or .* or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
     env = made(TOWER, "dummy", wrap=wrap)
+    env.seed(0)
     env.reset()
     assert env.step(np.ones(COUNT, np.int64))[1][0] == pytest.approx(-0.2)
 
