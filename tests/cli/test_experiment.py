@@ -184,7 +184,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 
 @pytest.mark.long
 def test_experiment__trains_the_game_and_measures_it_with_evaluate_game(tmp_path: Path):
-    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nminutes = 0.001\n'
+    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nminutes = 0.2\n'
     small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"
     text = 'configurations = ["TowerScratch"]\n' + game.format("joint") + small + game.format("audit") + small
     partners = 'verifiers = "always-accept"\n'
