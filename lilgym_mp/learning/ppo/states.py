@@ -38,13 +38,14 @@ class States(NamedTuple):
         cut = self.patches[self.patches_of].reshape(-1, PATCHES, PATCHES, PATCH, PATCH, 3)
         return cut.transpose(0, 1, 3, 2, 4, 5).reshape(-1, SIDE, SIDE, 3)
 
-    def images(self) -> UInt8Array:
-        """(N, 50, 190, 3) half-size images, assembled from their boxes."""
-        images = np.full((len(self.targets), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
+    def images(self) -> tuple[UInt8Array, Int64Array]:
+        """(V, 50, 190, 3) the distinct half-size images, assembled from their boxes, and (N,) that of each state."""
+        scenes, image_of = np.unique(self.boxes_of, axis=0, return_inverse=True)
+        images = np.full((len(scenes), *IMAGE_SHAPE), SEPARATOR_RGB, np.uint8)
         boxes = self.boxes()
         for box in range(BOX_COUNT):
-            images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[self.boxes_of[:, box]]
-        return images
+            images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[scenes[:, box]]
+        return images, image_of
 
 
 class BoxImageTable:

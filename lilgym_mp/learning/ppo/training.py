@@ -27,7 +27,7 @@ from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.models.protocol import Model
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, training_tasks
 from lilgym_mp.learning.ppo.update import (
@@ -189,8 +189,11 @@ class Run(TimedRun["Progress"]):
         return Experience.of(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self._device)
 
     def _precision(self) -> Any:
-        if self.recipe.reduced_precision and self._device.type == "cuda":
-            return torch.autocast("cuda", torch.bfloat16)
+        is_faster = self._device.type == "cuda"
+        if self.recipe.model in TRANSFORMERS and hasattr(torch.cpu, "get_capabilities"):  # of newer torch
+            is_faster |= torch.cpu.get_capabilities().get("amx_bf16", False)
+        if self.recipe.reduced_precision and is_faster:
+            return torch.autocast(self._device.type, torch.bfloat16)
         return nullcontext()
 
     def _progress(self, mean: Losses, start_seconds: float) -> Progress:

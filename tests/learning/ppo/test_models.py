@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus import Vocabulary
@@ -41,7 +42,9 @@ def seen(name: str = "TowerFlipIt", count: int = 6) -> tuple[States, np.ndarray]
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: str):
     states, images = seen(name, 40)
-    assert (states.images() == images).all()
+    distinct, image_of = states.images()
+    assert (distinct[image_of] == images).all()
+    assert len(np.unique(distinct.reshape(len(distinct), -1), axis=0)) == len(distinct)
     for rows in (states.boxes().reshape(len(states.box_hashes), -1), states.patches):
         assert len(np.unique(rows, axis=0)) == len(rows)
 
@@ -52,7 +55,8 @@ def test_states__of_some_rows_contain_only_their_statements_and_boxes():
     boxes_of = table.indices(images)
     chosen = np.array([4, 1])
     states = table.states(STATEMENTS, np.array([2, 0]), boxes_of[chosen], np.array([1, 0]))
-    assert (states.images() == images[chosen]).all()
+    distinct, image_of = states.images()
+    assert (distinct[image_of] == images[chosen]).all()
     assert [states.statements[place] for place in states.statement_of] == [STATEMENTS[2], STATEMENTS[0]]
     assert len(states.statements) == 2
 
@@ -229,6 +233,20 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     train_ppo(settings, recipe, tmp_path, steps=16, weights=weights, device="cpu", resume=True)
 
 
+@pytest.mark.parametrize("has_amx", [False, True])
+def test_pretrained__is_trained_in_bfloat16_on_cpus_with_amx(
+    tmp_path: Path, own: str, tiny: dict[str, Path], monkeypatch: pytest.MonkeyPatch, has_amx: bool
+):
+    monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": has_amx}, raising=False)
+    weights: list[torch.Tensor] = []
+    for reduced in (False, True):
+        recipe = make_recipe("paper", "TowerScratch", model="c3-bert", reduced_precision=reduced, **SHORT)
+        settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(reduced)
+        train_ppo(settings, recipe, out, steps=8, weights=tiny["bert"], device="cpu")
+        weights.append(load_file(out / "agent.safetensors")["actor.image.weight"])
+    assert torch.equal(*weights) == (not has_amx)
+
+
 def test_c3_bert__has_the_releases_parameter_count_at_full_size(tiny: dict[str, Path]):
     recipe = make_recipe("release", "TowerScratch", model="c3-bert")
     model = make_model(recipe, Tower(), weights=tiny["bert"])
@@ -285,7 +303,7 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
 def test_weights__unusable_directories_are_rejected_with_the_reason(
     tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str
 ):
-    from safetensors.torch import load_file, save_file
+    from safetensors.torch import save_file
 
     place = tmp_path / "weights"
     shutil.copytree(tiny["vilt" if damage == "other" else "bert"], place)

@@ -181,9 +181,10 @@ class Heads(nn.Module):
         return self.types(vectors).float(), tuple(head(vectors).float() for head in self.arguments)
 
 
-def _pixels(states: States, device: torch.device) -> Tensor:
-    """(N, 3, 50, 190) from 0 to 1."""
-    return torch.from_numpy(states.images()).to(device).permute(0, 3, 1, 2).float() / MAX_INTENSITY
+def _pixels(states: States, device: torch.device) -> tuple[Tensor, Tensor]:
+    """(V, 3, 50, 190) distinct images, channels last in memory, from 0 to 1, and (N,) that of each state."""
+    images, image_of = (torch.from_numpy(array).to(device) for array in states.images())
+    return images.permute(0, 3, 1, 2).float() / MAX_INTENSITY, image_of
 
 
 # C3+BERT and C10+BERT
@@ -239,7 +240,7 @@ def C3() -> nn.Sequential:  # noqa: N802
 
 def C10() -> nn.Sequential:  # noqa: N802
     """Ten convolutions of our own design; the paper specifies only their number."""
-    channels, strides = (32, 32, 64, 64, 64, 64, 128, 128, 64, 32), (1, 2, 1, 2, 1, 2, 1, 2, 1, 1)
+    channels, strides = (16, 16, 32, 32, 64, 64, 128, 128, 64, 32), (2, 1, 2, 1, 2, 1, 2, 1, 1, 1)
     return _convolutions([(count, 3, stride, 1) for count, stride in zip(channels, strides, strict=True)])
 
 
@@ -279,8 +280,9 @@ class ConvolutionsAndBert(PretrainedModel):
     def features(self, states: States) -> Tensor:
         device = self.target.weight.device
         statements = self._encoder.vectors(states.statements, device)
+        images, image_of = _pixels(states, device)
         parts = (
-            self.image(self.convolutions(_pixels(states, device))),
+            self.image(self.convolutions(images))[image_of],
             statements[torch.from_numpy(states.statement_of).to(device)],
             self.target(torch.from_numpy(states.targets).to(device)),
         )
@@ -339,7 +341,8 @@ class Transformer(nn.Module):
             size, most_tokens = [count * config.patch_size for count in VILT_PATCHES], config.max_position_embeddings
         else:
             size, most_tokens = [config.image_config.image_size] * 2, config.text_config.max_position_embeddings
-        images = F.interpolate(_pixels(states, device), size=size, mode="bilinear", align_corners=False)
+        images, image_of = _pixels(states, device)
+        images = F.interpolate(images, size=size, mode="bilinear", align_corners=False)[image_of]
         mean, deviation = torch.tensor(VILT_COLOURS if self.is_vilt else FLAVA_COLOURS, device=device)[..., None, None]
         texts = [  # the statement, the target token, then True or False: ViLT's input in the release
             f"{states.statements[statement]} {TARGET_TOKEN} {bool(target)}"
