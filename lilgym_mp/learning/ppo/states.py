@@ -45,7 +45,7 @@ class States(NamedTuple):
         boxes = self.boxes()
         for box in range(BOX_COUNT):
             images[:, :, box * PITCH : box * PITCH + SIDE] = boxes[scenes[:, box]]
-        return images, image_of
+        return images, image_of.reshape(-1)  # NumPy 2.0.0 has (N, 1)
 
 
 class BoxImageTable:

@@ -247,12 +247,15 @@ def test_pretrained__is_trained_in_bfloat16_on_cpus_with_amx(
     assert torch.equal(*weights) == (not has_amx)
 
 
-def test_c3_bert__has_the_releases_parameter_count_at_full_size(tiny: dict[str, Path]):
-    recipe = make_recipe("release", "TowerScratch", model="c3-bert")
+@pytest.mark.parametrize(("name", "millions"), [("c3-bert", 2.59), ("c10-bert", 3.05)])
+def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(
+    tiny: dict[str, Path], name: str, millions: float
+):
+    recipe = make_recipe("release", "TowerScratch", model=name)
     model = make_model(recipe, Tower(), weights=tiny["bert"])
     width, full = 16, 768
     at_full_size = model.trained_parameters + 2 * 512 * (full - width)  # the statement joins two layers of 512
-    assert round(at_full_size / 1e6, 2) == 2.59
+    assert round(at_full_size / 1e6, 2) == millions
     assert model.frozen_parameters > 0
     assert not any("encoder" in name for name in model.state_dict())
 
