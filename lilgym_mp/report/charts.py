@@ -120,8 +120,11 @@ class Line(NamedTuple):
 
 
 def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
-    """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers."""
-    from matplotlib.ticker import EngFormatter
+    """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers.
+
+    Without it, the x axis counts steps: its ticks are whole numbers. A line of a single point is drawn as a marker.
+    """
+    from matplotlib.ticker import EngFormatter, MaxNLocator
 
     columns = min(2 if len(panels) <= 4 else 3, len(panels))
     names = list(dict.fromkeys(line.name for *_, lines in panels for line in lines))
@@ -131,13 +134,15 @@ def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagon
         style_axes(axes, title, y_label)
         axes.set_xlabel(x_label, fontsize=8, color=FAINT)
         for line in lines:
-            axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker="o" if diagonal else None)
+            marker = "o" if diagonal or len(line.xs) == 1 else None
+            axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker=marker)
             if line.deviations is not None:
                 band = np.subtract(line.ys, line.deviations), np.add(line.ys, line.deviations)
                 axes.fill_between(line.xs, *band, color=colours[line.name], alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
         else:
+            axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
             axes.xaxis.set_major_formatter(EngFormatter())
     return figure
 

@@ -19,6 +19,7 @@ NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
     " --evaluate-every N`, with and without --nlvr-reward"
 )
+MEANS = "A line is the mean over the runs of a recipe; if there are several, the band is the sample standard deviation."
 # Keys of an evaluation on Scratch, restricted to tasks with an image; FlipIt evaluations have only `accuracy`.
 PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
 
@@ -71,7 +72,7 @@ def caption(evaluated: Sequence[TrainingCurve]) -> str:
         parts.append("As in the paper, Scratch tasks without a scene in the corpus are excluded.")
     if any(curve.recipe.get("stop_forcing") for curve in evaluated):
         parts.append("PPO+SF: STOP was forced in training, never in these evaluations.")
-    return " ".join([*parts, "Lines are means over seeds, bands the sample standard deviation."])
+    return " ".join([*parts, MEANS])
 
 
 def method(curve: TrainingCurve) -> str:
@@ -132,5 +133,4 @@ def progress_curves(data: ReportData) -> Item:
             panels.append((f"{learner} {configuration}".strip(), "steps", label, lines))
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
-    note = "Training progress, on training tasks. Lines are means over runs, bands the sample standard deviation."
-    return Chart(ITEM, TITLE, line_chart(panels), note)
+    return Chart(ITEM, TITLE, line_chart(panels), f"Training progress, on training tasks. {MEANS}")

@@ -525,6 +525,17 @@ def test_figure_4__lines_name_stop_forcing(tmp_path: Path):
     assert [row[0] for row in rows(table)] == ["PPO, program reward", "PPO+SF, program reward"]
 
 
+def test_figure_4__of_a_single_evaluation_is_a_point_at_a_whole_number_of_steps(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0.5, None, None)])
+    chart, _ = dev_curves(load_report_data([tmp_path]).curves)
+    (axes,) = chart.figure.axes
+    (line,) = axes.lines
+    assert line.get_marker() == "o"
+    low, high = axes.get_xlim()
+    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0]
+
+
 def test_training_runs__name_corpus_checksum_commit_and_the_whole_recipe(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 3, [(0.5, None, None)], mask=False, gamma=0.99)
