@@ -183,11 +183,14 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
 
 
 def _played_configurations(configuration: str | None, recipe: Any, choices: Sequence[str]) -> Sequence[str]:
-    """Those of `choices` that the agent plays: with both starts if it was trained on FlipIt and some empty scenes."""
+    """Those of `choices` that the agent plays: with both starts if it was trained on FlipIt and some empty scenes.
+
+    A recipe without this setting, as the reward model's, always trains on both.
+    """
     if configuration is None:
         return choices
     appearance, start = CONFIGURATIONS[configuration]
-    starts = (SCRATCH, FLIPIT) if start == FLIPIT and getattr(recipe, "empty_starts", 0) else (start,)
+    starts = (SCRATCH, FLIPIT) if start == FLIPIT and getattr(recipe, "empty_starts", 1) else (start,)
     played = [name for name in choices if CONFIGURATIONS[name] in [(appearance, start) for start in starts]]
     return played or [configuration]
 

@@ -84,6 +84,8 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
         ('"ppo"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
         ('"ppo"\nconfigurations = ["TowerFlipIt"]\nrecipe = "paper"', ["TowerFlipIt"]),
         ('"ppo"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
+        ('"reward-model"\nconfigurations = ["TowerFlipIt"]', ["TowerScratch", "TowerFlipIt"]),
+        ('"reward-model"\nconfigurations = ["ScatterScratch"]', ["ScatterScratch"]),
     ],
 )
 def test_plan__evaluates_on_the_starts_of_training(tmp_path: Path, learner: str, played: list[str]):
