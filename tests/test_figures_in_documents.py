@@ -6,6 +6,7 @@ import gzip
 import importlib.util
 import json
 import re
+import statistics
 from collections import Counter
 from pathlib import Path
 
@@ -126,6 +127,25 @@ def test_readme__rows_are_those_of_the_results_page() -> None:
     for name, row in zip(names, rows, strict=True):
         for shown, exact in zip(row[2:], results[name], strict=True):
             assert numbers(shown) == numbers(exact.split(" [")[0]), name
+
+
+@pytest.mark.parametrize("page", ["training.md", "agents.md", "reward_model.md"])
+def test_figures_of_ppo__are_those_of_the_results_page(page: str) -> None:
+    for actions in ("greedy", "sampled"):
+        for cell in accuracies()["ppo+sf", actions]:
+            assert cell.split(" [")[0] in flat(page), actions
+
+
+def test_readme__rows_are_those_of_the_pages_they_link_to() -> None:
+    rows = table_rows((ROOT / "README.md").read_text(encoding="utf-8"))
+    (game,) = (row for row in rows if row[0].startswith("[proposer and verifier]"))
+    by_seed = re.findall(r"\| the learned one \| ([\d., ]+) \|", flat("game_experiments.md"))
+    for cell, listed in zip(game[2:4], map(numbers, by_seed), strict=True):
+        assert numbers(cell) == pytest.approx([statistics.mean(listed), statistics.stdev(listed)], abs=0.051)
+    for name in ("[reward model and search]", "imitation of such a search"):
+        (row,) = (row for row in rows if row[0].startswith(name))
+        for cell in row[2:]:
+            assert f"| {cell} (" in flat("reward_model.md"), name
 
 
 def test_counts_of_official_tasks(official_data: Path) -> None:
