@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.report.aggregation import mean_std
 from lilgym_mp.report.charts import Line, line_chart
@@ -34,10 +35,13 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
     panels: list[tuple[str, str, str, list[Line]]] = []
     rows: list[list[Cell]] = []
     evaluated = [curve for curve in curves if curve.evaluations]
-    for configuration in dict.fromkeys(curve.configuration for curve in evaluated):
+    shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
+    keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
+    for configuration, of_panel in shown.items():
+        if not of_panel:
+            continue
         drawn: list[Line] = []
-        shown = [curve for curve in evaluated if curve.configuration == configuration]
-        for name, runs in _group_by_recipe(shown).items():
+        for name, runs in _group_by_recipe(of_panel, keys).items():
             for suffix, key in _metrics(runs):
                 line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key, 100)
                 assert line is not None
@@ -82,14 +86,20 @@ def method(curve: TrainingCurve) -> str:
     return "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"
 
 
-def _group_by_recipe(curves: Sequence[TrainingCurve]) -> dict[str, list[TrainingCurve]]:
-    """The runs by learner, reward and any other differing settings of their recipes except the seed."""
-    named = (REWARD_KEY, "stop_forcing")  # settings that lines name in words
-    keys = [key for key in differing_keys([curve.recipe for curve in curves]) if key not in named]
+def _differing_settings(*panels: Sequence[TrainingCurve]) -> list[str]:
+    """The settings, except the seed, in which recipes of one panel differ; the reward too if any run has NLVR's."""
+    keys = {key: None for curves in panels for key in differing_keys([curve.recipe for curve in curves])}
+    if any(curve.recipe.get(REWARD_KEY) for curves in panels for curve in curves):
+        keys[REWARD_KEY] = None
+    return [key for key in keys if key != "stop_forcing"]  # which `method` names
+
+
+def _group_by_recipe(curves: Sequence[TrainingCurve], keys: Sequence[str]) -> dict[str, list[TrainingCurve]]:
+    """The runs by learner and these settings of their recipes."""
     groups: dict[str, list[TrainingCurve]] = {}
     for curve in curves:
-        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] if curve.learner == "ppo" else []
-        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys]
+        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] if REWARD_KEY in keys else []
+        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys if key != REWARD_KEY]
         groups.setdefault(", ".join([method(curve), *settings, *reward]), []).append(curve)
     return groups
 
@@ -126,7 +136,7 @@ def progress_curves(data: ReportData) -> Item:
     panels: list[tuple[str, str, str, list[Line]]] = []
     for (learner, configuration), curves in groups.items():
         key, label = find_learner(learner).progress
-        by_recipe = _group_by_recipe(curves)
+        by_recipe = _group_by_recipe(curves, _differing_settings(curves))
         found = (mean_line(name, [run.progress for run in runs], key) for name, runs in by_recipe.items())
         lines = [line for line in found if line is not None]
         if lines:

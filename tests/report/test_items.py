@@ -465,10 +465,16 @@ def test_report__a_directory_with_other_files_is_not_touched(tmp_path: Path):
     assert (tmp_path / "out" / "precious").read_text() == "x"
 
 
-def trained(directory: Path, seed: int, points: Sequence[tuple[float | None, ...]], **recipe: Any) -> None:
-    """A PPO run on TowerScratch with evaluations: accuracy on all tasks, on tasks with an image, and image accuracy."""
+def trained(
+    directory: Path,
+    seed: int,
+    points: Sequence[tuple[float | None, ...]],
+    configuration: str = "TowerScratch",
+    **recipe: Any,
+) -> None:
+    """A PPO run with evaluations: accuracy on all tasks, on tasks with an image, and image accuracy."""
     directory.mkdir(parents=True)
-    environment = {"configuration": "TowerScratch"}
+    environment = {"configuration": configuration}
     identity = {"learner": "ppo", "environment": environment, "recipe": {"seed": seed, **recipe}}
     (directory / "run.json").write_text(json.dumps({"identity": identity}))
     (directory / "progress.jsonl").write_text('{"steps": 32, "accuracy": 0.5}\n')
@@ -522,7 +528,16 @@ def test_figure_4__lines_name_stop_forcing(tmp_path: Path):
     for seed, forced in enumerate((False, True)):
         trained(tmp_path / str(seed), seed, [(0.5, None, None)], stop_forcing=forced)
     _, table = dev_curves(load_report_data([tmp_path]).curves)
-    assert [row[0] for row in rows(table)] == ["PPO, program reward", "PPO+SF, program reward"]
+    assert [row[0] for row in rows(table)] == ["PPO", "PPO+SF"]
+
+
+def test_figure_4__a_recipe_has_one_name_in_all_panels(tmp_path: Path):
+    written(tmp_path)
+    recipes = [("ScatterScratch", "ours"), ("ScatterScratch", "other"), ("TowerScratch", "ours")]
+    for seed, (configuration, model) in enumerate(recipes):
+        trained(tmp_path / str(seed), 0, [(0.5, None, None)], configuration, model=model)
+    _, table = dev_curves(load_report_data([tmp_path]).curves)
+    assert [row[0] for row in rows(table)] == ["PPO, model ours", "PPO, model ours", "PPO, model other"]
 
 
 def test_figure_4__of_a_single_evaluation_is_a_point_at_a_whole_number_of_steps(tmp_path: Path):
