@@ -20,7 +20,7 @@ from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.factory import make_model
-from lilgym_mp.learning.ppo.models.pretrained import WeightsError
+from lilgym_mp.learning.ppo.models.pretrained import C3, C10, WeightsError
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.training import train_ppo
@@ -258,6 +258,13 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
     assert round(at_full_size / 1e6, 2) == millions
     assert model.frozen_parameters > 0
     assert not any("encoder" in name for name in model.state_dict())
+
+
+@pytest.mark.parametrize("layers", [C3, C10])
+def test_convolutions__tell_images_apart_before_training(layers: Any):
+    _, images = seen(count=40)
+    features = layers()(torch.from_numpy(images).permute(0, 3, 1, 2).float() / 255)
+    assert features.std(0).mean() > 0.05 * features.abs().mean()
 
 
 def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):

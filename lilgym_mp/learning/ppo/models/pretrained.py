@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 import torch.nn.functional as F  # noqa: N812
@@ -239,9 +239,17 @@ def C3() -> nn.Sequential:  # noqa: N802
 
 
 def C10() -> nn.Sequential:  # noqa: N802
-    """Ten convolutions of our own design; the paper specifies only their number."""
+    """Ten convolutions of our own design; the paper specifies only their number.
+
+    Their weights are initialised as by He et al. (2015): with torch's defaults, ten layers leave nothing of the image.
+    """
     channels, strides = (16, 16, 32, 32, 64, 64, 128, 128, 64, 32), (2, 1, 2, 1, 2, 1, 2, 1, 1, 1)
-    return _convolutions([(count, 3, stride, 1) for count, stride in zip(channels, strides, strict=True)])
+    layers = _convolutions([(count, 3, stride, 1) for count, stride in zip(channels, strides, strict=True)])
+    for layer in layers:
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight, nonlinearity="relu")
+            nn.init.zeros_(cast("Tensor", layer.bias))
+    return layers
 
 
 def _convolutions(sizes: Sequence[tuple[int, int, int, int]]) -> nn.Sequential:
