@@ -30,7 +30,8 @@ def flat(name: str) -> str:
 
 
 def table_rows(text: str) -> list[list[str]]:
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("|")]
+    lines = (line.strip("|").split("|") for line in text.splitlines() if line.startswith("|"))
+    return [[" ".join(cell.split()) for cell in line] for line in lines]
 
 
 def numbers(cell: str) -> list[float]:
