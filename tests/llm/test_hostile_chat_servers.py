@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager, suppress
+from itertools import takewhile
 
 import pytest
 
@@ -66,6 +67,14 @@ RESPONSES: dict[str, tuple[Response, str]] = {
 }
 
 
+def _whole_request(connection: socket.socket) -> bytes:
+    """Closing a connection whose data was not all read would reset it, before the client has read the response."""
+    with connection.makefile("rb") as stream:
+        head = list(takewhile(bytes.strip, stream))
+        length = next((int(line[15:]) for line in head if line.lower().startswith(b"content-length:")), 0)
+        return b"".join(head) + stream.read(length)
+
+
 @contextmanager
 def hostile(response: Response) -> Generator[tuple[str, list[bytes]]]:
     """The URL of a server that sends this response to each request, and the requests."""
@@ -79,7 +88,7 @@ def hostile(response: Response) -> Generator[tuple[str, list[bytes]]]:
                 connection, _ = server.accept()
                 with connection:
                     connection.settimeout(5)
-                    requests.append(connection.recv(65_536))
+                    requests.append(_whole_request(connection))
                     for piece in response():
                         if over.is_set():
                             break
