@@ -69,9 +69,9 @@ def metadata() -> dict[str, Any]:
         "name": "lilgym_mp-builtin-corpus",
         "description": "Statements about images of three boxes, each with an executable program and labelled start"
         f" scenes, for reinforcement learning. Statements: {sections}. 300 were written one by one, the others by a"
-        " generator; none was collected from annotators.",
+        " generator; none was collected from annotators. This is neither lilGym's data nor NLVR's: it serves the"
+        " environments of lilGym (https://arxiv.org/abs/2211.01994) where that data is not at hand.",
         "license": "https://spdx.org/licenses/MIT.html",
-        "url": "https://arxiv.org/abs/2211.01994",
         "version": project["version"],
         "datePublished": PUBLISHED,
         "creator": {"@type": "sc:Organization", "name": "the authors of lilgym_mp"},
