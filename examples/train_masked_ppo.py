@@ -137,7 +137,7 @@ def main() -> None:
     parser.add_argument("--entropy", type=float, default=0.03)
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--every", type=int, default=20_000)
-    parser.add_argument("--curve", type=Path, metavar="FILE.csv", help="append steps, CPU seconds and success rate")
+    parser.add_argument("--curve", type=Path, metavar="FILE.csv", help="append steps, seconds and success rate")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)

@@ -33,7 +33,7 @@ COMMAND = TimedCommand(
     DEFAULT_MINUTES,
     "CPU time, including the expert's",
     _note,
-    {"teacher": "imitate the search of this reward model, from rewards alone, instead of the expert"},
+    {"teacher": "imitate this reward model's search, from rewards and the rules of editing, instead of the expert"},
 )
 LEARNER = Learner(
     add_options=COMMAND.add_options,

@@ -1,6 +1,7 @@
-"""Expert iteration: imitation of a reward model's search instead of the expert's solutions, from rewards alone.
+"""Expert iteration: imitation of a reward model's search instead of the expert's solutions.
 
-A scene's truth is known from the outcome of a counted STOP, and a plan of the search is imitated if a STOP confirms it.
+It learns from rewards and the rules of editing. A scene's truth is known from the outcome of a counted STOP, and a plan
+of the search is imitated if a STOP confirms it.
 """
 
 from __future__ import annotations

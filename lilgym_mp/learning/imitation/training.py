@@ -76,7 +76,7 @@ def train_imitation(
     The budget is `minutes` of CPU time, everything included, or `steps` of the optimiser, whichever is spent first;
     with `steps` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
     must have the same recipe and seed. With a `teacher`, the run of a reward model, its search is imitated instead of
-    the expert: expert iteration, from rewards alone.
+    the expert: expert iteration, from rewards and the rules of editing.
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """

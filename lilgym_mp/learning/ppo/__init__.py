@@ -1,1 +1,4 @@
-"""Proximal policy optimisation from rewards alone, with the paper's stop forcing (PPO+SF)."""
+"""Proximal policy optimisation from rewards, with the paper's stop forcing (PPO+SF).
+
+By default programs are read too, to exchange colours; without `recolour` it learns from rewards alone.
+"""

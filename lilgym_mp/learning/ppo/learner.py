@@ -1,6 +1,7 @@
-"""Proximal policy optimisation, from rewards alone.
+"""Proximal policy optimisation, from rewards.
 
-Trains an agent with proximal policy optimisation, from rewards alone. Ctrl-C saves a checkpoint and exits.
+Trains an agent with proximal policy optimisation, from rewards (by default also from programs, to exchange colours;
+--no-recolour for rewards alone). Ctrl-C saves a checkpoint and exits.
 """
 
 from __future__ import annotations
