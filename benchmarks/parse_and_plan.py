@@ -176,7 +176,8 @@ def draw_reliability(forecasts: Sequence[Forecast], path: Path) -> None:
             f"{found.forecasts}",
             (found.mean_probability, found.success_rate),
             textcoords="offset points",
-            xytext=(4, -11),
+            xytext=(-5, 5),
+            ha="right",
         )
     axes.set(xlabel="predicted probability of success", ylabel="success rate", xlim=(0, 1.02), ylim=(0, 1.02))
     axes.legend(frameon=False, loc="upper left")

@@ -19,6 +19,8 @@ from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.model_file import read_description
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.report.learning_curves import MEANS, caption
+from lilgym_mp.report.report_data import TrainingCurve
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -116,6 +118,28 @@ def test_results__have_no_row_of_a_run_too_short_to_mean_anything() -> None:
     steps = re.findall(r"^lilgym-mp train ppo .*--steps (\d+)", results_page(), re.MULTILINE)
     assert steps
     assert min(map(int, steps)) >= 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("page", "picture", "experiment"),
+    [
+        ("results.md", "results-ppo-curves", "ppo"),
+        ("results.md", "results-ppo-sf-curves", "official"),
+        ("results.md", "results-figure-4-accuracy-on-dev-while-training", "figure_4"),
+        ("training.md", "results-bert-curves", "pretrained"),
+    ],
+)
+def test_captions_of_learning_curves__say_what_the_recipes_of_the_experiment_say(
+    official_data: Path, page: str, picture: str, experiment: str
+) -> None:
+    trained = [planned.train for planned in read_plan(ROOT / "experiments" / f"{experiment}.toml")]
+    keys = ("mask", "stop_forcing", "nlvr_reward")
+    recipes = [{key: f"--{key.replace('_', '-')}" in words for key in keys} for words in trained if "ppo" in words]
+    told = caption([TrainingCurve(Path(), "ppo", "", (), recipe=recipe) for recipe in recipes])
+    (shown,) = re.findall(rf"\({re.escape(f'pictures/{picture}.png')}\) \*(.*?)\*(?!\*)", flat(page))
+    for sentence in told.removesuffix(MEANS).split(". "):
+        assert sentence.strip(". ") in shown
+    assert ("forced" in shown) == ("forced" in told)
 
 
 def test_readme__rows_are_those_of_the_results_page() -> None:
