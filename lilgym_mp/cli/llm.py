@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from lilgym_mp.llm import Episode, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
+# Options of agents that are written to files; the values of others are left out, as they could be keys.
+PUBLIC_OPTIONS = ("model", "directory", "temperature", "max_tokens", "max_new_tokens", "timeout_seconds", "retries")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -42,6 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--option",
+        action="extend",
         nargs="+",
         default=[],
         metavar="KEY=VALUE",
@@ -72,10 +75,11 @@ def run(args: argparse.Namespace) -> int:
     if os.getcwd() not in sys.path:  # for --agent module:Class
         sys.path.append(os.getcwd())
     check_at_least(args, 1, "episodes")
-    _check_output(args)
+    agent_options = dict(map(_key_and_value, args.option))
+    _check_output(args, agent_options)
     player = Player(
         Settings(**given_settings(args)),
-        make_agent(args.agent, dict(map(_key_and_value, args.option))),
+        make_agent(args.agent, agent_options),
         split=args.split,
         scene=args.scene,
         legal_actions=not args.no_legal_actions,
@@ -86,12 +90,19 @@ def run(args: argparse.Namespace) -> int:
     summary = summarise(episodes)
     _print_summary(summary)
     if args.out is not None:
-        names = ("agent", "option", "split", "scene", "retries", "history", "seed")
-        options = {**{name: getattr(args, name) for name in names}, "legal_actions": player.legal_actions}
+        names = ("agent", "split", "scene", "retries", "history", "seed")
+        options = {
+            **{name: getattr(args, name) for name in names},
+            "option": list(map(_public, args.option)),
+            "legal_actions": player.legal_actions,
+        }
         write_json(args.out / SUMMARY, {"settings": {**player.settings.to_json(), **options}, **summary.to_json()})
     if args.record is not None:
-        path = write_recording(args.record, player, args.agent, episodes, args.seed, judges=args.judge_decisions)
-        RecordingMetadata.now(args.argv).write(path)
+        judges = args.judge_decisions
+        path = write_recording(
+            args.record, player, args.agent, episodes, args.seed, judges=judges, options=agent_options
+        )
+        RecordingMetadata.now(_public_command(args)).write(path)
         print(f"episodes: {path}")
     return 0
 
@@ -124,7 +135,7 @@ def _play(player: Player, args: argparse.Namespace) -> list[Episode]:
     return episodes
 
 
-def _check_output(args: argparse.Namespace) -> None:
+def _check_output(args: argparse.Namespace, agent_options: dict[str, Any]) -> None:
     """Raises OutputError if results exist and may not be overwritten, or cannot be written."""
     from lilgym_mp.evaluation.recording import episodes_file
     from lilgym_mp.llm.recording import recording_name
@@ -133,8 +144,8 @@ def _check_output(args: argparse.Namespace) -> None:
         raise CommandError("--judge-decisions needs --record DIR")
     if args.record is not None:
         settings = Settings(**given_settings(args))
-        recording = episodes_file(args.record, recording_name(args.agent), settings, args.split, args.seed)
-        fresh_file(recording, force=args.force)
+        named = recording_name(args.agent, agent_options)
+        fresh_file(episodes_file(args.record, named, settings, args.split, args.seed), force=args.force)
     if args.out is not None:
         for name in (TRANSCRIPTS, SUMMARY):
             fresh_file(args.out / name, force=args.force)
@@ -151,6 +162,30 @@ def _key_and_value(text: str) -> tuple[str, Any]:
         except ValueError:
             continue
     return key, value
+
+
+def _public(option: str) -> str:
+    """The --option without what could be a key."""
+    from lilgym_mp.llm.http_agent import without_credentials
+
+    key, _, value = option.partition("=")
+    if key == "url":
+        return f"{key}={without_credentials(value)}"
+    return option if key in PUBLIC_OPTIONS else f"{key}=..."
+
+
+def _public_command(args: argparse.Namespace) -> list[str]:
+    """The command's arguments, with each --option as `_public` gives it."""
+    words: list[str] = []
+    for word in args.argv:
+        name, _, value = word.partition("=")
+        if word in args.option:
+            words.append(_public(word))
+        elif name.startswith("-") and value in args.option:  # --option=KEY=VALUE
+            words.append(f"{name}={_public(value)}")
+        else:
+            words.append(word)
+    return words
 
 
 def _print_summary(summary: Summary) -> None:

@@ -44,7 +44,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="first play all recorded actions again; end at the first difference in tasks, rewards or outcomes",
+        help="first play all recorded actions and compute the tasks' facts again; end at the first difference",
     )
     add_split(parser, "dev")
 

@@ -8,12 +8,13 @@ from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-from lilgym_mp.actions import Action, Stop
+from lilgym_mp.actions import Action, ActionError, Stop
 from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
-from lilgym_mp.evaluation.comparison import Result
+from lilgym_mp.evaluation.comparison import Result, training_statements
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import (
     GREEDY,
@@ -106,26 +107,32 @@ class Recorder:
     def _recorded(self, episode: Episode) -> RecordedEpisode:
         task = self._tasks.by_id(episode.task_id)
         actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
-        found = phenomena(task.program)
         return RecordedEpisode(
             task=task.id,
-            statement=task.statement,
-            program=task.program,
-            target=task.target,
-            statement_seen=task.statement in self._training_statements,
-            form_seen=statement_form(task.statement) in self._training_forms,
-            phenomena=tuple(phenomenon.value for phenomenon in Phenomenon if phenomenon in found),
-            tags=self._tasks.tags(task.id),
             outcome=episode.outcome,
             invalid_reason=episode.invalid_reason,
             actions=tuple(actions),
             rewards=rewards(self._dynamics, episode),
-            start=task.start,
-            optimal_actions=self._actions_to_success(task, task.start),
-            actions_left=self._actions_left(task, episode, actions),
             stop_probabilities=episode.stop_probabilities,
             decisions=self._decisions(task, episode, actions),
+            **self.facts(task, actions, episode.outcome),
         )
+
+    def facts(self, task: Task, actions: Sequence[Action], outcome: str) -> dict[str, Any]:
+        """The fields of a `RecordedEpisode` that follow from its task, the training tasks and the expert."""
+        found = phenomena(task.program)
+        return {
+            "statement": task.statement,
+            "program": task.program,
+            "target": task.target,
+            "statement_seen": task.statement in self._training_statements,
+            "form_seen": statement_form(task.statement) in self._training_forms,
+            "phenomena": tuple(phenomenon.value for phenomenon in Phenomenon if phenomenon in found),
+            "tags": self._tasks.tags(task.id),
+            "start": task.start,
+            "optimal_actions": self._actions_to_success(task, task.start),
+            "actions_left": self._actions_left(task, actions, outcome),
+        }
 
     def _decisions(self, task: Task, episode: Episode, actions: Sequence[Action]) -> tuple[Decision, ...] | None:
         """The episode's decisions, with the expert's judgement if requested."""
@@ -142,8 +149,8 @@ class Recorder:
             for decision, state, action in zip(episode.decisions, states, actions, strict=False)
         )
 
-    def _actions_left(self, task: Task, episode: Episode, actions: Sequence[Action]) -> int | None:
-        if episode.outcome != Outcome.WRONG_STOP:
+    def _actions_left(self, task: Task, actions: Sequence[Action], outcome: str) -> int | None:
+        if outcome != Outcome.WRONG_STOP:
             return None
         return self._actions_to_success(task, scenes(self._dynamics, task.start, actions)[-1])
 
@@ -190,10 +197,13 @@ def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[
 
 
 def check_recording(recording: Recording) -> None:
-    """Raises EpisodesError naming the file and what is wrong, unless every number of the recording is true.
+    """Raises EpisodesError naming the file and what is wrong, unless the results and the facts about tasks are true.
 
-    Its tasks must be those of the installed corpus, each played as often as the header says, and its actions must have
-    the recorded rewards and outcome.
+    The tasks must be those of the installed corpus, each played as often as the header says, and the actions must have
+    the recorded rewards, outcome and reason of invalidity. Seen statements and forms, phenomena, tags and, if the
+    header says `expert`, the lengths of the expert's solutions are computed again; without `expert` there must be none.
+    Not checked are the header's `package`, `agent`, `supervision`, `actions`, `mask`, `seed`, `training_seed`, `run`,
+    `recipe` and `training`, and the episodes' `stop_probabilities` and `decisions`.
     """
     header = recording.header
     tasks = header.settings.make(header.split).tasks
@@ -208,10 +218,25 @@ def check_recording(recording: Recording) -> None:
         raise _error(recording, f"the split {header.split} has no task {next(iter(played))}")
     if header.stop_forcing:
         raise _error(recording, "STOP was forced, which evaluations must not do")
+    counted = {"start_scenes": len(tasks), "contexts": contexts(tasks), "corpus": tasks.provenance.name}
+    for name, value in counted.items():
+        if getattr(header, name) != value:
+            raise _error(recording, f"its {name} is {getattr(header, name)!r:.80}, not {value!r:.80}")
     dynamics = header.settings.dynamics()
+    seen = training_statements(header.settings)
+    recorder = Recorder(header.settings, header.split, seen, with_expert=header.expert)
     for index, episode in enumerate(recording.episodes):
-        if (fault := _fault(dynamics, tasks.by_id(episode.task), episode)) is not None:
+        task = tasks.by_id(episode.task)
+        fault = _fault(dynamics, task, episode) or _false_fact(recorder, task, episode)
+        if fault is not None:
             raise _error(recording, f"episode {index} ({episode.task}): {fault}")
+
+
+def _false_fact(recorder: Recorder, task: Task, episode: RecordedEpisode) -> str | None:
+    for name, value in recorder.facts(task, episode.actions, episode.outcome).items():
+        if getattr(episode, name) != value:
+            return f"its {name} is {getattr(episode, name)!r:.80}, but {value!r:.80} when computed again"
+    return None
 
 
 def _fault(dynamics: Dynamics, task: Task, episode: RecordedEpisode) -> str | None:
@@ -219,15 +244,24 @@ def _fault(dynamics: Dynamics, task: Task, episode: RecordedEpisode) -> str | No
     if recorded != (task.statement, task.program, task.target, task.start):
         return "its statement, program, target or start scene is not the task's"
     state = dynamics.start(task)
-    outcome = Outcome.CONTINUES
+    outcome, reason = Outcome.CONTINUES, None
     for action, reward in zip(episode.actions, episode.rewards, strict=True):
         if outcome is not Outcome.CONTINUES:
             return f"it has actions after {outcome}"
+        try:
+            dynamics.appearance.encode(action)
+        except ActionError as error:
+            return str(error)
         transition = dynamics.step(state, action)
         state, outcome = transition.state, transition.outcome
+        reason = None if transition.invalid is None else str(transition.invalid)
         if abs(transition.reward - reward) > TOLERANCE:
             return f"its reward {reward:g} is {transition.reward:g} when played again"
-    return None if outcome == episode.outcome else f"its outcome {episode.outcome} is {outcome} when played again"
+    if outcome != episode.outcome:
+        return f"its outcome {episode.outcome} is {outcome} when played again"
+    if reason != episode.invalid_reason:
+        return f"its invalid_reason {episode.invalid_reason} is {reason} when played again"
+    return None
 
 
 def _error(recording: Recording, problem: str) -> EpisodesError:

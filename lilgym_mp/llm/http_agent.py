@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -110,7 +111,12 @@ class HTTPAgent:
             raise self._error(f"the reply is not JSON: {shown}") from None
 
     def _error(self, text: str) -> AgentError:
-        return AgentError(f"{self._url}: {text}")
+        return AgentError(f"{without_credentials(self._url)}: {text}")
+
+
+def without_credentials(url: str) -> str:
+    """The URL without user, password, query and fragment, which can contain keys."""
+    return re.split("[?#]", re.sub(r"^(\w+://)?.*@", r"\1", url))[0]
 
 
 def _run(request: Any) -> Any:

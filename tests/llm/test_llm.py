@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import subprocess
 import sys
@@ -16,10 +17,12 @@ import gymnasium as gym
 import pytest
 
 from lilgym_mp.cli import main
+from lilgym_mp.evaluation.episodes import SUFFIX, Header, read_episodes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm import BalrogEnv, HTTPAgent, Player, http_agent, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.llm import agents as agents_module
 from lilgym_mp.llm.agents import AgentError, Answer, Message
+from lilgym_mp.report.report_data import load_report_data
 from lilgym_mp.solver import Solver
 
 TOWER = Settings("TowerFlipIt")
@@ -357,3 +360,97 @@ def test_command__records_episodes_once(tmp_path: Path, capsys: pytest.CaptureFi
     assert main(command) == 2
     assert "--force overwrites it" in capsys.readouterr().err
     assert main([*command, "--force"]) == 0
+
+
+class Sampler(Scripted):
+    """Stops; has the options of a model."""
+
+    def __init__(self, model: str, temperature: float = 0.7, secret: str = "") -> None:
+        super().__init__()
+
+
+def recorded_header(tmp_path: Path, agent: str, *options: str) -> Header:
+    """The header that the command records."""
+    assert main(["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path), *options]) == 0
+    (path,) = tmp_path.glob(f"*{SUFFIX}")
+    return read_episodes(path).header
+
+
+def test_recording__of_the_random_agent_is_sampled_among_legal_actions(tmp_path: Path):
+    header = recorded_header(tmp_path, "random", "--scene", "drawing", "--no-legal-actions", "--retries", "2")
+    assert (header.agent, header.actions, header.mask, header.supervision) == ("text random", "sampled", True, "none")
+    assert header.recipe == {
+        "agent": "random",
+        "scene": "drawing",
+        "legal_actions": False,
+        "retries": 2,
+        "history": 12,
+    }
+
+
+def test_recording__of_the_expert_names_its_knowledge(tmp_path: Path):
+    header = recorded_header(tmp_path, "expert")
+    assert (header.actions, header.mask) == ("greedy", False)
+    assert header.supervision == "knows the rules, the scene and the program"
+
+
+@pytest.mark.parametrize(("temperature", "actions"), [("0", "greedy"), ("0.5", "sampled"), (None, "sampled")])
+def test_recording__names_the_model_and_whether_it_samples(tmp_path: Path, temperature: str | None, actions: str):
+    options = ["model=small", *([f"temperature={temperature}"] if temperature else [])]
+    header = recorded_header(tmp_path, f"{__name__}:Sampler", "--option", *options)
+    assert header.actions == actions
+    assert not header.mask
+    assert header.supervision == "unknown training data (model small)"
+    assert (header.recipe["model"], header.recipe["temperature"]) == ("small", float(temperature or 0.7))
+
+
+def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
+    for model in ("small", "large"):
+        command = [
+            "llm",
+            "TowerFlipIt",
+            "--agent",
+            f"{__name__}:Sampler",
+            "--episodes",
+            "1",
+            "--option",
+            f"model={model}",
+        ]
+        assert main([*command, "--record", str(tmp_path)]) == 0
+    agents = load_report_data([tmp_path]).agents
+    assert sorted(agents) == [f"text {__name__}:Sampler (model {model})" for model in ("large", "small")]
+
+
+def test_command__writes_no_credentials_of_a_url(tmp_path: Path):
+    outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
+    with served(lambda body, number: (200, chat("STOP"))) as (url, _):
+        options = [f"url={url.replace('//', '//user:SECRET@')}?key=SECRET", "model=small"]
+        assert main(["llm", "TowerFlipIt", "--agent", "http", "--option", *options, *outputs]) == 0
+    assert f"url={url} model=small" in next(tmp_path.glob("*.metadata.json")).read_text()
+    assert_no_secret(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "options", [["--option", "secret=SECRET", "model=m"], ["--option=secret=SECRET", "--option=model=m"]]
+)
+def test_command__writes_no_options_of_own_classes(tmp_path: Path, options: list[str]):
+    outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
+    assert main(["llm", "TowerFlipIt", "--agent", f"{__name__}:Sampler", *options, *outputs]) == 0
+    assert "secret=... " in next(tmp_path.glob("*.metadata.json")).read_text()
+    assert_no_secret(tmp_path)
+
+
+def test_command__writes_no_credentials_of_a_url_that_fails(tmp_path: Path):
+    options = ["url=http://user:SECRET@127.0.0.1:9/v1", "model=small", "retries=0"]
+    assert main(["llm", "TowerFlipIt", "--agent", "http", "--option", *options, "--out", str(tmp_path)]) == 2
+    transcript = (tmp_path / "transcripts.jsonl").read_text()
+    assert "http://127.0.0.1:9/v1/chat/completions" in transcript
+    assert "SECRET" not in transcript
+
+
+def assert_no_secret(directory: Path) -> None:
+    files = list(directory.iterdir())
+    assert len(files) == 4
+    for file in files:
+        data = file.read_bytes()
+        assert b"SECRET" not in (gzip.decompress(data) if file.suffix == ".gz" else data), file

@@ -165,7 +165,8 @@ def describe(
     statistics: Mapping[str, Any],
 ) -> ModelDescription:
     configurations = [configuration_name(settings.appearance, settings.start)]
-    supervision = f"rewards of the two-agent game (corpus {settings.corpus})"
+    programs = ", and programs to exchange colours" if recipe.recolour else ""
+    supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
     if Role.VERIFIER in roles and recipe.learns_claims:
         supervision += ", truth of claims judged at the end of games"
     supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"

@@ -31,7 +31,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agents import AgentError, open_agent
-from lilgym_mp.learning.game.agent import GameAgent, load_agent
+from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, make_network
 from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
@@ -71,6 +71,14 @@ def trained(
     path: Path, steps: int = 128, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
 ) -> GameAgent:
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
+
+
+@pytest.mark.parametrize(("recolour", "source"), [(True, ", and programs to exchange colours"), (False, "")])
+def test_supervision__names_programs_that_exchange_colours(recolour: bool, source: str):
+    recipe, roles = replace(SMALL, recolour=recolour), [Role.PROPOSER]
+    network = make_network(JOINT, recipe, ["blue"], {"width": 16}, JOINT.setup().game)
+    supervision = describe(JOINT, recipe, roles, network, {}).supervision
+    assert supervision.startswith(f"rewards of the two-agent game{source} (corpus builtin); ")
 
 
 def tensors(path: Path) -> dict[str, torch.Tensor]:
