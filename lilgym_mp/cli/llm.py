@@ -33,8 +33,6 @@ if TYPE_CHECKING:
     from lilgym_mp.llm import Episode, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
-# Options of agents that are written to files; the values of others are left out, as they could be keys.
-PUBLIC_OPTIONS = ("model", "directory", "temperature", "max_tokens", "max_new_tokens", "timeout_seconds", "retries")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -167,11 +165,12 @@ def _key_and_value(text: str) -> tuple[str, Any]:
 def _public(option: str) -> str:
     """The --option without what could be a key."""
     from lilgym_mp.llm.http_agent import without_credentials
+    from lilgym_mp.llm.recording import RECORDED_OPTIONS
 
     key, _, value = option.partition("=")
     if key == "url":
         return f"{key}={without_credentials(value)}"
-    return option if key in PUBLIC_OPTIONS else f"{key}=..."
+    return option if key in (*RECORDED_OPTIONS, "timeout_seconds", "retries") else f"{key}=..."
 
 
 def _public_command(args: argparse.Namespace) -> list[str]:

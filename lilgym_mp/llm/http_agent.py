@@ -115,7 +115,7 @@ class HTTPAgent:
 
 
 def without_credentials(url: str) -> str:
-    """The URL without user, password, query and fragment, which can contain keys."""
+    """The URL without query, fragment and all before its last @ but the scheme: what can contain keys."""
     return re.split("[?#]", re.sub(r"^(\w+://)?.*@", r"\1", url))[0]
 
 

@@ -39,7 +39,7 @@ def _model(options: Mapping[str, Any]) -> list[str]:
     return [str(options[name]) for name in ("model", "directory") if name in options][:1]
 
 
-def recorded_options(agent: LanguageAgent, options: Mapping[str, Any]) -> dict[str, Any]:
+def _recorded_options(agent: LanguageAgent, options: Mapping[str, Any]) -> dict[str, Any]:
     """Those of RECORDED_OPTIONS in `options`, or else with a default in the agent's constructor."""
     try:
         parameters = inspect.signature(type(agent)).parameters
@@ -51,7 +51,7 @@ def recorded_options(agent: LanguageAgent, options: Mapping[str, Any]) -> dict[s
 
 def _named(player: Player, agent: str, options: Mapping[str, Any]) -> NamedPolicy:
     """The agent with what tells its recordings from others."""
-    kept = recorded_options(player.agent, options)
+    kept = _recorded_options(player.agent, options)
     temperature = kept.get("temperature", 0)
     samples = type(player.agent) is RandomAgent or (isinstance(temperature, int | float) and temperature > 0)
     of_model = "".join(f" (model {name})" for name in _model(kept))

@@ -1,4 +1,4 @@
-"""Expert iteration: a network taught by a reward model's search, from rewards alone."""
+"""Expert iteration: a network taught by a reward model's search, from rewards and the rules of editing."""
 
 from __future__ import annotations
 
