@@ -7,12 +7,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.generator import StartScene
 from lilgym_mp.generator.meanings.statement_grammar import parse_statement
+from lilgym_mp.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 
 BEGIN, END = "<!-- figures by scripts/build_builtin_corpus.py: begin -->", "<!-- figures: end -->"
 MOST_STEPS = 12

@@ -182,8 +182,8 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _stats(args: argparse.Namespace) -> int:
-    from lilgym_mp.analysis.statistics import corpus_statistics
     from lilgym_mp.cli.data_report import statistics_json, statistics_text
+    from lilgym_mp.report.corpus_statistics import corpus_statistics
 
     statistics = corpus_statistics(args.corpus)
     print(statistics_text(statistics))

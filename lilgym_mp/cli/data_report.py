@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lilgym_mp import render
-from lilgym_mp.analysis.phenomena import PHENOMENA, phenomena, syntactic_phenomena
-from lilgym_mp.analysis.statistics import CorpusStatistics, SetCount, StatementStatistics
 from lilgym_mp.corpus.official.release import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.report.corpus_statistics import CorpusStatistics, SetCount, StatementStatistics
+from lilgym_mp.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.task import Task
 from lilgym_mp.terminal import table
 

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 from lilgym_mp.actions import Action, ActionError, describe, named
-from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.files import write_atomically
@@ -95,7 +94,6 @@ class RecordedEpisode:
     target: bool
     statement_seen: bool  # whether it occurs verbatim in the training tasks
     form_seen: bool  # whether its form does: ignoring colours, shapes, sizes and numbers
-    phenomena: tuple[str, ...]  # detected by the rules of `analysis.phenomena`
     tags: tuple[str, ...]  # annotations of the task in the corpus
     outcome: str
     invalid_reason: str | None
@@ -134,6 +132,7 @@ class RecordedEpisode:
     def from_json(cls, data: Any) -> Self:
         """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
+        values.pop("phenomena", None)  # of older recordings
         for name in ("statement", "program", "task"):
             _check(name, values[name], "a string", lambda value: isinstance(value, str))
         for name in ("target", "statement_seen", "form_seen"):
@@ -143,12 +142,9 @@ class RecordedEpisode:
         )
         reasons = [str(reason) for reason in InvalidReason]
         _check("invalid_reason", values["invalid_reason"], f"null or one of {', '.join(reasons)}", _among(reasons))
-        known = [str(phenomenon) for phenomenon in Phenomenon]
-        for name in values["phenomena"]:
-            _check("phenomena", name, f"among {', '.join(known)}", lambda value: value in known)
         values["actions"] = tuple(named(name) for name in values["actions"])
         values["start"] = Scene.from_json(values["start"])
-        for name in ("phenomena", "tags", "rewards", "stop_probabilities"):
+        for name in ("tags", "rewards", "stop_probabilities"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
         for name in ("rewards", "stop_probabilities"):

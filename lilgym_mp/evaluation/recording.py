@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.actions import Action, ActionError, Stop
-from lilgym_mp.analysis.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation.comparison import Result, training_statements
@@ -120,14 +119,12 @@ class Recorder:
 
     def facts(self, task: Task, actions: Sequence[Action], outcome: str) -> dict[str, Any]:
         """The fields of a `RecordedEpisode` that follow from its task, the training tasks and the expert."""
-        found = phenomena(task.program)
         return {
             "statement": task.statement,
             "program": task.program,
             "target": task.target,
             "statement_seen": task.statement in self._training_statements,
             "form_seen": statement_form(task.statement) in self._training_forms,
-            "phenomena": tuple(phenomenon.value for phenomenon in Phenomenon if phenomenon in found),
             "tags": self._tasks.tags(task.id),
             "start": task.start,
             "optimal_actions": self._actions_to_success(task, task.start),
@@ -200,7 +197,7 @@ def check_recording(recording: Recording) -> None:
     """Raises EpisodesError naming the file and what is wrong, unless the results and the facts about tasks are true.
 
     The tasks must be those of the installed corpus, each played as often as the header says, and the actions must have
-    the recorded rewards, outcome and reason of invalidity. Seen statements and forms, phenomena, tags and, if the
+    the recorded rewards, outcome and reason of invalidity. Seen statements and forms, tags and, if the
     header says `expert`, the lengths of the expert's solutions are computed again; without `expert` there must be none.
     Not checked are the header's `package`, `agent`, `supervision`, `actions`, `mask`, `seed`, `training_seed`, `run`,
     `recipe` and `training`, and the episodes' `stop_probabilities` and `decisions`.

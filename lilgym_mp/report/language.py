@@ -6,12 +6,12 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from lilgym_mp.analysis.phenomena import PHENOMENA, syntactic_phenomena
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.report import paper
 from lilgym_mp.report.aggregation import accuracy_where
 from lilgym_mp.report.charts import bar_chart
 from lilgym_mp.report.items import Cell, Chart, Item, table
+from lilgym_mp.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.report.report_data import ReportData, ReportError
 from lilgym_mp.report.results import accuracy_panels
 
@@ -51,7 +51,7 @@ def episode_phenomena(episode: RecordedEpisode, tags: Tags | None) -> Sequence[s
     """The phenomena of the episode's statement: from the hand-made tags (None if untagged), else derived by rules."""
     if tags is not None:
         return tags.get(episode.statement)
-    return *episode.phenomena, *(found.value for found in syntactic_phenomena(episode.statement))
+    return *phenomena(episode.program), *syntactic_phenomena(episode.statement)
 
 
 def accuracy_by_phenomenon(data: ReportData, tags: Tags | None) -> Iterator[Item]:

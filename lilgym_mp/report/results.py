@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from lilgym_mp.analysis.statistics import corpus_statistics
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.evaluation.episodes import RecordedEpisode
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.report import paper
 from lilgym_mp.report.aggregation import INTERVAL_NOTE, MeanStd, Value, accuracy_where, mean_where
 from lilgym_mp.report.charts import BarPanel, bar_chart
+from lilgym_mp.report.corpus_statistics import corpus_statistics
 from lilgym_mp.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 

@@ -13,13 +13,12 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.analysis import statistics
-from lilgym_mp.analysis.phenomena import SyntacticPhenomenon, syntactic_phenomena
-from lilgym_mp.analysis.statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.report.corpus_statistics import CorpusStatistics, corpus_statistics
+from lilgym_mp.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
 from lilgym_mp.scene import Scene
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -84,7 +83,9 @@ def official(official_data: Path) -> CorpusStatistics:
 def test_official_page__matches_the_command_output(
     official: CorpusStatistics, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    monkeypatch.setattr(statistics, "corpus_statistics", {"lilgym": official}.__getitem__)  # counted once
+    monkeypatch.setattr(
+        "lilgym_mp.report.corpus_statistics.corpus_statistics", {"lilgym": official}.__getitem__
+    )  # counted once
     assert main(["data", "stats", "lilgym"]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import runpy
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,8 +20,10 @@ from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_state
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
+from lilgym_mp.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.scene import Colour
 
+ROOT = Path(__file__).parents[2]
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
@@ -128,7 +131,7 @@ def recording(tmp_path: Path) -> Recording:
 def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
     rows = [json.loads(line) for line in gzip.decompress(path.read_bytes()).decode().splitlines()]
     change(rows)
-    path.write_bytes(gzip.compress("".join(json.dumps(row) + "\n" for row in rows).encode()))
+    path.write_bytes(gzip.compress("".join(json.dumps(row, separators=(",", ":")) + "\n" for row in rows).encode()))
 
 
 @pytest.mark.parametrize(
@@ -142,7 +145,6 @@ def rewrite(path: Path, change: Callable[[list[Any]], object]) -> None:
         (lambda rows: rows[0]["settings"].update(configuration="Tower"), "line 1: unknown configuration 'Tower'"),
         (lambda rows: rows[2].pop("outcome"), "line 3: missing key 'outcome'"),
         (lambda rows: rows[2].update(outcome="lost"), "line 3: outcome must be one of success, wrong_stop"),
-        (lambda rows: rows[2].update(phenomena=["irony"]), "line 3: phenomena must be among existence"),
         (lambda rows: rows[2].update(actions=["JUMP"]), "line 3: 'JUMP' is not an action"),
         (lambda rows: rows[2].update(rewards=[]), "line 3: 0 rewards for 2 actions"),
         (lambda rows: rows[2].update(start=[[], []]), "line 3: a scene has 3 boxes, not 2"),
@@ -154,6 +156,20 @@ def test_read__errors_name_file_and_line(recording: Recording, change: Any, mess
     with pytest.raises(EpisodesError, match=message) as error:
         read_episodes(recording.path)
     assert str(recording.path) in str(error.value)
+
+
+def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_same(recording: Recording):
+    def as_before(rows: list[Any]) -> None:
+        for row in rows[1:]:
+            tags = [name for name in Phenomenon if name in phenomena(row["program"])]
+            rest = {name: row.pop(name) for name in list(row)[list(row).index("tags") :]}
+            row.update(phenomena=tags, **rest)
+
+    digest = runpy.run_path(str(ROOT / "scripts" / "digest_recordings.py"))["digest"]
+    before = digest(recording.path.parent)
+    rewrite(recording.path, as_before)
+    assert read_episodes(recording.path).episodes == recording.episodes
+    assert digest(recording.path.parent) == before
 
 
 @pytest.mark.parametrize("kept", [0, 5, 300, -1])

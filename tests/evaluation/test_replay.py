@@ -54,7 +54,6 @@ def test_check__accepts_what_evaluate_records(recording: Recording):
         (lambda it: _first(it, invalid_reason="overlap"), "its invalid_reason overlap is "),
         (lambda it: _first(it, statement_seen=not it.episodes[0].statement_seen), "its statement_seen is"),
         (lambda it: _first(it, form_seen=not it.episodes[0].form_seen), "its form_seen is"),
-        (lambda it: _first(it, phenomena=("negation",)), "its phenomena is"),
         (lambda it: _first(it, tags=("easy",)), "its tags is"),
         (lambda it: _first(it, optimal_actions=99), "its optimal_actions is 99, but"),
         (lambda it: _first(it, optimal_actions=None), "its optimal_actions is None, but"),

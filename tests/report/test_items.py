@@ -84,7 +84,6 @@ def episode(outcome: str, *names: str, **changes: Any) -> RecordedEpisode:
         target=False,
         statement_seen=False,
         form_seen=False,
-        phenomena=("existence",),
         tags=(),
         outcome=outcome,
         invalid_reason=None,
@@ -100,7 +99,7 @@ def episode(outcome: str, *names: str, **changes: Any) -> RecordedEpisode:
 EPISODES = (
     episode("success", "REMOVE(0, 0)", "STOP", statement_seen=True, form_seen=True),
     episode("success", "ADD(0, 4, CIRCLE, BLUE, SMALL)", "REMOVE(0, 0)", "STOP", statement="No blue.", form_seen=True),
-    episode("wrong_stop", "STOP", statement="B", target=True, actions_left=2, phenomena=("negation", "existence")),
+    episode("wrong_stop", "STOP", statement="B", target=True, actions_left=2, program="not exist(all_items)"),
     episode("wrong_stop", "REMOVE(0, 0)", "STOP", statement="B", actions_left=4, optimal_actions=5),
     episode("wrong_stop", "REMOVE(0, 0)", "STOP", statement="C", actions_left=5, optimal_actions=5),
     episode("invalid_action", "REMOVE(18, 4)", statement="C", target=True, invalid_reason="nothing_to_remove"),

@@ -86,7 +86,7 @@ def responses(browser: Browser) -> Iterator[tuple[str, Any]]:
     paths = [base, "/api/explore/statements?appearance=tower&split=dev", "/watch"]
     for line in browser.get(base).json()["recordings"]:
         own = f"{base}/{line['id']}"
-        paths += [own, f"{own}/episodes", f"{own}/episodes?success=true&phenomenon=counting&text=a"]
+        paths += [own, f"{own}/episodes", f"{own}/episodes?success=true&text=a"]
         paths += [f"{own}/episodes/{index}" for index in range(4)]
     for path in paths:
         yield path, browser.get(path)

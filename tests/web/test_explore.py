@@ -10,10 +10,10 @@ import pytest
 
 from lilgym_mp import corpus
 from lilgym_mp.actions import STOP
-from lilgym_mp.analysis.phenomena import phenomena
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
+from lilgym_mp.report.phenomena import phenomena
 from lilgym_mp.solver import Solver
 from tests.web.web_app import Browser, server
 
@@ -85,7 +85,7 @@ def test_statement__lists_outcomes_of_recorded_runs(tmp_path: Path):
     names = {"package": "0", "split": "dev", "agent": "stops at once", "supervision": "none", "actions": "greedy"}
     flags = {"mask": False, "stop_forcing": False, "expert": False, "corpus": "builtin", "tasks_sha256": ""}
     header = Header(settings=Settings("TowerScratch"), **counts, **names, **flags)
-    told_of = {"statement_seen": False, "form_seen": False, "phenomena": (), "tags": ()}
+    told_of = {"statement_seen": False, "form_seen": False, "tags": ()}
     came = {"outcome": "wrong_stop", "invalid_reason": None, "actions": (STOP,), "rewards": (-1.0,)}
     of_task = {"statement": task.statement, "program": task.program, "target": task.target, "start": task.start}
     episode = RecordedEpisode(task=task.id, **of_task, **told_of, **came)

@@ -105,7 +105,6 @@ def test_recording__without_decisions_has_the_command_that_records_them(browser:
         ("invalid_reason=separator", lambda episode: episode.invalid_reason == "separator"),
         ("seen=true", lambda episode: episode.statement_seen),
         ("target=false&success=false", lambda episode: not episode.target and not episode.is_success),
-        ("phenomenon=spatial relation", lambda episode: "spatial relation" in episode.phenomena),
         ("text=CIRCLE", lambda episode: "circle" in episode.statement.lower()),
     ],
 )
@@ -249,5 +248,5 @@ def test_recording__a_rewritten_file_is_read_again(tmp_path: Path, runs: Path):
 def test_watch_page__has_every_filter(browser: Browser):
     page = browser.get("/watch")
     assert page.status_code == 200
-    for name in ("success", "outcome", "invalid_reason", "seen", "phenomenon", "target", "text"):
+    for name in ("success", "outcome", "invalid_reason", "seen", "target", "text"):
         assert f'name="{name}"' in page.text

@@ -87,7 +87,6 @@ class Side {
         ["Task", episode.task],
         ["Recording", recording.name],
         ["Statement", episode.statement_seen ? "seen in training" : episode.form_seen ? "its form was seen in training" : "not seen in training"],
-        ["Phenomena", episode.phenomena.join(", ") || "none"],
         ["Shortest solution", episode.optimal_actions === null ? null : plural(episode.optimal_actions, "action")],
       ])),
     );
@@ -214,7 +213,6 @@ async function openRecording(id) {
   byId("no-decisions").hidden = recording.has_decisions;
   byId("record-command").textContent = recording.command;
   byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recordingOptions(recording.comparable));
-  markCounts(filters.phenomenon, recording.phenomena);
   markCounts(filters.outcome, recording.outcomes);
   markCounts(filters.invalid_reason, recording.invalid_reasons);
   remember({ recording: id });

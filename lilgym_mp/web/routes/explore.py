@@ -7,7 +7,6 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from lilgym_mp.analysis.phenomena import Phenomenon, phenomena, syntactic_phenomena
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import NoTasksError, statement_form, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
@@ -16,6 +15,7 @@ from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import Call, WordName, parse, walk
 from lilgym_mp.programs.tracing import trace
+from lilgym_mp.report.phenomena import Phenomenon, phenomena, syntactic_phenomena
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task

@@ -11,7 +11,6 @@ from fastapi import APIRouter, Path, Query, Request, Response
 from pydantic import BaseModel
 
 from lilgym_mp.actions import ActionType, describe
-from lilgym_mp.analysis.phenomena import Phenomenon
 from lilgym_mp.appearances import Appearance, InvalidReason
 from lilgym_mp.evaluation.decisions import Decision, action_cells
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED, Header, RecordedEpisode, Recording
@@ -74,9 +73,8 @@ class RecordingBody(RecordingSummary):
 
     supervision: str
     successes: int
-    outcomes: dict[str, int]  # numbers of episodes, like the next two
+    outcomes: dict[str, int]  # numbers of episodes, like the next
     invalid_reasons: dict[str, int]
-    phenomena: dict[str, int]
     has_decisions: bool
     has_judgements: bool
     command: str  # records the same episodes with decisions
@@ -164,7 +162,6 @@ class EpisodeBody(EpisodeSummary):
 
     program: str
     total: Reward
-    phenomena: list[str]
     tags: list[str]
     form_seen: bool
     optimal_actions: int | None
@@ -179,7 +176,6 @@ class EpisodeFilters(BaseModel):
     outcome: OutcomeName | None = None
     invalid_reason: InvalidReason | None = None
     seen: Annotated[bool | None, Query(description="whether the statement occurs in the training tasks")] = None
-    phenomenon: Annotated[str | None, Query(max_length=60)] = None
     target: bool | None = None
     task: Annotated[str | None, Query(max_length=200)] = None
     text: Annotated[str, Query(max_length=200, description="contained in the statement or the task's id")] = ""
@@ -194,10 +190,8 @@ class EpisodeFilters(BaseModel):
             (self.target, episode.target),
             (self.task, episode.task),
         )
-        return (
-            all(wanted is None or wanted == actual for wanted, actual in criteria)
-            and (self.phenomenon is None or self.phenomenon in episode.phenomena)
-            and (self.text.lower() in episode.statement.lower() or self.text.lower() in episode.task.lower())
+        return all(wanted is None or wanted == actual for wanted, actual in criteria) and (
+            self.text.lower() in episode.statement.lower() or self.text.lower() in episode.task.lower()
         )
 
 
@@ -208,7 +202,6 @@ def watch_page(request: Request) -> Response:
         "watch.html",
         outcomes=list(FINAL_OUTCOMES),
         invalid_reasons=[str(reason) for reason in InvalidReason],
-        phenomena=[phenomenon.value for phenomenon in Phenomenon],
     )
 
 
@@ -244,7 +237,6 @@ def recording(recording_id: RecordingId, services: Services) -> RecordingBody:
         successes=sum(episode.is_success for episode in episodes),
         outcomes=dict(Counter(episode.outcome for episode in episodes).most_common()),
         invalid_reasons=Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
-        phenomena=Counter(name for episode in episodes for name in episode.phenomena),
         has_decisions=bool(decisions),
         has_judgements=any(decision.steps_to_go is not None for decision in decisions),
         command=_rerecord_command(header, read.path.parent),

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.analysis.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena, word_names
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.official.release import FILE_FACTS, FileFacts
@@ -19,6 +18,7 @@ from lilgym_mp.corpus.released import file_name
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import normalised, statement_form, words
 from lilgym_mp.programs.syntax import parse
+from lilgym_mp.report.phenomena import Phenomenon, SyntacticPhenomenon, phenomena, syntactic_phenomena, word_names
 
 
 class SetCount(NamedTuple):

@@ -9,7 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.analysis.phenomena import (
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.tokens import normalised, statement_form
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.report.phenomena import (
     RULES,
     SYNTAX_RULES,
     Phenomenon,
@@ -17,9 +20,6 @@ from lilgym_mp.analysis.phenomena import (
     phenomena,
     syntactic_phenomena,
 )
-from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.tokens import normalised, statement_form
-from lilgym_mp.programs import ProgramError
 
 ITEMS = "x.all_items_in_box()"
 

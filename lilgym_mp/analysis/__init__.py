@@ -1,1 +1,0 @@
-"""Statistics of corpora: phenomena in statements and programs, counts, charts."""

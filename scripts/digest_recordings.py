@@ -1,0 +1,33 @@
+"""Print the digest of the episodes recorded in a directory, as docs/results.md lists it.
+
+    python scripts/digest_recordings.py DIR
+
+Recordings used to contain the phenomena of each statement, so the digest is computed as if they still did.
+"""
+
+import gzip
+import hashlib
+import json
+import sys
+from pathlib import Path
+
+from lilgym_mp.evaluation.episodes import SUFFIX
+from lilgym_mp.report.phenomena import Phenomenon, phenomena
+
+
+def digest(directory: Path) -> str:
+    """The first digits of the SHA-256 of all episodes, without the headers."""
+    found = hashlib.sha256()
+    for file in sorted(directory.glob(f"*{SUFFIX}")):
+        _, *lines = gzip.decompress(file.read_bytes()).decode().splitlines()
+        for line in lines:
+            shown = phenomena(json.loads(line)["program"])
+            names = json.dumps([name for name in Phenomenon if name in shown], separators=(",", ":"))
+            if '"phenomena":' not in line:
+                line = line.replace(',"tags":', f',"phenomena":{names},"tags":', 1)
+            found.update(line.encode() + b"\n")
+    return found.hexdigest()[:12]
+
+
+if __name__ == "__main__":
+    print(digest(Path(sys.argv[1])))
