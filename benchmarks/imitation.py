@@ -34,7 +34,7 @@ def learning(configuration: str, corpus: str, minutes: float) -> tuple[float, fl
         train_imitation(settings, recipe, Path(place) / "run", minutes=minutes, on_progress=reports.append)
     first, last = reports[0], reports[-1]
     states, seconds = last.states - first.states, last.cpu_seconds - first.cpu_seconds
-    return states / seconds, states / (seconds - (last.exploring_seconds - first.exploring_seconds))
+    return states / seconds, states / (seconds - (last.collection_seconds - first.collection_seconds))
 
 
 def playing(place: Path, corpus: str, split: str, passes: int, envs: int) -> None:

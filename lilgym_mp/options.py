@@ -6,6 +6,7 @@ An option that was not given has the value None; only then do the defaults of `S
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from difflib import get_close_matches
@@ -72,6 +73,21 @@ def add_number(parser: argparse.ArgumentParser, flag: str, default: float, purpo
     """An option of the type of its default."""
     help_text = f"{purpose} (default: %(default)s)"
     parser.add_argument(flag, type=type(default), default=default, metavar="N", help=help_text)
+
+
+def add_budget(parser: argparse.ArgumentParser, unit: str, default: int, purpose: str) -> None:
+    """The options of a training budget: --steps or --updates, and --minutes as a cap on CPU time."""
+    parser.add_argument(
+        f"--{unit}", type=int, metavar="N", help=f"{purpose} (default: the resumed run's, or {default:,})"
+    )
+    parser.add_argument("--minutes", type=float, metavar="N", help="end after this CPU time, even if fewer were made")
+
+
+def check_budget(args: argparse.Namespace, unit: str) -> None:
+    """Raises CommandError naming an option of `add_budget` that is not above 0."""
+    check_at_least(args, 1, unit)
+    if args.minutes is not None and not 0 < args.minutes < math.inf:
+        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
 
 
 def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from lilgym_mp.learning.training_run import PROGRESS_FILE, RUN_FILE
 from lilgym_mp.report.charts import Line, line_chart
 
-AXES = {"cpu_seconds": ("CPU minutes", 60), "stops": ("STOPs, thousands", 1e3), "env_steps": ("steps, millions", 1e6)}
+AXES = {"cpu_seconds": ("CPU minutes", 60), "stops": ("STOPs, thousands", 1e3), "steps": ("steps, millions", 1e6)}
 
 
 def main() -> None:

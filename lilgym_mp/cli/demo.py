@@ -28,8 +28,8 @@ from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-PARSER_STEPS = 1_900
-IMITATION_MINUTES = 1.5  # CPU time
+PARSER_UPDATES = 1_900
+IMITATION_UPDATES = 700
 FILMED = 6  # episodes of each agent, in two columns
 DIRECTORY = options.RUNS / "demo"
 POLL_SECONDS = 0.2
@@ -37,8 +37,8 @@ PARSE_AND_PLAN, IMITATION = "parse-and-plan", "imitation"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    add_number(parser, "--parser-steps", PARSER_STEPS, "training steps of the parser")
-    add_number(parser, "--minutes", IMITATION_MINUTES, "CPU time for the imitation agent")
+    add_number(parser, "--parser-updates", PARSER_UPDATES, "updates of the parser")
+    add_number(parser, "--imitation-updates", IMITATION_UPDATES, "updates of the imitation agent")
     add_seed(parser, "of training and evaluation")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"empty or new directory (default: {DIRECTORY}, {DIRECTORY}-2, ...)"
@@ -46,10 +46,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    check_at_least(args, 1, "parser_steps")
+    check_at_least(args, 1, "parser_updates", "imitation_updates")
     check_at_least(args, 0, "seed")
-    if args.minutes <= 0:
-        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
     if args.out is not None and args.out.is_dir() and any(args.out.iterdir()):
         raise OutputError(f"{args.out} is not empty; name an empty or new directory")
     directory = writable_directory(args.out or first_free_path(DIRECTORY))
@@ -70,13 +68,13 @@ def run(args: argparse.Namespace) -> int:
 def _train(args: argparse.Namespace, directory: Path) -> None:
     """Trains both agents, each in its own process. Raises CommandError if one fails."""
     seed = str(args.seed)
-    parsing = ["parse-and-plan", "--steps", str(args.parser_steps), "--seed", seed]
+    parsing = ["parse-and-plan", "--updates", str(args.parser_updates), "--seed", seed]
     parsing += ["--generated", "0.6", "--generated-pairs", "12000", "--held-out", "40", "--dropout", "0.1"]
-    imitating = ["imitation", CONFIGURATION, "--minutes", str(args.minutes), "--seed", seed]
+    imitating = ["imitation", CONFIGURATION, "--updates", str(args.imitation_updates), "--seed", seed]
     imitating += ["--pretraining", "0"]  # not worthwhile in such a short run
     plan = [
-        PlannedRun(PARSE_AND_PLAN, ("train", *parsing), (), ("step", args.parser_steps)),
-        PlannedRun(IMITATION, ("train", *imitating), (), ("cpu_seconds", 60 * args.minutes)),
+        PlannedRun(PARSE_AND_PLAN, ("train", *parsing), (), ("updates", args.parser_updates)),
+        PlannedRun(IMITATION, ("train", *imitating), (), ("updates", args.imitation_updates)),
     ]
     attempts = make_attempts(plan, directory, threads=1)
     with Progress(100, "% of the slower training") as progress:

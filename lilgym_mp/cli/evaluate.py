@@ -219,11 +219,11 @@ def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
 
 def training_facts(description: ModelDescription) -> dict[str, float]:
     """The steps and CPU minutes of an agent's training, as far as its description has them."""
-    details, recipe = description.details, description.recipe
+    details = description.details
     seconds, minutes = details.get("cpu_seconds", details.get("seconds")), details.get("cpu_minutes")
     if minutes is None and seconds is not None:
         minutes = round(seconds / 60, 2)
-    facts = {"steps": details.get("steps", recipe.get("steps")), "cpu_minutes": minutes}
+    facts = {"steps": details.get("steps"), "cpu_minutes": minutes}
     return {name: value for name, value in facts.items() if value is not None}
 
 

@@ -61,9 +61,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
     parser.add_argument(
         "--best-response",
-        type=float,
-        metavar="MINUTES",
-        help="train a sneaky proposer against each run's verifier for this many CPU minutes, and report the share of"
+        type=int,
+        metavar="STEPS",
+        help="train a sneaky proposer against each run's verifier for this many turns, and report the share of"
         " games in which it gets a false claim accepted",
     )
     parser.add_argument(
@@ -98,9 +98,9 @@ class Player:
 
 def run(args: argparse.Namespace) -> int:
     check_at_least(args, 0, "seed")
-    check_at_least(args, 1, "threads")
-    if args.best_response is not None and not (args.best_response > 0 and args.runs):
-        raise CommandError(f"--best-response needs runs and more than 0 minutes, not {args.best_response}")
+    check_at_least(args, 1, "threads", "best_response")
+    if args.best_response is not None and not args.runs:
+        raise CommandError("--best-response trains against the verifiers of runs: name some")
     if args.json is not None:
         fresh_file(args.json, force=args.force)
     games = _games(args)
@@ -165,9 +165,7 @@ class GameToPlay:
         """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
         from lilgym_mp.learning.game.population import best_response
 
-        agent = best_response(
-            verifier.partner, Role.PROPOSER, self.settings, minutes=args.best_response, seed=args.seed
-        )
+        agent = best_response(verifier.partner, Role.PROPOSER, self.settings, steps=args.best_response, seed=args.seed)
         return self._measure(Player("best response", agent, verifier.view), verifier, args).accepted_false_claims
 
     def _measure(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> Metrics:

@@ -201,7 +201,7 @@ def _checked_options(
     """The learner's budget, and the recipe that its options make."""
     settings = {key: value for key, value in options.items() if key not in learner.numbers}
     for key in (key for key in options if key in learner.numbers):
-        value, number = options[key], int if key == "evaluate_every" else int | float
+        value, number = options[key], float | int if key == "minutes" else int
         if isinstance(value, bool) or not isinstance(value, number) or value <= 0:
             raise table.error(key, f"must be a number above 0, not {value!r}")
     defaults = {field.name: field.default for field in fields(learner.recipe)}

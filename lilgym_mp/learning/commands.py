@@ -69,22 +69,20 @@ def interrupted(learner: str, directory: Path) -> int:
 
 @dataclass(frozen=True)
 class TimedCommand:
-    """The command of a learner whose budget is CPU time."""
+    """The command of a learner whose budget is counted in updates of its optimiser."""
 
     learner: str
     recipe: type[Recipe]
     default_recipe: Callable[..., Any]  # of an appearance and changed settings
     trainer: str  # "module:function", called with settings, recipe and directory
-    minutes: float  # default budget
-    minutes_help: str
+    updates: int  # default budget
     note: Callable[[Any], str]  # shown beside the progress bar, made from a line of progress.jsonl
     paths: Mapping[str, str] = field(default_factory=dict[str, str])  # further options of the trainer, with their help
 
     def add_options(self, parser: argparse.ArgumentParser) -> None:
         options.add_configuration(parser, nargs="?")
         options.add_run_directory(parser, f"{self.learner}-CONFIGURATION")
-        default = f"(default: the resumed run's, or {self.minutes:g})"
-        parser.add_argument("--minutes", type=float, metavar="N", help=f"{self.minutes_help} {default}")
+        options.add_budget(parser, "updates", self.updates, "updates of the optimiser")
         parser.add_argument("--seed", type=int, metavar="N", help="random seed of network and data (default: 0)")
         for name, description in self.paths.items():
             parser.add_argument(f"--{name}", type=Path, metavar="RUN", help=description)
@@ -95,6 +93,7 @@ class TimedCommand:
     def train(self, args: argparse.Namespace) -> int:
         import torch
 
+        options.check_budget(args, "updates")
         options.check_at_least(args, 0, "seed")
         options.check_at_least(args, 1, "threads")
         torch.set_num_threads(args.threads)
@@ -106,19 +105,19 @@ class TimedCommand:
         else:
             directory, settings = new_run(args, prefix)
             recipe = self.default_recipe(settings.appearance, **given_options(args, self.recipe.names()))
-        options.fill_options(args, remembered, {"minutes": self.minutes, "seed": 0, **dict.fromkeys(self.paths)})
-        if args.minutes <= 0:
-            raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
+        options.fill_options(
+            args, remembered, {"updates": self.updates, "minutes": None, "seed": 0, **dict.fromkeys(self.paths)}
+        )
         module, function = self.trainer.split(":")
-        budget = {"minutes": args.minutes, "seed": args.seed, "device": args.device, "resume": args.resume}
+        budget = given_options(args, ["updates", "minutes", "seed", "device", "resume"])
         paths = {name: Path(given) for name in self.paths if (given := getattr(args, name)) is not None}
         try:
-            with Progress(round(60 * args.minutes), "CPU seconds", done=None if args.resume else 0) as bar:
+            with Progress(args.updates, "updates", done=None if args.resume else 0) as bar:
                 getattr(import_module(module), function)(
                     settings,
                     recipe,
                     directory,
-                    on_progress=lambda line: bar.reach(int(line.cpu_seconds), self.note(line)),
+                    on_progress=lambda line: bar.reach(line.updates, self.note(line)),
                     **budget,
                     **paths,
                 )

@@ -36,7 +36,7 @@ class Learner:
     recipe: type[Any]  # dataclass of hyperparameters, with fields made by `recipes.setting`
     make_recipe: Callable[[str, dict[str, Any]], Any]  # from a configuration and options; raises ValueError
     progress: tuple[str, str]  # for training curves: key of progress.jsonl, axis label
-    budget: Callable[[Mapping[str, Any]], tuple[str, float]] = lambda options: ("cpu_seconds", 60 * options["minutes"])
+    budget: Callable[[Mapping[str, Any]], tuple[str, float]] = lambda options: ("updates", options["updates"])
     # ^ from options: key of progress.jsonl, last value
     numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])  # options besides the recipe, with defaults
     texts: Sequence[str] = ()  # further options, with text values

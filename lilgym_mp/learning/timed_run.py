@@ -36,37 +36,42 @@ def cpu_seconds() -> float:
 class Counters:
     """The counters of all learners in a checkpoint; field names are part of its format."""
 
-    steps: int = 0  # of the environments in PPO and in the game, else of the optimiser
+    steps: int = 0  # of the environments, in PPO and in the game
+    updates: int = 0  # of the optimiser
     seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
     cpu_seconds: float = 0.0  # over all sessions of the run
-    exploring_seconds: float = 0.0  # part of them for data collection
+    collection_seconds: float = 0.0  # part of them for data collection
     episodes: int = 0  # that PPO has played
     games: int = 0  # that the game's learner has played
-    optimiser_steps: int = 0  # of PPO
     states: int = 0  # labelled states that imitation has been trained on
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
     labels: int = 0  # labelled scenes that a reward model has been trained on
 
 
 class Budget(NamedTuple):
-    """`minutes` of CPU time, everything included, or `steps`, whichever is spent first."""
+    """`amount` of `unit`, or `minutes` of CPU time, everything included, whichever is spent first."""
 
-    minutes: float | None
-    steps: int | None
+    unit: str  # the counter that measures progress: "steps" of the environments or "updates" of the optimiser
+    amount: int | None
+    minutes: float | None = None
+
+    def options(self) -> dict[str, float | None]:
+        """The budget as arguments of the function that trains."""
+        return {self.unit: self.amount, "minutes": self.minutes}
 
     def check(self) -> None:
         """Raises ValueError unless there is a positive budget."""
-        if self.minutes is None and self.steps is None:
-            raise ValueError("give a budget: minutes, steps, or both")
-        for name, value in self._asdict().items():
+        if self.amount is None and self.minutes is None:
+            raise ValueError(f"give a budget: {self.unit}, minutes, or both")
+        for name, value in self.options().items():
             if value is not None and not 0 < value < math.inf:
                 raise ValueError(f"the budget in {name} must be above 0, not {value:g}")
 
 
 class Every(NamedTuple):
-    """An interval between reports or between checkpoints; the default is one step."""
+    """An interval between reports or between checkpoints; the default is one step of the algorithm."""
 
-    steps: int = 0
+    amount: int = 0  # of the budget's unit
     seconds: float = 0.0  # CPU time
 
 
@@ -112,31 +117,36 @@ class TimedRun(ABC, Generic[Measured]):
         yield
         self._start_seconds += time.monotonic() - began
 
+    def spent(self) -> int:
+        """The steps or updates so far, whichever the budget counts."""
+        return getattr(self.counters, self.budget.unit)
+
     def progress(self) -> float:
         """The fraction of the budget spent."""
-        minutes, steps = self.budget
-        by_steps = 0.0 if steps is None else self.counters.steps / steps
-        return max(by_steps, 0.0 if minutes is None else self.seconds() / (60 * minutes))
+        _, amount, minutes = self.budget
+        by_amount = 0.0 if amount is None else self.spent() / amount
+        return max(by_amount, 0.0 if minutes is None else self.seconds() / (60 * minutes))
 
     def is_over(self) -> bool:
         return self.progress() >= 1
 
     def check_unspent(self) -> None:
         """Raises TrainingRunError if a resumed run has spent the budget."""
-        if self.counters.steps and self.is_over():
-            given = " or ".join(f"--{name}" for name, value in self.budget._asdict().items() if value is not None)
+        if self.spent() and self.is_over():
+            given = " or ".join(f"--{name}" for name, value in self.budget.options().items() if value is not None)
             raise TrainingRunError(
-                f"the run in {self.files.path} already has {self.counters.steps:,} steps; request more with {given}"
+                f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit};"
+                f" request more with {given}"
             )
 
     def optimise(self, stop: StopRequest | None = None) -> None:
         """Takes steps until the budget is spent, or a stop is requested. Raises TrainingRunError if it allows none."""
         recent: list[Measured] = []
-        saved = reported = Every(self.counters.steps, self.seconds())
+        saved = reported = Every(self.spent(), self.seconds())
         while not self.is_over() and not (stop is not None and stop.requested):
             with self.errors_located():
                 recent.append(self.step())
-            now = Every(self.counters.steps, self.seconds())
+            now = Every(self.spent(), self.seconds())
             if _is_due(now, reported, self._report_every):
                 self.report(recent)
                 recent, reported = [], now
@@ -145,9 +155,9 @@ class TimedRun(ABC, Generic[Measured]):
                 saved = now
         if recent:
             self.report(recent)
-        if not self.counters.steps and self.is_over():
+        if not self.spent() and self.is_over():
             raise TrainingRunError(
-                f"{self.budget.minutes:g} minutes were spent before the first step; give more minutes"
+                f"{self.budget.minutes:g} minutes were spent before the first update; give more minutes"
             )
 
     @contextmanager
@@ -158,7 +168,7 @@ class TimedRun(ABC, Generic[Measured]):
         except NotFiniteError as error:
             parts, kept = str(error), f"the last good checkpoint is kept in {self.files.path}"
             raise TrainingError(
-                f"the loss is not finite at step {self.counters.steps}{parts and f' ({parts})'};"
+                f"the loss is not finite after {self.spent()} {self.budget.unit}{parts and f' ({parts})'};"
                 f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
             ) from None
 
@@ -171,11 +181,11 @@ class TimedRun(ABC, Generic[Measured]):
             raise
 
     @contextmanager
-    def exploring(self) -> Iterator[None]:
+    def collecting(self) -> Iterator[None]:
         """Counts the time spent in the block as data collection."""
         began = self.seconds()
         yield
-        self.counters.exploring_seconds += self.seconds() - began
+        self.counters.collection_seconds += self.seconds() - began
 
     def save(self) -> None:
         spent = {"seconds": self.wall_seconds(), "cpu_seconds": self.seconds()}
@@ -193,12 +203,12 @@ class TimedRun(ABC, Generic[Measured]):
 
     def statistics(self) -> dict[str, float]:
         """Details of the model file."""
-        minutes, exploring = self.seconds() / 60, self.counters.exploring_seconds / 60
-        return {"cpu_minutes": round(minutes, 2), "exploring_cpu_minutes": round(exploring, 2)}
+        minutes, exploring = self.seconds() / 60, self.counters.collection_seconds / 60
+        return {"cpu_minutes": round(minutes, 2), "collection_cpu_minutes": round(exploring, 2)}
 
 
 def _is_due(now: Every, last: Every, interval: Every) -> bool:
-    return now.steps - last.steps >= interval.steps and now.seconds - last.seconds >= interval.seconds
+    return now.amount - last.amount >= interval.amount and now.seconds - last.seconds >= interval.seconds
 
 
 @dataclass

@@ -119,7 +119,7 @@ def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str, 
     for run in runs:
         records = [record for record in run if record.get(key) is not None]
         if records:
-            steps = [record["step" if "step" in record else "steps"] for record in records]
+            steps = [record.get("steps", record.get("updates")) for record in records]
             series.append((steps, [scale * record[key] for record in records]))
     if not series:
         return None
@@ -140,7 +140,8 @@ def progress_curves(data: ReportData) -> Item:
         found = (mean_line(name, [run.progress for run in runs], key) for name, runs in by_recipe.items())
         lines = [line for line in found if line is not None]
         if lines:
-            panels.append((f"{learner} {configuration}".strip(), "steps", label, lines))
+            counted = "steps" if "steps" in curves[0].progress[0] else "updates"
+            panels.append((f"{learner} {configuration}".strip(), counted, label, lines))
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
     return Chart(ITEM, TITLE, line_chart(panels), f"Training progress, on training tasks. {MEANS}")

@@ -19,7 +19,7 @@ RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evalu
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
 SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
 EXPERT = "expert"
-STEPS = ("step", "steps")  # keys of a progress record, of which it has one
+STEPS = ("steps", "updates")  # keys of a progress record, of which it has one
 CHECKSUM_DIGITS = 10
 ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 

@@ -130,7 +130,7 @@ def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: 
         (["nowhere"], "no trained agent at nowhere"),
         (["--protocol", "vote"], "unknown protocol 'vote'; choose from "),
         (["--configuration", "Towers"], "unknown configuration 'Towers'"),
-        (["--best-response", "1"], "--best-response needs runs and more than 0 minutes, not 1.0"),
+        (["--best-response", "1"], "--best-response trains against the verifiers of runs"),
         (["--seed", "-1"], "seed"),
     ],
 )

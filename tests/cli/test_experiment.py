@@ -54,7 +54,7 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     horizon = 9
     [[learners]]
     learner = "parse-and-plan"
-    steps = 30
+    updates = 30
     [[learners]]
     learner = "ppo"
     name = "forced"
@@ -66,8 +66,8 @@ def test_plan__is_the_matrix_of_learners_configurations_and_seeds(tmp_path: Path
     assert [planned.name for planned in plan] == [
         *("parse-and-plan-0", "parse-and-plan-7", "forced-TowerFlipIt-0", "forced-TowerFlipIt-7", "policies"),
     ]
-    assert plan[1].train == ("train", "parse-and-plan", "--seed", "7", "--corpus", "builtin", "--steps", "30")
-    assert plan[1].budget == ("step", 30)
+    assert plan[1].train == ("train", "parse-and-plan", "--seed", "7", "--corpus", "builtin", "--updates", "30")
+    assert plan[1].budget == ("updates", 30)
     assert " ".join(plan[2].train) == "train ppo TowerFlipIt --seed 0 --corpus builtin --horizon 9 --stop-forcing"
     assert [words[-1] for words in plan[2].evaluate] == ["dev", "test"]
     assert all("--passes 3" in " ".join(words) for words in plan[2].evaluate)
@@ -186,7 +186,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 
 @pytest.mark.long
 def test_experiment__trains_the_game_and_measures_it_with_evaluate_game(tmp_path: Path):
-    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nminutes = 0.2\n'
+    game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nsteps = 4_096\n'
     small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"
     text = 'configurations = ["TowerScratch"]\n' + game.format("joint") + small + game.format("audit") + small
     partners = 'verifiers = "always-accept"\n'

@@ -24,7 +24,7 @@ from tests.own_corpus import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 IMITATION = {"width": 32, "text_layers": 1, "item_layers": 1, "statements": 4, "pretraining": 0.0, "held_out": 0.0}
-PARSER = {"steps": 60, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
+PARSER = {"updates": 60, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
 
 
 @pytest.fixture
@@ -56,19 +56,17 @@ def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
 
 
 @pytest.mark.long
-def test_imitation__goes_on_for_the_minutes_it_was_begun_with(
-    own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     settings = Settings("TowerFlipIt", corpus=own, horizon=7)
     recipe = default_recipe("tower", **IMITATION)
     monkeypatch.setattr(timed_run, "REPORT_SECONDS", 0.1)
     with pytest.raises(KeyboardInterrupt):
         imitation.train_imitation(
-            settings, recipe, tmp_path / "run", minutes=0.1, seed=5, device="cpu", on_progress=interrupt
+            settings, recipe, tmp_path / "run", updates=60, seed=5, device="cpu", on_progress=interrupt
         )
     assert main(["train", "imitation", "--resume", "--out", str(tmp_path / "run")]) == 0
     details = open_agent(tmp_path / "run").description.details
-    assert 0.09 < details["cpu_minutes"] < 0.3
+    assert details["updates"] == 60
     assert details["seed"] == 5
 
 
@@ -79,7 +77,7 @@ def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: 
     assert not (tmp_path / "run" / "agent.safetensors").exists()
     assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
     saved = open_agent(tmp_path / "run").description.recipe
-    assert (saved["corpus"], saved["steps"], saved["seed"]) == (own, 60, 2)
+    assert (saved["corpus"], saved["updates"], saved["seed"]) == (own, 60, 2)
 
 
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])

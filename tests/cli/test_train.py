@@ -248,7 +248,7 @@ def test_evaluate__notes_an_agent_that_always_stops_at_once(lilgym: LilGym, run:
 
 def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_path: Path, own: Path):
     run = tmp_path / "run"
-    small = ["--steps", 40, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
+    small = ["--updates", 40, "--width", 32, "--batch-size", 16, "--generated-pairs", 100, "--held-out", 5]
     output = lilgym("train", "parse-and-plan", "--corpus", own, "--seed", 0, "--out", run, *small)
     assert f"lilgym-mp evaluate {run} --corpus {own}" in output
     table = rows(lilgym("evaluate", run, "--corpus", own))
@@ -270,7 +270,7 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
 @pytest.mark.long
 def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     directory = tmp_path / "demo"
-    output = lilgym("demo", "--out", directory, "--parser-steps", 80, "--minutes", 0.1)
+    output = lilgym("demo", "--out", directory, "--parser-updates", 80, "--imitation-updates", 40)
     for name in ("results.json", "results.md", "imitation.gif", "parse-and-plan.gif"):
         assert str(directory / name) in output
         assert (directory / name).exists()
@@ -289,7 +289,7 @@ def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_p
 
 def test_demo__rejects_a_negative_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(
-        ["demo", "--out", str(tmp_path / "demo"), "--minutes", "0.05", "--parser-steps", "1", "--seed", "-1"]
+        ["demo", "--out", str(tmp_path / "demo"), "--imitation-updates", "1", "--parser-updates", "1", "--seed", "-1"]
     ) == (USAGE_ERROR)
     assert "--seed must be at least 0, not -1" in capsys.readouterr().err
 

@@ -18,7 +18,7 @@ from collections import Counter
 COMMANDS = (
     "train ppo TowerScratch --steps 100000 --out run",
     "train imitation TowerScratch --minutes 1 --out run",
-    "train parse-and-plan --steps 500 --out run",
+    "train parse-and-plan --updates 500 --out run",
     "demo --out run",
     "serve --port 0 --database sqlite:///web.sqlite3",
     "evaluate --policy expert --configuration ScatterFlipIt --record records",

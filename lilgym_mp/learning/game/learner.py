@@ -24,11 +24,13 @@ from lilgym_mp.options import (
     INTERRUPTED,
     RUNS,
     CommandError,
+    add_budget,
     add_configuration,
     add_device,
     add_run_directory,
     add_settings,
     check_at_least,
+    check_budget,
     fill_options,
     flag_name,
     given_options,
@@ -40,7 +42,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.game.training import Run
 
 NAME = "game"
-DEFAULT_MINUTES = 10.0
+DEFAULT_STEPS = 2_500_000
 PARTNERS = {"proposers": Role.PROPOSER, "verifiers": Role.VERIFIER}  # options that name frozen partners
 _NUMBERS = {  # options of the game, with their types and help
     "false_accept_cost": (float, "cost of a false accept in the reward `correctness` (default: 1)"),
@@ -58,10 +60,7 @@ _SETTINGS = (*_GAME, *_NUMBERS, "corpus", "rules", "horizon", "grid")
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?")
     add_run_directory(parser, f"{NAME}-CONFIGURATION")
-    parser.add_argument(
-        "--minutes", type=float, metavar="N", help=f"CPU time (default: {DEFAULT_MINUTES:g}, without --steps)"
-    )
-    parser.add_argument("--steps", type=int, metavar="N", help="turns of games (default: as many as time allows)")
+    add_budget(parser, "steps", DEFAULT_STEPS, "turns of all games together")
     for name, role in PARTNERS.items():
         others = f", or: {', '.join(SCRIPTED_VERIFIERS)}" if role is Role.VERIFIER else ""
         parser.add_argument(
@@ -97,9 +96,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(args: argparse.Namespace) -> int:
-    check_at_least(args, 1, "steps", "threads", "rounds")
-    if args.minutes is not None and args.minutes <= 0:
-        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
+    check_budget(args, "steps")
+    check_at_least(args, 1, "threads", "rounds")
     if args.configuration is None and not (args.resume and args.out):
         raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
     if args.rounds is not None:
@@ -108,7 +106,7 @@ def train(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.game.training import train_game
 
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
-    fill_options(args, arguments.pop("options", {}), {"minutes": None, "steps": None})
+    fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "minutes": None})
     with Progress(100, "% of the budget", done=None) as bar:
 
         def show(update: TrainingProgress, done: float) -> None:
@@ -136,6 +134,7 @@ def _train_rounds(args: argparse.Namespace) -> int:
 
     if not args.proposers or args.verifiers:
         raise CommandError("--rounds begins with trained proposers: name their runs with --proposers")
+    fill_options(args, {}, {"steps": DEFAULT_STEPS})
     directory, arguments = _new_arguments(args)
     first = arguments.pop("partners")[Role.PROPOSER]
 
@@ -160,8 +159,7 @@ def _train_rounds(args: argparse.Namespace) -> int:
 
 
 def _budget(args: argparse.Namespace) -> dict[str, Any]:
-    minutes = DEFAULT_MINUTES if args.minutes is None and args.steps is None else args.minutes
-    return {"minutes": minutes, "steps": args.steps, "device": args.device, "threads": args.threads}
+    return given_options(args, ["steps", "minutes", "device", "threads"])
 
 
 def _given_game(args: argparse.Namespace) -> dict[str, Any]:
@@ -229,7 +227,8 @@ LEARNER = Learner(
     recipe=GameRecipe,
     make_recipe=_planned_recipe,
     progress=("success", "success rate of training games"),
-    numbers={"minutes": DEFAULT_MINUTES, "rounds": None},
+    budget=lambda options: ("steps", options["steps"]),
+    numbers={"steps": DEFAULT_STEPS, "minutes": None, "rounds": None},
     texts=(*_GAME, *PARTNERS, "start_from"),
     evaluate="evaluate-game",
 )

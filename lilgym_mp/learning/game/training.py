@@ -91,10 +91,10 @@ def train_game(
     finite, CorpusError for unusable data.
     """
     with torch_threads(threads), stop_on_signals() as stop:
-        budget = Budget(minutes, steps)
+        budget = Budget("steps", steps, minutes)
         run = Run(settings, recipe, out, dict(partners or {}), start_from, device, budget, resume=resume)
         run.check_unspent()
-        run.files.remember(minutes=minutes, steps=steps)
+        run.files.remember(**budget.options())
         run.on_progress = on_progress
         on_begin(run)
         run.optimise(stop)

@@ -16,7 +16,7 @@ from lilgym_mp.learning.learners import Learner
 if TYPE_CHECKING:
     from lilgym_mp.learning.imitation.training import Progress
 
-DEFAULT_MINUTES = 10.0
+DEFAULT_UPDATES = 4000
 
 
 def _note(progress: Progress) -> str:
@@ -30,8 +30,7 @@ COMMAND = TimedCommand(
     ImitationRecipe,
     default_recipe,
     "lilgym_mp.learning.imitation.training:train_imitation",
-    DEFAULT_MINUTES,
-    "CPU time, including the expert's",
+    DEFAULT_UPDATES,
     _note,
     {"teacher": "imitate this reward model's search, from rewards and the rules of editing, instead of the expert"},
 )
@@ -41,5 +40,5 @@ LEARNER = Learner(
     recipe=ImitationRecipe,
     make_recipe=lambda configuration, options: default_recipe(CONFIGURATIONS[configuration][0], **options),
     progress=("truth_accuracy", "accuracy of predicted truth values"),
-    numbers={"minutes": DEFAULT_MINUTES},
+    numbers={"updates": DEFAULT_UPDATES, "minutes": None},
 )

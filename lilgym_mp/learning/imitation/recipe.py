@@ -1,4 +1,4 @@
-"""Hyperparameters of imitation, except the environment, seed and time budget. Imports no torch."""
+"""Hyperparameters of imitation, except the environment, seed and budget. Imports no torch."""
 
 from __future__ import annotations
 
@@ -31,9 +31,7 @@ class ImitationRecipe(Recipe):
     single_action: bool = setting(False, "imitate one optimal action instead of the set (ablation)")
     recolour: bool = setting(True, "permute colours at random in words and scenes where both name the same ones")
     unknown_words: float = setting(0.02, "word dropout: fraction of training words replaced by the unknown word", 0, 1)
-    exploring: float = setting(
-        0.15, "fraction of the CPU time for data collection: visiting scenes and querying the expert", 0, 0.95
-    )
+    collect_every: int = setting(13, "updates between collections: visiting scenes and querying the expert", 1)
     own_states: float = setting(
         0.5, "fraction of data collection on the network's own states (DAgger), after the first fifth of the run", 0, 1
     )
@@ -59,5 +57,5 @@ def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
     "tower": {"solved": 16, "truth_only": 32},
-    "scatter": {"exploring": 0.2, "own_states": 0.4, "first_scenes": 2},
+    "scatter": {"collect_every": 10, "own_states": 0.4, "first_scenes": 2},
 }

@@ -47,10 +47,10 @@ VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabular
 class Progress(NamedTuple):
     """A line of progress.jsonl; losses are means since the last report."""
 
-    steps: int  # optimiser steps
+    updates: int  # optimiser steps
     states: int  # number of labelled states trained on so far
     cpu_seconds: float  # CPU time of this process and its children over the whole run
-    exploring_seconds: float  # part of `cpu_seconds` spent on data collection
+    collection_seconds: float  # part of `cpu_seconds` spent on data collection
     sets: int  # expert queries since the run was started or resumed
     text: float | None = None  # loss of writing programs, during text pretraining only
     truth: float | None = None  # truth loss; None during pretraining, like the following
@@ -63,8 +63,8 @@ def train_imitation(
     recipe: ImitationRecipe,
     out: Path,
     *,
+    updates: int | None = None,
     minutes: float | None = None,
-    steps: int | None = None,
     seed: int = 0,
     device: str = "auto",
     resume: bool = False,
@@ -73,14 +73,15 @@ def train_imitation(
 ) -> ImitationAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
-    The budget is `minutes` of CPU time, everything included, or `steps` of the optimiser, whichever is spent first;
-    with `steps` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
+    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
+    with `updates` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
     must have the same recipe and seed. With a `teacher`, the run of a reward model, its search is imitated instead of
     the expert: expert iteration, from rewards and the rules of editing.
     Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
     loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
     """
-    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume, teacher=teacher)
+    budget = Budget("updates", updates, minutes)
+    run = _Run(settings, recipe, out, budget, seed, device, on_progress, resume=resume, teacher=teacher)
     run.learn()
     return run.finish()
 
@@ -116,7 +117,7 @@ class _Run(TimedRun[StepResult]):
         self._teacher = None if teacher is None else open_teacher(teacher)
         self._planner = None if self._teacher is None else self._teacher.planner(settings)
         self.files = begin_run(out, identity, resume=resume)
-        self.files.remember(**budget._asdict())
+        self.files.remember(**budget.options())
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(
             entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
@@ -167,7 +168,7 @@ class _Run(TimedRun[StepResult]):
         """Pretrains, then alternates data collection and optimiser steps until the budget is spent."""
         with self.saved_on_interrupt(), self.errors_located():
             self._pretrain_text()
-            with self.exploring():
+            with self.collecting():
                 self._imitation.collect_first()
             if not self.counters.begun_at:
                 self._pretrain_geometry()
@@ -176,18 +177,13 @@ class _Run(TimedRun[StepResult]):
 
     def step(self) -> StepResult:
         counters, done = self.counters, self.progress()
-        if self._is_collection_due():
-            with self.exploring():
+        if counters.updates % self._recipe.collect_every == 0:
+            with self.collecting():
                 self._imitation.collect_more(done)
         result = self._imitation.step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
-        counters.steps += 1
+        counters.updates += 1
         counters.states += result.states
         return result
-
-    def _is_collection_due(self) -> bool:
-        if self.budget.steps is not None:  # deterministic
-            return self.counters.steps % max(1, round(2 / max(self._recipe.exploring, 1e-6))) == 0
-        return self.counters.exploring_seconds < self._recipe.exploring * self.seconds()
 
     def _pretrain_geometry(self) -> None:
         imitation, fraction = self._imitation, GEOMETRY_FRACTION * self._recipe.pretraining
@@ -198,7 +194,7 @@ class _Run(TimedRun[StepResult]):
         first = self.progress()
         while (done := (self.progress() - first) / fraction) < 1:
             geometry.step(done)
-            self.counters.steps += 1
+            self.counters.updates += 1
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining
@@ -217,7 +213,7 @@ class _Run(TimedRun[StepResult]):
         reported = self.seconds()
         while (done := self.progress() / fraction) < 1:
             recent.append(text.step(done))
-            self.counters.steps += 1
+            self.counters.updates += 1
             if self.seconds() - reported > timed_run.REPORT_SECONDS:
                 self._report_progress(text=round(float(np.mean(recent)), 4))
                 recent, reported = [], self.seconds()
@@ -232,10 +228,10 @@ class _Run(TimedRun[StepResult]):
     def _report_progress(self, **losses: float) -> None:
         counters = self.counters
         progress = Progress(
-            steps=counters.steps,
+            updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
-            exploring_seconds=round(counters.exploring_seconds, 1),
+            collection_seconds=round(counters.collection_seconds, 1),
             sets=self._imitation.collector.expert_queries,
             **losses,
         )
@@ -246,7 +242,7 @@ class _Run(TimedRun[StepResult]):
         return self._imitation.state()
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._imitation.restore(state, np.random.default_rng([self._seed, self.counters.steps]))
+        self._imitation.restore(state, np.random.default_rng([self._seed, self.counters.updates]))
 
     def finish(self) -> ImitationAgent:
         """Tunes the stop rules on the held-out statements, and saves the agent."""
@@ -261,7 +257,7 @@ class _Run(TimedRun[StepResult]):
                 rules[name], accuracies[name] = tune_stop_rule(imitation.policy, self._dynamics, chosen, imitation.rng)
         statistics = {
             "seed": self._seed,
-            "steps": self.counters.steps,
+            "updates": self.counters.updates,
             "states": self.counters.states,
             **self.statistics(),
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
@@ -269,7 +265,7 @@ class _Run(TimedRun[StepResult]):
         }
         if isinstance(imitation.collector, TaughtCollector):
             played = imitation.collector.played
-            statistics |= {"stops": played.stops, "env_steps": played.steps}
+            statistics |= {"stops": played.stops, "steps": played.steps}
         description = describe(
             self._settings, self._recipe, self._architecture, rules, statistics, is_taught=self._teacher is not None
         )

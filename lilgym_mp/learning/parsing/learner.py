@@ -26,7 +26,7 @@ NAME = "parse-and-plan"
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", help=options.CORPUS_HELP)
     options.add_run_directory(parser, NAME)
-    options.add_number(parser, "--save-every", 500, "steps between checkpoints")
+    options.add_number(parser, "--save-every", 500, "updates between checkpoints")
     options.add_device(parser)
     add_recipe(parser, ParserRecipe)
 
@@ -49,7 +49,7 @@ def train(args: argparse.Namespace) -> int:
     else:
         recipe = ParserRecipe(**given)
     options.fill_options(args, saved, {"corpus": "builtin"})
-    with Progress(recipe.steps, "steps", done=None if args.resume else 0) as bar:
+    with Progress(recipe.updates, "updates", done=None if args.resume else 0) as bar:
         done = train_parser(
             args.corpus,
             recipe,
@@ -57,7 +57,7 @@ def train(args: argparse.Namespace) -> int:
             device=args.device,
             resume=args.resume,
             save_every=args.save_every,
-            on_progress=lambda line: bar.reach(line.step, _note(line)),
+            on_progress=lambda line: bar.reach(line.updates, _note(line)),
         )
     if not done.agent_file.exists():
         return interrupted(NAME, directory)
@@ -78,7 +78,7 @@ LEARNER = Learner(
     train=train,
     recipe=ParserRecipe,
     make_recipe=lambda configuration, options: ParserRecipe(**options),
-    budget=lambda options: ("step", options.get("steps", ParserRecipe().steps)),
+    budget=lambda options: ("updates", options.get("updates", ParserRecipe().updates)),
     progress=("loss", "loss of the parser"),
     plays_everything=True,
 )

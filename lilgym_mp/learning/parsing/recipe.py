@@ -15,10 +15,10 @@ class ParserRecipe(Recipe):
     """Everything the parser's training depends on, except its corpus."""
 
     seed: int = setting(0, "seed of the network, the pairs and their order")
-    steps: int = setting(6_000, "optimiser steps", 1)
+    updates: int = setting(6_000, "optimiser steps", 1)
     batch_size: int = setting(32, "pairs per batch", 1)
     learning_rate: float = setting(2e-3, "peak learning rate of AdamW; cosine decay to 0", 1e-9)
-    warm_up: int = setting(100, "steps of linear warm-up", 1)
+    warm_up: int = setting(100, "updates of linear warm-up", 1)
     weight_decay: float = setting(0.01, "weight decay of AdamW")
     dropout: float = setting(0.2, "dropout rate", 0, 1)
     smoothing: float = setting(0.05, "label smoothing", 0, 1)

@@ -35,7 +35,7 @@ from lilgym_mp.rules import Outcome
 KIND = "parse-and-plan"
 VERSION = 1
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
-REPORT_EVERY = 50  # steps
+REPORT_EVERY = 50  # updates
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
 MAX_STARTS = 2  # start scenes planned from per held-out statement and target, for calibration
 MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses it
@@ -44,8 +44,8 @@ MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses 
 class Progress(NamedTuple):
     """A line of progress.jsonl."""
 
-    step: int
-    steps: int  # steps of the whole training
+    updates: int
+    of_updates: int  # of the whole training
     loss: float  # mean since the last report
     cpu_seconds: float  # CPU time of this process since training began, including data preparation
 
@@ -116,7 +116,7 @@ def corpus_examples(corpus: str) -> list[batches.Example]:
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
 ) -> Iterator[batches.Example]:
-    needed = int(recipe.generated * (1 + batches.FINAL_GENERATED) / 2 * recipe.steps * recipe.batch_size)
+    needed = int(recipe.generated * (1 + batches.FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
@@ -141,7 +141,7 @@ class _Run(TimedRun[float]):
         *,
         resume: bool,
     ) -> None:
-        super().__init__(Budget(None, recipe.steps), Every(REPORT_EVERY), Every(save_every))
+        super().__init__(Budget("updates", recipe.updates), Every(REPORT_EVERY), Every(save_every))
         self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
         self._device = select_device(device)
         self._data = data = load_training_data(corpus, recipe)
@@ -169,13 +169,13 @@ class _Run(TimedRun[float]):
         for group in self._optimiser.param_groups:
             group["lr"] = self._recipe.learning_rate * self._schedule()
         loss = batches.training_step(self._network, next(self._batches), self._optimiser, self._recipe.smoothing)
-        self.counters.steps += 1
+        self.counters.updates += 1
         return loss
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak: linear warm-up times cosine decay."""
         decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
-        return decay * min(1.0, (self.counters.steps + 1) / self._recipe.warm_up)
+        return decay * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
 
     def _drawn(self) -> Iterator[batches.Batch]:
         recipe, data = self._recipe, self._data
@@ -202,7 +202,7 @@ class _Run(TimedRun[float]):
         return words, [TOKENS.index(token) for token in pair.tokens]
 
     def report(self, recent: Sequence[float]) -> None:
-        progress = Progress(self.counters.steps, self._recipe.steps, sum(recent) / len(recent), self.seconds())
+        progress = Progress(self.counters.updates, self._recipe.updates, sum(recent) / len(recent), self.seconds())
         self.files.record(progress._asdict())
         self._on_progress(progress)
 
@@ -212,7 +212,7 @@ class _Run(TimedRun[float]):
     def restore(self, state: dict[str, Any]) -> None:
         self._network.load_state_dict(state["network"])
         self._optimiser.load_state_dict(state["optimiser"])
-        self._rng.seed(f"batches {self._recipe.seed} {self.counters.steps}")
+        self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 
     def finish(self) -> None:
         """Calibrates the parser and saves the agent."""

@@ -104,7 +104,7 @@ def _introduce(run: Run) -> None:
     reported = REPORTED_PARAMETERS.get(recipe.model)
     print(
         f"{run.configurations[0]}, corpus {run.tasks.tasks.provenance.corpus}, {len(run.tasks.tasks):,} training"
-        f" tasks, {len(run.tasks.validation):,} for validation; {run.budget.steps:,} steps{resumed}\n"
+        f" tasks, {len(run.tasks.validation):,} for validation; {run.budget.amount:,} steps{resumed}\n"
         f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}"
         f"{'' if reported is None else f' ({reported})'}; {'PPO+SF' if recipe.stop_forcing else 'PPO'},"
         f" {'a' if recipe.mask else 'no'} mask of legal actions, seed {recipe.seed}\n"

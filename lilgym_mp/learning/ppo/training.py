@@ -89,7 +89,9 @@ def train_ppo(
     TrainingError when the loss is not finite, CorpusError for unusable data.
     """
     with torch_threads(threads), stop_on_signals() as stop:
-        run = Run(settings, recipe, out, recipe_name, weights, device, Budget(None, steps), save_every, resume=resume)
+        run = Run(
+            settings, recipe, out, recipe_name, weights, device, Budget("steps", steps), save_every, resume=resume
+        )
         run.files.remember(steps=steps, evaluate_every=evaluate_every)
         run.check_unspent()
         run.on_progress = on_progress
@@ -119,7 +121,7 @@ class Run(TimedRun["Progress"]):
         *,
         resume: bool,
     ) -> None:
-        super().__init__(budget, Every(), Every(steps=save_every))
+        super().__init__(budget, Every(), Every(save_every))
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self._device = select_device(device)
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
@@ -169,7 +171,7 @@ class Run(TimedRun["Progress"]):
         self.model.clear_cache()
         losses = update(self._experience(rollout), self._optimiser, self.recipe, entropy_coefficient, self._rng)
         counters.steps += self.recipe.rollout
-        counters.optimiser_steps += len(losses)
+        counters.updates += len(losses)
         progress = self._progress(mean_losses(losses), start_seconds)
         if self.validation.is_due(counters.steps):
             self._validate()

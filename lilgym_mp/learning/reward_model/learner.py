@@ -16,7 +16,7 @@ from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe, default_re
 if TYPE_CHECKING:
     from lilgym_mp.learning.reward_model.training import Progress
 
-DEFAULT_MINUTES = 15.0
+DEFAULT_UPDATES = 16000
 
 
 def _note(progress: Progress) -> str:
@@ -30,8 +30,7 @@ COMMAND = TimedCommand(
     RewardModelRecipe,
     default_recipe,
     "lilgym_mp.learning.reward_model.training:train_reward_model",
-    DEFAULT_MINUTES,
-    "CPU time, data collection included",
+    DEFAULT_UPDATES,
     _note,
 )
 LEARNER = Learner(
@@ -40,5 +39,5 @@ LEARNER = Learner(
     recipe=RewardModelRecipe,
     make_recipe=lambda configuration, options: default_recipe(CONFIGURATIONS[configuration][0], **options),
     progress=("held_out_accuracy", "accuracy of predicted truth values on held-out statements"),
-    numbers={"minutes": DEFAULT_MINUTES},
+    numbers={"updates": DEFAULT_UPDATES, "minutes": None},
 )

@@ -26,9 +26,10 @@ class RewardModelRecipe(Recipe):
     averaging: float = setting(0.998, "decay of the running average of weights, which plays", 0, 1)
     unknown_words: float = setting(0.03, "fraction of training words replaced by the unknown word", 0, 1)
     first_stops: int = setting(60, "scenes stopped in per statement before training begins", 1)
-    exploring: float = setting(0.2, "fraction of the CPU time for collecting data, once training has begun", 0, 0.95)
-    reuse: int = setting(30, "times that a label is trained on before more are collected, on average")
-    searching: float = setting(0.5, "fraction of that for scenes that a search finds, after a quarter of the run", 0, 1)
+    reuse: int = setting(30, "times that a label is trained on before more are collected, on average", 1)
+    searching: float = setting(
+        0.5, "fraction of collections for scenes that a search finds, after a quarter of the run", 0, 1
+    )
     own_tasks: bool = setting(False, "play the train tasks of the builtin corpus too")
     held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
     averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
@@ -43,5 +44,5 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
     "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
-    "scatter": {"first_stops": 250, "reuse": 12, "beam": 3},
+    "scatter": {"first_stops": 250, "reuse": 24, "beam": 3},
 }

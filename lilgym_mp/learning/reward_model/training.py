@@ -57,12 +57,12 @@ WARM_UP = 100  # optimiser steps of linear warm-up of each network; cosine decay
 class Progress(NamedTuple):
     """A line of progress.jsonl; loss and accuracy are means since the last report."""
 
-    steps: int  # optimiser steps
+    updates: int  # optimiser steps
     labels: int  # labelled scenes trained on so far
     stops: int  # episodes played to label scenes, with those of held-out statements
-    env_steps: int  # steps of these episodes
+    steps: int  # environment steps of these episodes
     cpu_seconds: float  # CPU time of the whole run
-    exploring_seconds: float  # part of it for collecting data
+    collection_seconds: float  # part of it for collecting data
     loss: float
     accuracy: float
     held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
@@ -73,8 +73,8 @@ def train_reward_model(
     recipe: RewardModelRecipe,
     out: Path,
     *,
+    updates: int | None = None,
     minutes: float | None = None,
-    steps: int | None = None,
     seed: int = 0,
     device: str = "auto",
     resume: bool = False,
@@ -82,13 +82,13 @@ def train_reward_model(
 ) -> RewardModelAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
-    The budget is `minutes` of CPU time, everything included, or `steps` of the optimiser, whichever is spent first;
-    with `steps` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
+    The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
+    with `updates` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
     must have the same recipe and seed. Raises ValueError for an invalid budget or settings, TrainingRunError for an
     unusable `out`, TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a
     checkpoint first.
     """
-    run = _Run(settings, recipe, out, Budget(minutes, steps), seed, device, on_progress, resume=resume)
+    run = _Run(settings, recipe, out, Budget("updates", updates, minutes), seed, device, on_progress, resume=resume)
     run.learn()
     return run.finish()
 
@@ -124,7 +124,7 @@ class _Run(TimedRun[tuple[float, float]]):
             "tasks_sha256": tasks.provenance.sha256,
         }
         self.files = begin_run(out, identity, resume=resume)
-        self.files.remember(**budget._asdict())
+        self.files.remember(**budget.options())
         self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
         if recipe.own_tasks:
             self._entries += _own_entries(settings, [*self._entries, *self._held_out])
@@ -149,13 +149,13 @@ class _Run(TimedRun[tuple[float, float]]):
     def learn(self) -> None:
         """Collects the first data, then alternates optimiser steps and data collection until the budget is spent."""
         with self.saved_on_interrupt():
-            if not self.counters.steps:
+            if not self.counters.updates:
                 self._collect_first()
             self.optimise()
 
     def step(self) -> tuple[float, float]:
         if self._is_collection_due():
-            with self.exploring():
+            with self.collecting():
                 self._collect_more()
         return self._step()
 
@@ -168,7 +168,7 @@ class _Run(TimedRun[tuple[float, float]]):
         kinds = [self._random_kind(entry.statement) for entry in entries]
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
-        turn, member = divmod(self.counters.steps, recipe.members)
+        turn, member = divmod(self.counters.updates, recipe.members)
         network = self._networks.train().members()[member]
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
@@ -180,7 +180,7 @@ class _Run(TimedRun[tuple[float, float]]):
         loss.backward()
         nn.utils.clip_grad_norm_(network.parameters(), 1.0, foreach=True)
         self._optimiser.step()
-        self.counters.steps += 1
+        self.counters.updates += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
         averaged: list[Any] = [*self._averaged.members()[member].parameters()]
@@ -201,7 +201,7 @@ class _Run(TimedRun[tuple[float, float]]):
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
-        warm_up = min(1.0, (self.counters.steps // self._recipe.members + 1) / WARM_UP)
+        warm_up = min(1.0, (self.counters.updates // self._recipe.members + 1) / WARM_UP)
         return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self.progress()))))
 
     @torch.inference_mode()
@@ -220,7 +220,7 @@ class _Run(TimedRun[tuple[float, float]]):
     # Data collection
 
     def _collect_first(self) -> None:
-        with self.exploring():
+        with self.collecting():
             for entry in self._entries:
                 self._collector.explore(entry, self._recipe.first_stops)
             for entry in self._held_out:
@@ -229,10 +229,7 @@ class _Run(TimedRun[tuple[float, float]]):
             raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
 
     def _is_collection_due(self) -> bool:
-        if self.budget.steps is not None:  # deterministic
-            return self.counters.steps % 5 == 4 and self._recipe.exploring > 0
-        is_wanted = self._collector.stops * self._recipe.reuse < self.counters.labels
-        return is_wanted and self.counters.exploring_seconds < self._recipe.exploring * self.seconds()
+        return self._collector.stops * self._recipe.reuse < self.counters.labels
 
     def _collect_more(self) -> None:
         rng, recipe = self._rng, self._recipe
@@ -289,12 +286,12 @@ class _Run(TimedRun[tuple[float, float]]):
         loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
         held_out = self._held_out_accuracy()
         progress = Progress(
-            counters.steps,
+            counters.updates,
             counters.labels,
             collector.stops,
             collector.steps,
             round(self.seconds(), 1),
-            round(counters.exploring_seconds, 1),
+            round(counters.collection_seconds, 1),
             loss,
             accuracy,
             None if held_out is None else round(held_out, 4),
@@ -317,13 +314,14 @@ class _Run(TimedRun[tuple[float, float]]):
         self._optimiser.load_state_dict(state["optimiser"])
         self._collector.stops, self._collector.steps = state["played"]
         restored([*self._entries, *self._held_out], self._table, state["data"])
-        self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.steps])
+        self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> RewardModelAgent:
         """Saves the averaged network as the agent."""
         self.save()
         statistics = {
             "seed": self._seed,
+            "updates": self.counters.updates,
             "steps": self._collector.steps,
             "stops": self._collector.stops,
             "labels": self.counters.labels,

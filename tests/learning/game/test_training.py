@@ -281,7 +281,7 @@ def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, m
         return found
 
     monkeypatch.setattr(RolloutPlayer, "play", spoilt)
-    with pytest.raises(TrainingError, match=r"not finite at step 128 .* try a lower learning-rate"):
+    with pytest.raises(TrainingError, match=r"not finite after 128 steps .* try a lower learning-rate"):
         trained(tmp_path / "run", 256, resume=True)
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
 
@@ -347,7 +347,7 @@ def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Pa
 @pytest.mark.parametrize(
     ("options", "error"),
     [
-        ({"steps": None}, "give a budget: minutes, steps, or both"),
+        ({"steps": None}, "give a budget: steps, minutes, or both"),
         ({"steps": 0}, "steps must be above 0, not 0"),
         ({"steps": None, "minutes": float("nan")}, "minutes must be above 0, not nan"),
     ],

@@ -29,9 +29,9 @@ def teacher(statements: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return teacher_of(150, statements, tmp_path_factory.mktemp("teacher"))
 
 
-def teacher_of(steps: int, statements: str, out: Path) -> Path:
+def teacher_of(updates: int, statements: str, out: Path) -> Path:
     settings = Settings("TowerFlipIt", corpus=statements)
-    train_reward_model(settings, reward_model.small_recipe(settings), out, steps=steps)
+    train_reward_model(settings, reward_model.small_recipe(settings), out, updates=updates)
     return out
 
 
@@ -61,11 +61,11 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
         patched.setattr(Dynamics, "step", counted)
         patched.setattr(Program, "__call__", truth_in_play)
         recipe = small_recipe(settings, own_states=own_states)
-        agent = train_imitation(settings, recipe, tmp_path / "run", steps=120, teacher=teacher)
+        agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
     assert agent.description.supervision.startswith("rewards; ")
     if not own_states:
         assert agent.description.details["stops"] == len(stops)
-        assert agent.description.details["env_steps"] == sum(stops)
+        assert agent.description.details["steps"] == sum(stops)
     for name in ("TowerFlipIt", "TowerScratch"):
         played = replace(settings, configuration=name)
         episodes = evaluate(open_agent(tmp_path / "run").policy(played), played, "dev")
@@ -97,9 +97,9 @@ def test_first_edits__leave_out_what_must_come_later():
 def test_teacher__must_be_a_reward_model_that_plays_the_configuration(statements: str, tmp_path: Path):
     teacher = teacher_of(2, statements, tmp_path / "teacher")
     settings = Settings("TowerFlipIt", corpus=statements)
-    train_imitation(settings, small_recipe(settings), tmp_path / "other", steps=1)
+    train_imitation(settings, small_recipe(settings), tmp_path / "other", updates=1)
     with pytest.raises(AgentError, match="other: a teacher must be a run of reward-model, not of imitation"):
-        train_imitation(settings, small_recipe(settings), tmp_path / "run", steps=1, teacher=tmp_path / "other")
+        train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=1, teacher=tmp_path / "other")
     settings = Settings("ScatterFlipIt", corpus=statements)
     with pytest.raises(AgentError, match="does not play ScatterFlipIt"):
-        train_imitation(settings, small_recipe(settings), tmp_path / "run", steps=1, teacher=teacher)
+        train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=1, teacher=teacher)

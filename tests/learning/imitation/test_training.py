@@ -22,7 +22,7 @@ from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.scene import Scene
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
-STEPS = 110
+UPDATES = 110
 
 
 def accuracy(agent: ImitationAgent, settings: Settings) -> float:
@@ -31,10 +31,10 @@ def accuracy(agent: ImitationAgent, settings: Settings) -> float:
 
 
 def train(
-    statements: str, name: str, out: Path, steps: int = STEPS, **changes: object
+    statements: str, name: str, out: Path, updates: int = UPDATES, **changes: object
 ) -> tuple[ImitationAgent, Settings]:
     settings = Settings(name, corpus=statements)
-    return train_imitation(settings, small_recipe(settings, **changes), out, steps=steps), settings
+    return train_imitation(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
 
 def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path):
@@ -60,10 +60,10 @@ def test_resume__continues_interrupted_pretraining(
 
     monkeypatch.setattr(TextPretraining, "step", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        train_imitation(settings, recipe, tmp_path / "run", steps=40)
-    agent = train_imitation(settings, recipe, tmp_path / "run", steps=40, resume=True)
+        train_imitation(settings, recipe, tmp_path / "run", updates=40)
+    agent = train_imitation(settings, recipe, tmp_path / "run", updates=40, resume=True)
     assert learnt[9:] == pytest.approx([place / 16 for place in range(8, 16)])
-    assert agent.description.details["steps"] == 40
+    assert agent.description.details["updates"] == 40
 
 
 @pytest.mark.long
@@ -86,7 +86,7 @@ def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: 
 
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_training__saved_agent_plays_like_the_trained_one(name: str, statements: str, tmp_path: Path):
-    agent, settings = train(statements, name, tmp_path / "run", steps=4)
+    agent, settings = train(statements, name, tmp_path / "run", updates=4)
     loaded = open_agent(tmp_path / "run", "cpu")
     assert loaded.description == agent.description
     assert evaluate(loaded.policy(settings), settings, "dev") == evaluate(agent.policy(settings), settings, "dev")
@@ -94,7 +94,7 @@ def test_training__saved_agent_plays_like_the_trained_one(name: str, statements:
 
 def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path):
     for place in ("one", "other"):
-        train(statements, "TowerScratch", tmp_path / place, steps=6)
+        train(statements, "TowerScratch", tmp_path / place, updates=6)
     one, other = (open_agent(tmp_path / place, "cpu") for place in ("one", "other"))
     assert isinstance(one, ImitationAgent)
     assert isinstance(other, ImitationAgent)
@@ -112,23 +112,23 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(timed_run, "REPORT_SECONDS", 0.0)
         with pytest.raises(KeyboardInterrupt):
-            train_imitation(settings, recipe, tmp_path, steps=20, on_progress=killed)
+            train_imitation(settings, recipe, tmp_path, updates=20, on_progress=killed)
     assert not (tmp_path / AGENT_FILE).exists()
-    agent = train_imitation(settings, recipe, tmp_path, steps=20, resume=True)
-    assert agent.description.details["steps"] == 20
-    assert [line["steps"] for line in progress_lines(tmp_path)] == [1, 20]
+    agent = train_imitation(settings, recipe, tmp_path, updates=20, resume=True)
+    assert agent.description.details["updates"] == 20
+    assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
 def test_resume__rejects_another_recipe_and_a_damaged_checkpoint(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
-    train_imitation(settings, small_recipe(settings), tmp_path, steps=2)
+    train_imitation(settings, small_recipe(settings), tmp_path, updates=2)
     with pytest.raises(TrainingRunError, match="has width 32, but 64 was requested"):
-        train_imitation(settings, small_recipe(settings, width=64), tmp_path, steps=4, resume=True)
+        train_imitation(settings, small_recipe(settings, width=64), tmp_path, updates=4, resume=True)
     with pytest.raises(TrainingRunError, match="already"):
-        train_imitation(settings, small_recipe(settings), tmp_path, steps=4)
+        train_imitation(settings, small_recipe(settings), tmp_path, updates=4)
     (tmp_path / "checkpoint.pt").write_bytes((tmp_path / "checkpoint.pt").read_bytes()[:1000])
     with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
-        train_imitation(settings, small_recipe(settings), tmp_path, steps=4, resume=True)
+        train_imitation(settings, small_recipe(settings), tmp_path, updates=4, resume=True)
 
 
 def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
@@ -144,14 +144,14 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
 
     broken.calls = 0
     monkeypatch.setattr(update, "losses", broken)
-    with pytest.raises(TrainingError, match=r"not finite at step [0-9]+ \(truth nan"):
-        train(statements, "TowerScratch", tmp_path, steps=10)
+    with pytest.raises(TrainingError, match=r"not finite after [0-9]+ updates \(truth nan"):
+        train(statements, "TowerScratch", tmp_path, updates=10)
     kept = torch.load(tmp_path / "checkpoint.pt", weights_only=True)
-    assert kept["counters"]["steps"] == 3
+    assert kept["counters"]["updates"] == 3
     assert all(torch.isfinite(weights).all() for weights in kept["network"].values())
 
 
-@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "steps": 0}, {"minutes": -1.0}, {"minutes": float("nan")}])
+@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "updates": 0}, {"minutes": -1.0}, {"minutes": float("nan")}])
 def test_training__rejects_invalid_budgets(budget: dict[str, float], statements: str, tmp_path: Path):
     settings = Settings("TowerScratch", corpus=statements)
     with pytest.raises(ValueError, match="budget"):
@@ -168,7 +168,7 @@ def test_recipe__names_the_setting_and_its_bounds():
 
 
 def test_load__rejects_other_versions_vocabularies_and_truncated_files(statements: str, tmp_path: Path):
-    agent, settings = train(statements, "TowerFlipIt", tmp_path, steps=1)
+    agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     path = tmp_path / AGENT_FILE
     tensors = agent.network.state_dict()
 
@@ -201,7 +201,7 @@ def test_policy__handles_unknown_empty_and_very_long_statements(statements: str,
     from lilgym_mp.evaluation import Observations
     from lilgym_mp.render import draw
 
-    agent, settings = train(statements, "TowerFlipIt", tmp_path, steps=1)
+    agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)
     images = np.stack([draw(Scene.empty(), "half")] * 3)
     seen = Observations(images, said, np.ones(3, np.int64), np.zeros(3, np.int64), np.arange(3))

@@ -55,7 +55,7 @@ from tests.own_corpus import write_own_corpus
 from tests.thin_corpus import write_thin_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
-SMALL = ParserRecipe(steps=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
+SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
 
 
 @pytest.fixture(autouse=True)
@@ -214,7 +214,7 @@ def accuracy(run: Path, own: Path) -> float:
     return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
-LEARNING = dataclasses.replace(SMALL, steps=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
+LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
 
 
 def test_training__solves_a_small_corpus(tmp_path: Path):
@@ -241,7 +241,7 @@ def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(
 
 def test_training__is_reproducible_by_seed(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
-    recipe = dataclasses.replace(SMALL, steps=5)
+    recipe = dataclasses.replace(SMALL, updates=5)
     files: list[bytes] = []
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
         run = train_parser(str(own), dataclasses.replace(recipe, seed=seed), tmp_path / name, device="cpu")
@@ -252,7 +252,7 @@ def test_training__is_reproducible_by_seed(tmp_path: Path):
 
 def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
-    recipe = dataclasses.replace(SMALL, steps=40)
+    recipe = dataclasses.replace(SMALL, updates=40)
 
     def interrupt(progress: object) -> None:
         raise KeyboardInterrupt
@@ -269,7 +269,7 @@ def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "REPORT_EVERY", 1)
         train_parser(
-            str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.step), device="cpu"
+            str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
         )
     assert steps[0] == monkeypatched + 1
     assert steps[-1] == 40
@@ -285,12 +285,12 @@ def test_training__rejects_a_used_directory_and_another_recipe(trained: Path, th
 
 def test_resume__rejects_a_damaged_checkpoint(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
-    train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", device="cpu")
+    train_parser(str(own), dataclasses.replace(SMALL, updates=3), tmp_path / "run", device="cpu")
     checkpoint = tmp_path / "run" / "checkpoint.pt"
     for damaged in (b"", checkpoint.read_bytes()[:500]):
         checkpoint.write_bytes(damaged)
         with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
-            train_parser(str(own), dataclasses.replace(SMALL, steps=3), tmp_path / "run", resume=True, device="cpu")
+            train_parser(str(own), dataclasses.replace(SMALL, updates=3), tmp_path / "run", resume=True, device="cpu")
 
 
 def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(tmp_path: Path):
@@ -313,7 +313,7 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(tmp_path: Pat
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(training, "ParserNetwork", remembered)
         patch.setattr(training, "REPORT_EVERY", 11)
-        with pytest.raises(TrainingError, match=r"not finite at step 11 .*; the last good checkpoint is kept"):
+        with pytest.raises(TrainingError, match=r"not finite after 11 updates .*; the last good checkpoint is kept"):
             train_parser(str(own), SMALL, tmp_path / "run", save_every=10, on_progress=spoil, device="cpu")
     assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
 
@@ -332,7 +332,7 @@ def test_training__drops_generated_statements_that_are_held_out(monkeypatch: pyt
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"steps": 0}, "steps must be at least 1, not 0"),
+        ({"updates": 0}, "updates must be at least 1, not 0"),
         ({"generated": 1.5}, "generated must be at least 0 and at most 1, not 1.5"),
         ({"width": 30}, "width must be a multiple of 4, not 30"),
         ({"seed": -1}, "seed must be at least 0, not -1"),
@@ -547,7 +547,7 @@ def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
     whole = write_own_corpus(tmp_path / "own.jsonl").read_text().splitlines(keepends=True)
     tower = tmp_path / "tower.jsonl"
     tower.write_text("".join(line for line in whole if '"scatter"' not in line))
-    train_parser(str(tower), dataclasses.replace(SMALL, steps=2), tmp_path / "run", device="cpu")
+    train_parser(str(tower), dataclasses.replace(SMALL, updates=2), tmp_path / "run", device="cpu")
     agent = open_agent(tmp_path / "run", "cpu")
     with pytest.raises(AgentError, match="does not play ScatterScratch; it plays Tower"):
         agent.policy(Settings("ScatterScratch"))

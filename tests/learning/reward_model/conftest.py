@@ -19,6 +19,7 @@ SMALL: dict[str, Any] = {
     "held_out": 0.0,
     "unknown_words": 0.0,
     "first_stops": 40,
+    "reuse": 4,
     "learning_rate": 1e-2,
     "averaging": 0.95,
     "averaged_exchanges": 1,

@@ -30,7 +30,7 @@ from lilgym_mp.scene import Box, Scene
 from lilgym_mp.task import Task
 from tests.learning.reward_model.conftest import small_recipe
 
-STEPS = 110
+UPDATES = 110
 
 
 def accuracy(agent: RewardModelAgent, settings: Settings) -> float:
@@ -39,17 +39,17 @@ def accuracy(agent: RewardModelAgent, settings: Settings) -> float:
 
 
 def train(
-    statements: str, name: str, out: Path, steps: int = STEPS, **changes: object
+    statements: str, name: str, out: Path, updates: int = UPDATES, **changes: object
 ) -> tuple[RewardModelAgent, Settings]:
     settings = Settings(name, corpus=statements)
-    return train_reward_model(settings, small_recipe(settings, **changes), out, steps=steps), settings
+    return train_reward_model(settings, small_recipe(settings, **changes), out, updates=updates), settings
 
 
 @pytest.mark.parametrize(
     ("name", "members"), [("TowerFlipIt", 2), pytest.param("ScatterFlipIt", 1, marks=pytest.mark.long)]
 )
 def test_training__solves_three_statements_in_seconds(statements: str, tmp_path: Path, name: str, members: int):
-    agent, settings = train(statements, name, tmp_path / "run", members * STEPS, members=members)
+    agent, settings = train(statements, name, tmp_path / "run", members * UPDATES, members=members)
     assert accuracy(agent, settings) == 1
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
 
@@ -105,7 +105,7 @@ def test_training__reads_truths_only_from_counted_stops(
     monkeypatch.setattr(Dynamics, "step", counted_step)
     monkeypatch.setattr(Task, "solved_by", solved_in_play)
     monkeypatch.setattr(Task, "truth", no_truth)
-    agent = train_reward_model(settings, small_recipe(settings, exploring=0.5), tmp_path / "run", steps=30)
+    agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=30)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
 
@@ -185,7 +185,7 @@ def test_stored_data__is_restored(statements: str, name: str):
 
 def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
     for name in ("one", "other"):
-        train(statements, "ScatterFlipIt", tmp_path / name, 12, exploring=0.5, searching=1.0)
+        train(statements, "ScatterFlipIt", tmp_path / name, 12, reuse=1, searching=1.0)
     (_, one), (_, other) = (load_model(tmp_path / name / AGENT_FILE) for name in ("one", "other"))
     assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
 
@@ -194,7 +194,7 @@ def test_training__survives_a_search_that_begins_a_new_box_table(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("lilgym_mp.learning.reward_model.inputs.MOST_BOXES", 50)
-    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 12, exploring=0.5, searching=1.0)
+    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 12, reuse=1, searching=1.0)
     assert agent.description.details["labels"] == 12 * 3 * 32
 
 
@@ -213,16 +213,16 @@ def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Pa
     with monkeypatch.context() as patched:
         patched.setattr(training._Run, "_step", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            train_reward_model(settings, recipe, out, steps=20)
-    agent = train_reward_model(settings, recipe, out, steps=20, resume=True)
+            train_reward_model(settings, recipe, out, updates=20)
+    agent = train_reward_model(settings, recipe, out, updates=20, resume=True)
     assert agent.description.details["labels"] == 20 * 3 * 32
     assert agent.description.details["stops"] > 0
     with pytest.raises(TrainingRunError, match="seed 0, but 1"):
-        train_reward_model(settings, recipe, out, steps=20, seed=1, resume=True)
+        train_reward_model(settings, recipe, out, updates=20, seed=1, resume=True)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "fault"), [({}, "give a budget"), ({"steps": 0}, "above 0"), ({"minutes": -1.0}, "above 0")]
+    ("arguments", "fault"), [({}, "give a budget"), ({"updates": 0}, "above 0"), ({"minutes": -1.0}, "above 0")]
 )
 def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, arguments: dict[str, float], fault: str):
     settings = Settings("TowerFlipIt", corpus=statements)
@@ -232,7 +232,7 @@ def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, a
 
 def test_budget_spent_before_the_first_step__saves_no_agent(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
-    with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first step"):
+    with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first update"):
         train_reward_model(settings, small_recipe(settings), tmp_path / "run", minutes=1e-5)
     assert not (tmp_path / "run" / AGENT_FILE).exists()
 
