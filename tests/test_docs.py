@@ -35,7 +35,7 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
 
 
 SHORTER = {  # long-running parts of tutorial commands, and their replacements in tests
-    "--steps 1700": "--steps 2",
+    "--updates 1700": "--updates 2",
     "--minutes 3": "--minutes 0.05",
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",

@@ -24,10 +24,10 @@ ROOT = Path(__file__).parent.parent.parent
 README, INDEX, TUTORIALS = ROOT / "README.md", ROOT / "docs" / "index.md", ROOT / "docs" / "tutorials"
 NO_EXTRA = ""
 SHORTER: Mapping[str, str] = {  # long-running parts of commands, and their replacements
-    "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --steps 2",
+    "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --updates 2",
     "--corpus lilgym --policy expert random-legal": "--configuration TowerScratch --policy random-legal",
     "--corpus lilgym": "--corpus builtin",
-    "--steps 1700": "--steps 2",
+    "--updates 1700": "--updates 2",
     "--minutes 10": "--minutes 0.05",
     "--minutes 4": "--minutes 0.05",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",

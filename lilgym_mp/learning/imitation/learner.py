@@ -16,7 +16,7 @@ from lilgym_mp.learning.learners import Learner
 if TYPE_CHECKING:
     from lilgym_mp.learning.imitation.training import Progress
 
-DEFAULT_UPDATES = 4000
+DEFAULT_UPDATES = 3_600
 
 
 def _note(progress: Progress) -> str:

@@ -39,7 +39,7 @@ from lilgym_mp.learning.training_run import begin_run
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.task import Task
 
-GEOMETRY_FRACTION = 0.2  # duration of geometry pretraining relative to text pretraining, in addition to it (Scatter)
+GEOMETRY_UPDATES = 4  # of geometry pretraining per update of text pretraining (Scatter); short, outside the budget
 MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
 
@@ -186,15 +186,13 @@ class _Run(TimedRun[StepResult]):
         return result
 
     def _pretrain_geometry(self) -> None:
-        imitation, fraction = self._imitation, GEOMETRY_FRACTION * self._recipe.pretraining
+        imitation, updates = self._imitation, GEOMETRY_UPDATES * self.counters.updates
         heads = imitation.network.scatter
-        if heads is None or not fraction:
+        if heads is None or not updates:
             return
         geometry = GeometryPretraining(heads.geometry, imitation.policy.table, self._recipe.warmup, imitation.rng)
-        first = self.progress()
-        while (done := (self.progress() - first) / fraction) < 1:
-            geometry.step(done)
-            self.counters.updates += 1
+        for update in range(updates):
+            geometry.step(update / updates)
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining

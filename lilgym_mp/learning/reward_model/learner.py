@@ -16,7 +16,7 @@ from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe, default_re
 if TYPE_CHECKING:
     from lilgym_mp.learning.reward_model.training import Progress
 
-DEFAULT_UPDATES = 16000
+DEFAULT_UPDATES = 25_000
 
 
 def _note(progress: Progress) -> str:

@@ -44,5 +44,5 @@ def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
     "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
-    "scatter": {"first_stops": 250, "reuse": 24, "beam": 3},
+    "scatter": {"first_stops": 250, "beam": 3},
 }
