@@ -95,6 +95,17 @@ def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
     add_number(parser, "--seed", 0, f"random seed {purpose}")
 
 
+def add_thoughts(parser: argparse.ArgumentParser) -> None:
+    """--thoughts: tags of thoughts in the replies of language models; None stands for `wrappers.replies.THOUGHTS`."""
+    parser.add_argument(
+        "--thoughts",
+        nargs="+",
+        metavar="TAG",
+        help="tags of thoughts, which are not read: names, as of <think> and [THINK], or BEGIN...END (default: those of"
+        " common models)",
+    )
+
+
 def add_device(parser: argparse.ArgumentParser) -> None:
     """Where networks run; `learning.model_file` rejects devices that are not available."""
     parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")

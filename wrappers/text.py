@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import itertools
 import string
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from PIL import Image
 
 from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.observation import statement_space
+from lilgym_mp.render import draw
 from lilgym_mp.render import text as drawing
 from lilgym_mp.render.characters import ruled
 from lilgym_mp.rules import Dynamics, Outcome, State
@@ -32,11 +36,12 @@ from lilgym_mp.scene import (
     Shape,
 )
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
-from lilgym_mp.wrappers.replies import Reply, parse_reply
+from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 
 TARGET = "target"  # observation key
+IMAGES = "images"  # key in infos
 ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
 ANSWER_RULES = (
     "Actions within sentences do not count. If several lines are actions, write your choice as Action: {example}."
@@ -51,7 +56,12 @@ ITEM_LENGTH = 90
 LISTED_LENGTH = MAX_LISTED * 60
 LEGAL_LENGTH = 12  # per action, if listed by cell
 
-SCENE_STYLES = {style: style for style in ("list", "drawing")}
+SCENE_STYLES = {  # whether the scene is shown as a picture
+    "list": False,
+    "drawing": False,
+    "image": True,
+    "both": True,  # a picture and a list
+}
 MARKS = {Shape.CIRCLE: "ykb", Shape.SQUARE: "YKB", Shape.TRIANGLE: "123"}  # in drawings, one per colour
 
 
@@ -61,15 +71,25 @@ class TextFormat(Transformation):
     changes_observations = True
     uses_mdp_actions = True
 
-    def __init__(self, description: EnvDescription, *, default: int | str, scene: str, legal_actions: bool) -> None:
+    def __init__(
+        self,
+        description: EnvDescription,
+        *,
+        default: int | str,
+        scene: str,
+        legal_actions: bool,
+        thoughts: Sequence[str],
+    ) -> None:
         super().__init__(description)
         for part in (STATEMENT, TARGET):
             description.part(part)
         description.require_scene()
         self._statements = statement_space(description.tasks)
         self._appearance = description.dynamics.appearance
-        self._is_drawn = choose("scene", scene, SCENE_STYLES) == "drawing"
+        self.adds_infos = choose("scene", scene, SCENE_STYLES)
+        self._scene = scene
         self._lists_legal = legal_actions
+        self._thoughts = tuple(thoughts)
         reply = parse_reply(str(default), self._appearance, description.stop_index)
         if not reply.understood:
             raise ValueError(f"default must be the number or name of an action, not {default!r}")
@@ -86,30 +106,69 @@ class TextFormat(Transformation):
 
     def observations(self, observations: Batch, state: EnvState) -> Batch:
         masks = state.action_masks() if self._lists_legal else itertools.repeat(None)
-        dynamics, is_drawn = self.env_description.dynamics, self._is_drawn
+        dynamics, scene = self.env_description.dynamics, self._scene
         states = zip(state.states(), masks, strict=self._lists_legal)
-        return tuple(text_of(dynamics, each, legal=mask, is_drawn=is_drawn) for each, mask in states)
+        return tuple(text_of(dynamics, each, legal=mask, scene=scene) for each, mask in states)
 
-    def parse(self, reply: str, legal: Callable[[], BoolArray]) -> Reply:
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+        states = state.states()
+        images = np.empty(len(states), object)
+        for index, each in enumerate(states):
+            images[index] = [picture(each.scene)]
+        return {IMAGES: images}
+
+    def parse(self, reply: object, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""
         appearance = self._appearance
-        return parse_reply(reply, appearance, self.default, lambda index: is_shown(index, legal, appearance))
+        shown = lambda index: is_shown(index, legal, appearance)  # noqa: E731
+        return parse_reply(reply, appearance, self.default, shown, thoughts=self._thoughts)
 
 
-def text_of(dynamics: Dynamics, state: State, *, legal: BoolArray | None = None, is_drawn: bool = False) -> str:
-    """A state as text. `legal`: the mask of the legal actions to list, if any; `is_drawn`: the scene as ASCII art."""
+def text_of(
+    dynamics: Dynamics, state: State, *, legal: BoolArray | None = None, scene: str = "list", rules: bool = True
+) -> str:
+    """A state as text. `legal`: the mask of the legal actions to list, if any; `scene`: of SCENE_STYLES; `rules`: with
+    what `instructions` also states, the rewards, cells and the form of the answer."""
     appearance, task = dynamics.appearance, state.task
     return "\n".join(
         (
             f"Statement: {task.statement}",
             f"Make the statement {str(task.target).lower()}, then STOP."
             f" Actions left: {dynamics.horizon - state.steps}.",
-            reward_line(dynamics),
-            *(drawing_lines if is_drawn else scene_lines)(state.scene, appearance),
+            *([reward_line(dynamics)] if rules else ()),
+            *shown_lines(state.scene, appearance, scene, rules=rules),
             *(legal_lines(appearance, legal) if legal is not None else ()),
-            answer_line(appearance),
+            *([answer_line(appearance)] if rules else ()),
         )
     )
+
+
+def shown_lines(scene: Scene, appearance: Appearance, style: str, *, rules: bool = True) -> Iterator[str]:
+    """The scene in one of SCENE_STYLES; `rules`: with the coordinates and cells. Raises ValueError."""
+    if choose("scene", style, SCENE_STYLES):
+        yield f"Scene: the picture, of {IMAGE_WIDTH} x {IMAGE_HEIGHT} pixels, with the boxes LEFT, MIDDLE and RIGHT."
+    if style == "image":
+        yield from cell_lines(appearance) if rules else ()
+    elif style == "drawing":
+        yield from drawing_lines(scene, appearance)
+    else:
+        yield from (scale_line(), *cell_lines(appearance)) if rules else ()
+        yield from item_lines(scene, appearance)
+
+
+def picture(scene: Scene) -> Image.Image:
+    """The scene as an RGB image of 380 x 100 pixels."""
+    return Image.fromarray(draw(scene))
+
+
+def image_part(image: Image.Image) -> dict[str, Any]:
+    """The image as a content part of a message, in the form of OpenAI's chat API: PNG in a data URL."""
+    file = io.BytesIO()
+    image.save(file, "PNG")
+    return {
+        "type": "image_url",
+        "image_url": {"url": f"data:image/png;base64,{base64.b64encode(file.getvalue()).decode()}"},
+    }
 
 
 def is_shown(index: int, legal: Callable[[], BoolArray], appearance: Appearance) -> bool:
@@ -123,10 +182,8 @@ def is_shown(index: int, legal: Callable[[], BoolArray], appearance: Appearance)
     return bool(mask[index] and np.count_nonzero(mask) <= MAX_LISTED)
 
 
-def scene_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
+def item_lines(scene: Scene, appearance: Appearance) -> Iterator[str]:
     """The scene item by item, with the cell of each item's centre."""
-    yield scale_line()
-    yield from cell_lines(appearance)
     for index, (name, box) in enumerate(zip(BOX_NAMES, scene.boxes, strict=True)):
         yield f"{name} box: {'' if box.items else 'empty'}".rstrip()
         for item in box.items:
@@ -224,13 +281,13 @@ def _ranges(numbers: Sequence[int]) -> str:
     return ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
 
 
-def instructions(dynamics: Dynamics) -> str:
-    """The task, rewards, cell grid, actions and answer format."""
+def instructions(dynamics: Dynamics, rewards: str | None = None) -> str:
+    """The task, rewards, cell grid, actions and answer format; `rewards`: a sentence instead of `reward_line`."""
     return "\n".join(
         [
             "You edit a picture of three boxes, one action at a time. You are told a statement about the picture, and"
             " whether to make it true or false. When it is as wanted, STOP.",
-            reward_line(dynamics),
+            rewards or reward_line(dynamics),
             scale_line(),
             *cell_lines(dynamics.appearance),
             *dynamics.appearance.explain(dynamics.rules.placement),
@@ -299,8 +356,10 @@ class TextObservation(EnvWrapper[TextFormat]):
     with names and numbers (by cell, if there are more than 64).
 
     `parse_action(reply)` parses an agent's reply to an action index. `default`: the name or number of the action for
-    replies without a clear choice. `scene`: "list", or "drawing" for ASCII art. `legal_actions`: False omits the list.
-    Raises ValueError for another `scene` or a `default` that is not an action.
+    replies without a clear choice. `scene`: "list", "drawing" for ASCII art, "image" for a picture instead, or "both"
+    for a picture and a list; pictures are in info["images"], a list of one PIL image of 380 x 100 pixels.
+    `legal_actions`: False omits the list. `thoughts`: tags of thoughts, which are not read (`replies.THOUGHTS`). Raises
+    ValueError for another `scene` or a `default` that is not an action.
     """
 
     transformation_class = TextFormat
@@ -312,11 +371,15 @@ class TextObservation(EnvWrapper[TextFormat]):
         default: int | str = "STOP",
         scene: str = "list",
         legal_actions: bool = True,
+        thoughts: Sequence[str] = THOUGHTS,
     ) -> None:
-        super().__init__(env, default=default, scene=scene, legal_actions=legal_actions)
+        super().__init__(env, default=default, scene=scene, legal_actions=legal_actions, thoughts=thoughts)
 
-    def parse_action(self, reply: str) -> Reply:
-        """The action that `reply` chooses, and whether it was understood (`wrappers.replies`)."""
+    def parse_action(self, reply: object) -> Reply:
+        """The action that `reply` chooses, a text or content parts, and whether it was understood.
+
+        `wrappers.replies` has the rules.
+        """
         return self.transformation.parse(reply, self.action_masks)
 
     def instructions(self) -> str:

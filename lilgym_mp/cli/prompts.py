@@ -9,6 +9,7 @@ import argparse
 import json
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
@@ -26,13 +27,20 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--max-actions", type=int, metavar="N", help="of the shortest plan (default: the horizon)")
     add_number(parser, "--count", 1_000, "number of prompts")
     add_seed(parser, "of the tasks")
+    parser.add_argument(
+        "--scene",
+        choices=["list", "drawing", "image", "both"],
+        default="list",
+        help='how plan and truth prompts show the scene; unless a list, rows have "messages", pictures in base64'
+        " (default: %(default)s)",
+    )
     parser.add_argument("--answers", action="store_true", help='add the expert\'s reply as "answer"')
     parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="JSON lines")
     parser.add_argument("--force", action="store_true", help="overwrite an existing file")
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.rlvr import expert_reply, rows
+    from lilgym_mp.rlvr import expert_reply, messages_of, rows
 
     check_at_least(args, 1, "count")
     lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}
@@ -42,8 +50,10 @@ def run(args: argparse.Namespace) -> int:
     def write(path: Path) -> None:
         with path.open("w", encoding="utf-8") as file, Progress(args.count, "prompts") as progress:
             for row in islice(endless, args.count):
-                answer = {"answer": expert_reply(row)} if args.answers else {}
-                file.write(json.dumps({**row.to_json(), **answer}, ensure_ascii=False) + "\n")
+                added: dict[str, Any] = {"answer": expert_reply(row)} if args.answers else {}
+                if args.scene != "list":
+                    added["messages"] = messages_of(row, args.scene)
+                file.write(json.dumps({**row.to_json(), **added}, ensure_ascii=False) + "\n")
                 progress.advance()
 
     write_atomically(args.out, write)

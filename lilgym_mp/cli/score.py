@@ -1,6 +1,8 @@
 """Score a language model's replies to prompts.
 
-Scores replies exactly, and prints the success rate, the mean reward and the outcomes.
+Scores replies exactly, and prints the success rate over all prompts, the mean reward and the outcomes. A prompt without
+a reply counts as a failure, and a line that is repeated counts once. With several samples of each prompt, told apart
+by "sample" or their texts, rates are means over prompts, and pass@k is the chance that one of k samples is right.
 """
 
 from __future__ import annotations
@@ -8,67 +10,125 @@ from __future__ import annotations
 import argparse
 import json
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from math import comb
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_file, write_json
-from lilgym_mp.options import CommandError
+from lilgym_mp.options import CommandError, add_thoughts
+
+if TYPE_CHECKING:
+    from lilgym_mp.rlvr import Row
+
+MISSING = "missing"  # the outcome of a prompt without a reply
+SHOWN_REASONS = 3
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("prompts", type=Path, metavar="FILE", help="written by lilgym-mp prompts")
     parser.add_argument(
-        "--answers", type=Path, required=True, metavar="REPLIES", help='JSON lines {"id": ..., "reply": ...}'
+        "--answers",
+        type=Path,
+        required=True,
+        metavar="REPLIES",
+        help='JSON lines {"id": ..., "reply": ...}, with "sample": N if a prompt has several',
     )
     parser.add_argument("--reward", default="success", metavar="NAME", help="success (default), progress or return")
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the summary and every score")
+    add_thoughts(parser)
+    parser.add_argument("--json", type=Path, metavar="OUT", help="write the summary and every score with its reason")
 
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.llm import wilson_interval
-    from lilgym_mp.rlvr import Row, RowError, score
+    from lilgym_mp.rlvr import score
+    from lilgym_mp.wrappers.replies import THOUGHTS
 
     if args.json is not None:
         writable_file(args.json)
+    rows = _rows(args.prompts)
+    scores: list[dict[str, Any]] = []
+    for row, record in _replies(args.answers, args.prompts, rows):
+        found = score(record["reply"], row, args.reward, thoughts=args.thoughts or THOUGHTS)
+        sample = {"sample": record["sample"]} if "sample" in record else {}
+        scores.append(
+            {"id": row.id, **sample, "reward": found.reward, "outcome": found.outcome, "details": found.details}
+        )
+    if not scores:
+        raise CommandError(f"{args.answers}: there are no replies")
+    for row in (rows[name] for name in rows.keys() - {each["id"] for each in scores}):
+        reward = score(None, row, args.reward).reward
+        scores.append({"id": row.id, "reward": reward, "outcome": MISSING, "details": {"reason": "there is no reply"}})
+    summary = summarised(scores)
+    count, success = summary["prompts"], summary["success"]
+    low, high = wilson_interval(success * count, count)
+    print(f"success   {success:.1%} ({success * count:.4g} of {count}; 95 % interval {low:.1%} to {high:.1%})")
+    for name, rate in summary["pass"].items():
+        print(f"{name:<9} {rate:.1%}")
+    print(f"reward    {summary['mean_reward']:+.3f} ({args.reward})")
+    print(f"outcomes  {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
+    for reason, number in list(summary["reasons"].items())[:SHOWN_REASONS]:
+        print(f"          {number} x {reason}")
+    if args.json is not None:
+        interval = {"success_low": low, "success_high": high}
+        write_json(args.json, {"reward": args.reward, **summary, **interval, "scores": scores})
+    return 0
+
+
+def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Means over prompts, each of which has one score or more; pass@k up to the least number of samples."""
+    by_prompt: dict[str, list[Mapping[str, Any]]] = {}
+    for each in scores:
+        by_prompt.setdefault(each["id"], []).append(each)
+    count = len(by_prompt)
+    answered = [samples for samples in by_prompt.values() if samples[0]["outcome"] != MISSING]
+    right = [(len(samples), sum(each["outcome"] == "success" for each in samples)) for samples in answered]
+    least = min(total for total, _ in right)
+    ks = sorted({k for k in (1, 2, 4, 8, 16, 32, 64, 128, least) if k <= least}) if least > 1 else []
+    return {
+        "prompts": count,
+        "replies": sum(map(len, answered)),
+        "rows_without_reply": count - len(answered),
+        "success": sum(good / total for total, good in right) / count,
+        "pass": {
+            f"pass@{k}": sum(1 - comb(total - good, k) / comb(total, k) for total, good in right) / count for k in ks
+        },
+        "mean_reward": sum(sum(each["reward"] for each in group) / len(group) for group in by_prompt.values()) / count,
+        "outcomes": dict(sorted(Counter(each["outcome"] for each in scores).items())),
+        "reasons": dict(
+            Counter(each["details"]["reason"] for each in scores if "reason" in each["details"]).most_common()
+        ),
+    }
+
+
+def _rows(path: Path) -> dict[str, Row]:
+    """The rows by id. Raises CommandError."""
+    from lilgym_mp.rlvr import Row, RowError
+
     rows: dict[str, Row] = {}
-    for place, record in _records(args.prompts):
+    for place, record in _records(path):
         try:
             row = Row.from_json(record)
         except RowError as error:
             raise CommandError(f"{place}: {error}") from None
-        rows[row.id] = row
-    scores: list[dict[str, Any]] = []
-    for place, record in _records(args.answers):
+        if rows.setdefault(row.id, row) != row:
+            raise CommandError(f"{place}: another row has the id {row.id!r:.80}")
+    return rows
+
+
+def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
+    """The rows with their replies, without repetitions. Raises CommandError."""
+    seen: set[str] = set()
+    for place, record in _records(path):
         if not isinstance(record, dict) or not {"id", "reply"} <= record.keys():
             raise CommandError(f'{place}: a reply must be an object with "id" and "reply"')
         row = rows.get(record["id"]) if isinstance(record["id"], str) else None
         if row is None:
-            raise CommandError(f"{place}: {args.prompts} has no row {record['id']!r:.80}")
-        found = score(record["reply"], row, args.reward)
-        scores.append({"id": row.id, "reward": found.reward, "outcome": found.outcome, "details": found.details})
-    if not scores:
-        raise CommandError(f"{args.answers}: there are no replies")
-    outcomes = Counter(each["outcome"] for each in scores)
-    successes, count = outcomes["success"], len(scores)
-    low, high = wilson_interval(successes, count)
-    summary = {
-        "replies": count,
-        "rows_without_reply": len(rows.keys() - {each["id"] for each in scores}),
-        "success": successes / count,
-        "success_low": low,
-        "success_high": high,
-        "mean_reward": sum(each["reward"] for each in scores) / count,
-        "outcomes": dict(sorted(outcomes.items())),
-    }
-    print(f"success   {successes / count:.1%} ({successes} of {count}; 95 % interval {low:.1%} to {high:.1%})")
-    print(f"reward    {summary['mean_reward']:+.3f} ({args.reward})")
-    print(f"outcomes  {', '.join(f'{name} {number}' for name, number in sorted(outcomes.items()))}")
-    if summary["rows_without_reply"]:
-        print(f"missing   {summary['rows_without_reply']} prompts have no reply")
-    if args.json is not None:
-        write_json(args.json, {"reward": args.reward, **summary, "scores": scores})
-    return 0
+            raise CommandError(f"{place}: {prompts} has no row {record['id']!r:.80}")
+        key = json.dumps([record.get(name) for name in ("id", "sample", "reply")])
+        if key not in seen:
+            seen.add(key)
+            yield row, record
 
 
 def _records(path: Path) -> Iterator[tuple[str, Any]]:

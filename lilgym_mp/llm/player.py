@@ -15,8 +15,7 @@ from lilgym_mp.llm.summary import progression
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
-
-NOT_UNDERSTOOD = "That does not name exactly one action. Write the name of one legal action on a line of its own."
+from lilgym_mp.wrappers.replies import ASK_AGAIN
 
 
 @dataclass(frozen=True)
@@ -133,7 +132,7 @@ class Player:
             messages.append({"role": "assistant", "content": answer.text})
             if acts:
                 return parsed.action
-            messages.append({"role": "user", "content": NOT_UNDERSTOOD})
+            messages.append({"role": "user", "content": ASK_AGAIN})
         raise AssertionError("the last attempt acts")
 
     def _recent(self, messages: Sequence[Message]) -> list[Message]:

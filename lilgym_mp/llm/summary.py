@@ -33,7 +33,7 @@ def _distance(solver: Solver, state: State) -> int | None:
     return solution.steps if solution.solved else None
 
 
-def wilson_interval(successes: int, episodes: int) -> tuple[float, float]:
+def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
     """The 95 % confidence interval of a success rate (Wilson 1927). Raises ValueError without episodes."""
     if episodes < 1 or not 0 <= successes <= episodes:
         raise ValueError(f"no success rate from {successes} successes in {episodes} episodes")

@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
+
+from PIL import Image
 
 from lilgym_mp.actions import describe
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
-from lilgym_mp.llm.player import NOT_UNDERSTOOD
 from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of
-from lilgym_mp.rlvr.scoring import REWARDS, Played
-from lilgym_mp.rules import Transition
-from lilgym_mp.wrappers.replies import parse_reply
-from lilgym_mp.wrappers.text import instructions, is_shown, text_of
+from lilgym_mp.rlvr.scoring import NOT_UNDERSTOOD, REWARDS, Played
+from lilgym_mp.rules import Outcome, Transition
+from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, parse_reply
+from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, reward_line, text_of
+
+REWARD_LINES = {  # what the prompt says of each of REWARDS
+    "success": "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode.",
+    "progress": "Reward: 1 if you STOP when the statement is as wanted, else your progress towards it, from 0 to below"
+    " 1. An illegal action ends the episode.",
+}
 
 
 class Turn(NamedTuple):
@@ -22,22 +30,34 @@ class Turn(NamedTuple):
     reward: float
     done: bool
     outcome: str
-    action: str | None  # None if the reply was not understood and the model is asked again
+    action: str | None  # None if the reply was not understood
 
 
 class Conversation:
-    """One episode of a plan row. As in `lilgym-mp llm`, after a reply without an action the model is asked again, and
-    after the next one the action is STOP."""
+    """One episode of a plan row. After a reply without an action the model is asked again; the next one in a row ends
+    the episode as not understood, without success: only a STOP that was said counts."""
 
-    def __init__(self, row: Row, reward: str = "success", *, retries: int = 1) -> None:
+    def __init__(
+        self,
+        row: Row,
+        reward: str = "success",
+        *,
+        retries: int = 1,
+        scene: str = "list",
+        thoughts: Sequence[str] = THOUGHTS,
+    ) -> None:
         """`reward`: "success" or "progress", given at the end, or "return", the environment's reward in each turn.
-        `retries`: in a row. Raises RowError for a row of another kind, ValueError for an unknown reward."""
+        `retries`: in a row. `scene`: as for `TextObservation`; `images` has the pictures. `thoughts`: their tags.
+        Raises RowError for a row of another kind, ValueError for an unknown reward or scene."""
         if row.kind != "plan":
             raise RowError(f"row {row.id!r:.80} is a {row.kind} row; only plans have several turns")
         choose("reward", reward, REWARDS)
+        self._is_seen = choose("scene", scene, SCENE_STYLES)
         self.row = row
         self._reward = reward
         self._retries = retries
+        self._scene = scene
+        self._thoughts = thoughts
         self._dynamics = dynamics_of(row.appearance)
         self.state = self._dynamics.start(row.task)
         self.done = False
@@ -46,10 +66,16 @@ class Conversation:
     @property
     def prompt(self) -> str:
         """The first message: the rules and the start."""
-        return f"{instructions(self._dynamics)}\n{self._text()}"
+        rewards = REWARD_LINES.get(self._reward) or reward_line(self._dynamics)
+        return f"{instructions(self._dynamics, rewards)}\n{self._text()}"
+
+    @property
+    def images(self) -> list[Image.Image]:
+        """The picture that belongs to the last text, if scenes are shown as pictures."""
+        return [picture(self.state.scene)] if self._is_seen and not self.done else []
 
     def step(self, reply: object) -> Turn:
-        """Raises ValueError after the end."""
+        """`reply`: a text, content parts or messages. Raises ValueError after the end."""
         if self.done:
             raise ValueError("the episode is over")
         appearance = self._dynamics.appearance
@@ -57,11 +83,21 @@ class Conversation:
         def legal() -> BoolArray:
             return self._dynamics.legal_mask(self.state)
 
-        text = reply if isinstance(reply, str) else ""
-        parsed = parse_reply(text, appearance, 0, lambda index: is_shown(index, legal, appearance))
-        if not parsed.understood and self._failed < self._retries:
+        shown = lambda index: is_shown(index, legal, appearance)  # noqa: E731
+        parsed = parse_reply(reply, appearance, 0, shown, thoughts=self._thoughts)
+        if not parsed.understood:
             self._failed += 1
-            return Turn(NOT_UNDERSTOOD, 0.0, False, "not_understood", None)
+            self.done = self._failed > self._retries
+            if not self.done:
+                return Turn(ASK_AGAIN, 0.0, False, NOT_UNDERSTOOD, None)
+            total = self._dynamics.rules.signals[Outcome.WRONG_STOP].reward  # as for a plan that is not understood
+            return Turn(
+                f"The episode is over: {NOT_UNDERSTOOD}.",
+                self._final(NOT_UNDERSTOOD, total),
+                True,
+                NOT_UNDERSTOOD,
+                None,
+            )
         self._failed = 0
         action = appearance.decode(parsed.action)
         moved = self._dynamics.step(self.state, action)
@@ -73,7 +109,11 @@ class Conversation:
     def _rewarded(self, moved: Transition) -> float:
         if self._reward == "return":
             return moved.reward
-        return REWARDS[self._reward](Played(self.row, str(moved.outcome), moved.state, 0.0)) if self.done else 0.0
+        return self._final(str(moved.outcome), 0.0) if self.done else 0.0
+
+    def _final(self, outcome: str, total: float) -> float:
+        return REWARDS[self._reward](Played(self.row, outcome, self.state, total))
 
     def _text(self) -> str:
-        return text_of(self._dynamics, self.state, legal=self._dynamics.legal_mask(self.state))
+        legal = self._dynamics.legal_mask(self.state)
+        return text_of(self._dynamics, self.state, legal=legal, scene=self._scene, rules=False)

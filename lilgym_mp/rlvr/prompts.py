@@ -1,17 +1,24 @@
-"""The texts of the prompts. Each states the rules, the task and the form of the answer."""
+"""Prompts, as texts and as messages with pictures. Each states the rules, the task and the form of the answer."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from PIL import Image
 
 from lilgym_mp.actions import BOX_NAMES, describe
 from lilgym_mp.appearances import Appearance, make_appearance
+from lilgym_mp.choices import choose
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
-from lilgym_mp.wrappers.text import scale_line, scene_lines
+from lilgym_mp.wrappers.text import SCENE_STYLES, image_part, picture, scale_line, shown_lines
+
+if TYPE_CHECKING:
+    from lilgym_mp.rlvr.rows import Row
 
 PICTURE = "A picture has three boxes with items in them."
 ANSWER_LAST = 'You may think before; a thought in "<think>...</think>" is not read.'
@@ -30,7 +37,7 @@ def dynamics_of(appearance: str) -> Dynamics:
     return make_dynamics(make_appearance(appearance))
 
 
-def plan_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
+def plan_lines(dynamics: Dynamics, task: Task, scene: str = "list") -> Iterator[str]:
     appearance = dynamics.appearance
     yield (
         f"{PICTURE} You are told a statement about it, and whether to make it true or false. Write a plan that does"
@@ -42,14 +49,14 @@ def plan_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
     yield from (describe(appearance.example), "STOP", f"Other lines are ignored. {ANSWER_LAST}")
     yield f"Statement: {task.statement}"
     yield f"Make the statement {_value(task.target)}."
-    yield from scene_lines(task.start, appearance)
+    yield from shown_lines(task.start, appearance, scene)
 
 
-def truth_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
+def truth_lines(dynamics: Dynamics, task: Task, scene: str = "list") -> Iterator[str]:
     yield f"{PICTURE} You are told a statement about it. Is the statement true or false?"
     yield f"Answer with true or false on a line of its own. {ANSWER_LAST}"
     yield f"Statement: {task.statement}"
-    yield from scene_lines(task.start, dynamics.appearance)
+    yield from shown_lines(task.start, dynamics.appearance, scene)
 
 
 def scene_answer_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
@@ -57,7 +64,6 @@ def scene_answer_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
     yield from _scene_rules(dynamics.appearance)
     yield ANSWER_LAST
     yield f"Statement: {task.statement}"
-    yield f"Describe a picture in which the statement is {_value(task.target)}."
 
 
 def program_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
@@ -68,13 +74,38 @@ def program_lines(dynamics: Dynamics, task: Task) -> Iterator[str]:
     yield f"Statement: {task.statement}"
 
 
-# The lines of the prompt for a task, by kind
-PROMPTS: Mapping[str, Callable[[Dynamics, Task], Iterator[str]]] = {
+# The lines of the prompt for a task, by kind; those with a picture take the style of the scene as well
+PROMPTS: Mapping[str, Callable[..., Iterator[str]]] = {
     "plan": plan_lines,
     "truth": truth_lines,
     "scene": scene_answer_lines,
     "program": program_lines,
 }
+WITH_PICTURE = ("plan", "truth")
+
+
+def images_of(row: Row) -> list[Image.Image]:
+    """The picture of a plan or truth row, in a list as TRL's column "images"; empty for other rows."""
+    return [picture(row.task.start)] if row.kind in WITH_PICTURE else []
+
+
+def messages_of(row: Row, scene: str = "list", *, inline: bool = True) -> list[dict[str, Any]]:
+    """The prompt as one user message. `scene`: "list", "drawing", "image" or "both", of rows with a picture.
+
+    A picture is a content part before the text: PNG in a data URL, as OpenAI's chat API takes it, or, unless `inline`,
+    {"type": "image"}, which stands for `images_of(row)`, as in TRL and transformers. Raises ValueError for another
+    style, and for a picture of a row without one.
+    """
+    is_seen = choose("scene", scene, SCENE_STYLES)
+    if row.kind not in WITH_PICTURE:
+        if is_seen:
+            raise ValueError(f"a {row.kind} row has no picture to show; choose from {', '.join(WITH_PICTURE)} rows")
+        return [{"role": "user", "content": row.prompt}]
+    text = "\n".join(PROMPTS[row.kind](dynamics_of(row.appearance), row.task, scene))
+    if not is_seen:
+        return [{"role": "user", "content": text}]
+    shown = [image_part(image) if inline else {"type": "image"} for image in images_of(row)]
+    return [{"role": "user", "content": [*shown, {"type": "text", "text": text}]}]
 
 
 def _scene_rules(appearance: Appearance) -> Iterator[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -17,6 +17,7 @@ from lilgym_mp.rlvr.answers import NotUnderstood, read_plan, read_program, read_
 from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of, solver_of
 from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Scene
+from lilgym_mp.wrappers.replies import THOUGHTS
 
 CHECKED_SCENES = (100, 70, 40)  # on which a program must agree with the statement's; fewer if that one is slow
 LEAST_SCENES = 3  # of each truth value among them
@@ -58,32 +59,33 @@ REWARDS: Mapping[str, Callable[[Played], float]] = {
 }
 
 
-def score(reply: object, row: Row, reward: str = "success") -> Score:
-    """The score of a model's reply, which may be of any type.
+def score(reply: object, row: Row, reward: str = "success", *, thoughts: Sequence[str] = THOUGHTS) -> Score:
+    """The score of a model's reply, a text, content parts or messages; anything else is not understood.
 
     `reward`: "success", 1 or 0; for plans also "progress" towards the goal from 0 to 1, or the environment's "return".
-    Raises ValueError for another reward, RowError for a program row whose own program `checked_truths` refuses.
+    `thoughts`: tags of thoughts, which are not read (`wrappers.replies.THOUGHTS`). Raises ValueError for another
+    reward, RowError for a program row whose own program `checked_truths` refuses.
     """
     rewarded = choose("reward", reward, REWARDS)
     if row.kind == "plan":
-        played, details = _play(reply, row)
+        played, details = _play(reply, row, thoughts)
         return Score(rewarded(played), played.outcome, details)
     if reward != SUCCESS:
         raise ValueError(f"the reward {reward!r} is for plans; a {row.kind} is rewarded by success")
     try:
-        is_right, details = _CHECKS[row.kind](reply, row)
+        is_right, details = _CHECKS[row.kind](reply, row, thoughts)
     except NotUnderstood as error:
         return Score(0.0, NOT_UNDERSTOOD, {"reason": str(error)})
     return Score(float(is_right), SUCCESS if is_right else WRONG, details)
 
 
-def _play(reply: object, row: Row) -> tuple[Played, dict[str, Any]]:
+def _play(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[Played, dict[str, Any]]:
     """The plan in a reply carried out, and its actions or why it is not understood."""
     dynamics = dynamics_of(row.appearance)
     state, total, outcome = dynamics.start(row.task), 0.0, NO_STOP
     names: list[str] = []
     try:
-        plan = read_plan(reply, dynamics.appearance)
+        plan = read_plan(reply, dynamics.appearance, thoughts=thoughts)
     except NotUnderstood as error:
         wrong_stop = dynamics.rules.signals[Outcome.WRONG_STOP].reward
         return Played(row, NOT_UNDERSTOOD, state, wrong_stop), {"reason": str(error)}
@@ -100,13 +102,13 @@ def _play(reply: object, row: Row) -> tuple[Played, dict[str, Any]]:
     return Played(row, outcome, state, round(total, 6)), {"actions": names}
 
 
-def _check_truth(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
-    answer = read_truth(reply)
+def _check_truth(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool, dict[str, Any]]:
+    answer = read_truth(reply, thoughts=thoughts)
     return answer == row.task.truth(row.task.start), {"answer": answer}
 
 
-def _check_scene(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
-    scene = read_scene(reply, dynamics_of(row.appearance).appearance)
+def _check_scene(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool, dict[str, Any]]:
+    scene = read_scene(reply, dynamics_of(row.appearance).appearance, thoughts=thoughts)
     try:
         (value,) = bounded_truths(row.task.program, (scene,))
     except StepLimitError as error:
@@ -114,8 +116,8 @@ def _check_scene(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
     return value == row.task.target, {"scene": scene.to_json()}
 
 
-def _check_program(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
-    program = read_program(reply)
+def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool, dict[str, Any]]:
+    program = read_program(reply, thoughts=thoughts)
     expected = checked_truths(row.task.program, row.appearance)
     if expected is None:
         raise RowError(f"row {row.id!r:.80}: its program is too slow, or too rarely true or false, to check others")
@@ -127,7 +129,7 @@ def _check_program(reply: object, row: Row) -> tuple[bool, dict[str, Any]]:
     return agreeing == len(expected), {"program": program, "agreement": agreeing / len(expected)}
 
 
-_CHECKS: Mapping[str, Callable[[object, Row], tuple[bool, dict[str, Any]]]] = {
+_CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[bool, dict[str, Any]]]] = {
     "truth": _check_truth,
     "scene": _check_scene,
     "program": _check_program,

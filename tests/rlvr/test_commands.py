@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from lilgym_mp.cli import main
-from lilgym_mp.rlvr import KINDS
+from lilgym_mp.render import draw
+from lilgym_mp.rlvr import KINDS, Row
 
 
 def written(path: Path, *lines: object) -> str:
@@ -30,10 +35,60 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
     replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in rows[:3]))
     assert main(["score", str(prompts), "--answers", replies, "--json", str(tmp_path / "scores.json")]) == 0
     shown = capsys.readouterr().out
-    assert "success   100.0% (3 of 3; 95 % interval " in shown
-    assert "missing   1 prompts have no reply" in shown
+    assert "success   75.0% (3 of 4; 95 % interval " in shown
+    assert "outcomes  missing 1, success 3" in shown
     summary = json.loads((tmp_path / "scores.json").read_text())
-    assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (1.0, 1, 3)
+    assert (summary["success"], summary["rows_without_reply"], len(summary["scores"])) == (0.75, 1, 4)
+
+
+def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: Path):
+    prompts, scores = str(tmp_path / "prompts.jsonl"), tmp_path / "scores.json"
+    assert main(["prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
+    first, second = (json.loads(line) for line in Path(prompts).read_text().splitlines())
+    right = {"id": first["id"], "reply": first["answer"]}
+    samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
+    others = [{"id": second["id"], "reply": f"maybe {n}"} for n in range(4)]
+    for lines, success, passed, replies in (
+        ([right] * 500, 0.5, {}, 1),  # and the second prompt has no reply
+        ([*samples, *others], 0.125, {"pass@1": 0.125, "pass@2": 0.25, "pass@4": 0.5}, 8),
+    ):
+        answers = written(tmp_path / "replies.jsonl", *lines)
+        assert main(["score", prompts, "--answers", answers, "--json", str(scores)]) == 0
+        summary = json.loads(scores.read_text())
+        assert (summary["success"], summary["pass"], summary["replies"]) == (success, passed, replies)
+    assert summary["reasons"] == {"no line is true or false": 7}
+    assert summary["scores"][1] == {
+        "id": first["id"],
+        "sample": 1,
+        "reward": 0.0,
+        "outcome": "not_understood",
+        "details": {"reason": "no line is true or false"},
+    }
+
+
+def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
+    prompts = tmp_path / "prompts.jsonl"
+    command = ["prompts", "--task", "truth", "--count", "1", "--scene", "image", "--out", str(prompts)]
+    assert main(command) == 0
+    row = json.loads(prompts.read_text())
+    ((picture, text),) = [message["content"] for message in row["messages"]]
+    data = base64.b64decode(picture["image_url"]["url"].removeprefix("data:image/png;base64,"))
+    shown = np.asarray(Image.open(io.BytesIO(data)))
+    np.testing.assert_array_equal(shown, draw(Row.from_json(row).task.start))
+    assert row["task"]["statement"] in text["text"]
+    assert "blue" not in text["text"].replace(row["task"]["statement"], "")
+
+
+def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    prompts = str(tmp_path / "prompts.jsonl")
+    assert main(["prompts", "--task", "truth", "--count", "1", "--answers", "--out", prompts]) == 0
+    row = json.loads(Path(prompts).read_text())
+    wrong = {"true": "false", "false": "true"}[row["answer"]]
+    answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
+    assert main(["score", prompts, "--answers", answers]) == 0
+    assert "not_understood 1" in capsys.readouterr().out
+    assert main(["score", prompts, "--answers", answers, "--thoughts", "hm"]) == 0
+    assert "success   100.0%" in capsys.readouterr().out
 
 
 def test_prompts__invalid_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

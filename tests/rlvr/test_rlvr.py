@@ -13,7 +13,19 @@ import pytest
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.generator.meanings.generated_corpus import split_of
-from lilgym_mp.rlvr import BASELINES, KINDS, Conversation, Row, RowError, expert_reply, random_reply, rows, score
+from lilgym_mp.rlvr import (
+    BASELINES,
+    KINDS,
+    Conversation,
+    Row,
+    RowError,
+    expert_reply,
+    images_of,
+    messages_of,
+    random_reply,
+    rows,
+    score,
+)
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
@@ -107,6 +119,38 @@ PLANS = {
     "Black is there already, so I add blue.\n- `add_left_blue`\n- `STOP`": "success",
     "<think>\nSTOP\n</think>\nADD(LEFT, BLUE)\nSTOP": "success",
     "STOP\nNo: <answer>\nADD(LEFT, BLUE)\nSTOP\n</answer>": "success",
+    "<answer>ADD(LEFT, BLUE) -> STOP</answer>": "success",
+    "<answer>\nADD(LEFT, BLUE)\nSTOP": "success",  # generation stopped at </answer>
+    "<action>ADD(LEFT, BLUE)</action>\n<action>STOP</action>": "success",
+    "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>ADD(LEFT, BLUE); STOP</answer>": "success",
+    "<answer>ADD(LEFT, BLUE); STOP</answer> <answer>STOP</answer>": "not_understood",
+    r"\boxed{\text{ADD(LEFT, BLUE)} \rightarrow \mathrm{STOP}}": "success",
+    "\\boxed{ADD(LEFT, BLUE)}\n\\boxed{STOP}": "success",
+    "Action: ADD(LEFT, BLUE)\nAction: STOP": "success",
+    "Action 1: ADD(LEFT, BLUE)\nThen STOP.": "success",
+    "Step 1: Look.\n**Step 2:** ADD(LEFT, BLUE)\n**Step 3:** STOP": "success",
+    "ADD(RIGHT, BLACK)\nSTOP\nFinal answer: ADD(LEFT, BLUE), then STOP": "success",
+    "1 ADD(LEFT, BLUE)\n2 STOP</s>": "success",
+    '{"plan": ["ADD(LEFT, BLUE)", "STOP"]}': "success",
+    "Stop when it is true.\nADD(LEFT, BLUE)\nSTOP": "success",
+    "ADD(LEFT, BLUE)\\nSTOP": "success",
+    "Action: ADD(LEFT, BLUE)\nAction: wait\nAction: STOP": "not_understood",
+    "ADD(RIGHT, BLACK)\nAction: STOP": "not_understood",
+    **dict.fromkeys(
+        (
+            "ADD(LEFT, GREEN)\nADD(LEFT, BLUE)\nSTOP",
+            "ADD(LEFT)\nADD(LEFT, BLUE)\nSTOP",
+            "Add a green block.\nADD(LEFT, BLUE)\nSTOP",
+            "ADD(RIGHT, BLUE) # since there is none\nADD(LEFT, BLUE)\nSTOP",
+            "PLACE(RIGHT, BLUE)\nADD(LEFT, BLUE)\nSTOP",
+            "2x ADD(RIGHT, BLUE)\nADD(LEFT, BLUE)\nSTOP",
+            "act(5)\nADD(LEFT, BLUE)\nSTOP",
+            "5\nADD(LEFT, BLUE)\nSTOP",
+            "<answer>ADD(LEFT, GREEN)\nADD(LEFT, BLUE)\nSTOP</answer>",
+            "\\boxed{2} blocks\n\\boxed{ADD(LEFT, BLUE); STOP}",
+        ),
+        "not_understood",  # never a shorter plan
+    ),
     "ADD(LEFT, BLUE)": "no_stop",
     "STOP": "wrong_stop",
     "ADD(LEFT, YELLOW)\nSTOP": "wrong_stop",
@@ -160,9 +204,21 @@ def test_rewards__unknown_or_for_another_kind_are_refused():
         ("true", "wrong"),
         ("true\nfalse", "not_understood"),
         ("It is false that it is true", "not_understood"),
+        ("(false)", "success"),
+        ("The answer is false.", "success"),
+        (r"$\boxed{\mathrm{False}}$", "success"),
+        ("false</s>", "success"),
+        ('{"answer": false}', "success"),
+        ("<answer>true</answer> <answer>false</answer>", "not_understood"),
+        ("Answer: perhaps\nfalse", "not_understood"),
+        ("!true", "not_understood"),
+        ([{"type": "text", "text": "fal"}, {"type": "text", "text": "se"}], "success"),
+        ([{"role": "user", "content": "true"}, {"role": "assistant", "content": "false"}], "success"),
+        ([{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}], "success"),
+        ({"verdict": "false"}, "not_understood"),
     ],
 )
-def test_truth__is_one_word_on_a_line(reply: str, outcome: str):
+def test_truth__is_one_word_on_a_line(reply: object, outcome: str):
     assert score(reply, replace(PLAN, kind="truth")).outcome == outcome
 
 
@@ -172,6 +228,9 @@ def test_truth__is_one_word_on_a_line(reply: str, outcome: str):
         ("LEFT: black; blue\nMIDDLE:\nRIGHT: yellow", "success"),
         ("So:\n**LEFT:**\nMIDDLE box: Blue\nRIGHT:", "success"),
         ("LEFT: black\nMIDDLE:\nRIGHT:", "wrong"),
+        ("<answer>LEFT: black; blue\nMIDDLE: empty\nRIGHT: (none)</answer>", "success"),
+        (r"\boxed{LEFT: blue \\ MIDDLE: \\ RIGHT:}", "success"),
+        ("LEFT: blue\nLEFT: black\nMIDDLE:\nRIGHT:", "not_understood"),
         ("LEFT: blue", "not_understood"),
         ("LEFT: green\nMIDDLE:\nRIGHT:", "not_understood"),
         ("LEFT: blue; blue; blue; blue; blue\nMIDDLE:\nRIGHT:", "not_understood"),
@@ -194,6 +253,14 @@ def test_scene__of_scatter_must_be_possible():
         (BLUE, "success"),
         (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
         ("Program: Any(all_items, is_blue)", "success"),
+        (f"<answer>{BLUE}</answer>", "success"),
+        ("<answer>count(filter_color(all_items, Color.BLUE)) > 0</answer>", "success"),
+        ("<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>", "success"),
+        (r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}", "success"),
+        (f"```\nexist(all_items) and\n{BLUE}\n```", "success"),
+        (f"Program: {BLUE}\nThat is all.", "success"),
+        (f"**{BLUE}**</s>", "success"),
+        (f"<answer>{BLUE}</answer> <answer>True</answer>", "not_understood"),
         ("exist(all_items)", "wrong"),
         ("True", "wrong"),
         ("exist(filter_color(all_items, Color.GREEN))", "not_understood"),
@@ -251,11 +318,49 @@ def test_conversation__plays_one_action_for_each_reply(reward: str):
             talk.step("STOP")
 
 
-def test_conversation__asks_again_once_and_then_stops():
+@pytest.mark.parametrize(("reward", "total"), [("success", 0), ("progress", 0.5), ("return", -1.1)])
+def test_conversation__without_a_said_stop_is_no_success(reward: str, total: float):
+    talk = Conversation(PLAN, reward)
+    turns = [talk.step(reply) for reply in ("ADD(LEFT, BLUE)", "I am done.", "Nothing more.")]
+    assert PLAN.task.solved_by(talk.state.scene)
+    assert (turns[-1].outcome, sum(turn.reward for turn in turns)) == ("not_understood", pytest.approx(total))
+    assert Conversation(PLAN).step("STOP").reward == 0
+
+
+def test_conversation__states_the_task_once_and_the_reward_that_it_gives():
+    for reward, line in (("success", "Reward: 1 if you STOP"), ("return", "Rewards: STOP +1")):
+        prompt = Conversation(PLAN, reward).prompt
+        for part in (TASK.statement, line, "Scene: three boxes", "Answer with one action"):
+            assert prompt.count(part) == 1
+        assert ("-0.1" in prompt) == (reward == "return")
+
+
+def test_conversation__shows_pictures():
+    talk = Conversation(PLAN, scene="image")
+    assert [image.size for image in talk.images] == [(380, 100)]
+    assert "black square" not in talk.prompt
+    before = talk.images[0].tobytes()
+    talk.step(3)
+    assert talk.images[0].tobytes() != before
+    talk.step("STOP")
+    assert talk.images == Conversation(PLAN).images == []
+
+
+def test_messages__have_a_picture_where_one_was_asked_for():
+    (message,) = messages_of(PLAN, "both", inline=False)
+    assert [part["type"] for part in message["content"]] == ["image", "text"]
+    assert message["content"][1]["text"] != PLAN.prompt
+    assert messages_of(PLAN) == [{"role": "user", "content": PLAN.prompt}]
+    assert [len(images_of(replace(PLAN, kind=kind))) for kind in ("plan", "truth", "scene", "program")] == [1, 1, 0, 0]
+    with pytest.raises(ValueError, match="a program row has no picture to show; choose from plan, truth rows"):
+        messages_of(replace(PLAN, kind="program"), "image")
+
+
+def test_conversation__asks_again_once_and_then_ends():
     talk = Conversation(PLAN)
     asked, ended = talk.step(None), talk.step("hm")
     assert (asked.action, asked.done, asked.reward) == (None, False, 0)
-    assert (ended.action, ended.done, ended.outcome) == ("STOP", True, "wrong_stop")
+    assert (ended.action, ended.done, ended.outcome) == (None, True, "not_understood")
     with pytest.raises(RowError, match="is a truth row; only plans have several turns"):
         Conversation(replace(PLAN, kind="truth"))
 

@@ -15,7 +15,8 @@ import pytest
 from lilgym_mp.actions import STOP, describe
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.cli.commands import words_of
-from lilgym_mp.wrappers import TextObservation
+from lilgym_mp.render import draw
+from lilgym_mp.wrappers import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 
 Make = Callable[..., gym.Env[Any, Any]]
@@ -130,6 +131,26 @@ TOWER_REPLIES = {
     "add_left_blue": 3,
     "Answer: remove_left": 10,
     "add a blue block to the left box": 3,
+    "STOP</s>": 0,
+    "<|channel|>analysis<|message|>STOP<|end|><|start|>assistant<|channel|>final<|message|>act(3)<|return|>": 3,
+    **{
+        f"{begin}\nSTOP\n{end}\nADD(LEFT, BLUE)": 3
+        for begin, end in (
+            ("<thoughts>", "</thoughts>"),
+            ("<think >", "</think >"),
+            ('<thinking kind="long">', "</thinking>"),
+            ("[THINK]", "[/THINK]"),
+            ("<seed:think>", "</seed:think>"),
+            ("<|begin_of_thought|>", "<|end_of_thought|>"),
+            ("◁think▷", "◁/think▷"),
+        )
+    },
+    "act(3)": 3,
+    "act(action='ADD(LEFT, BLUE)')": 3,
+    r"\boxed{\mathrm{ADD}(\text{LEFT}, \text{BLUE})}": 3,
+    r"$\boxed{\texttt{add\_left\_blue}}$": 3,
+    "<answer>ADD(LEFT, BLUE)": 3,
+    "• “ADD(LEFT, BLUE)”": 3,
     "stop": 0,
     "I think that will do.\nStop.": 0,
     "My answer is STOP": 0,
@@ -158,6 +179,9 @@ UNCLEAR_TOWER_REPLIES = (
     "ADD(LEFT, BLUE) or ADD(RIGHT, BLUE)",
     "action 4: ADD(LEFT, BLUE)",
     "4 ADD(LEFT, BLUE)",
+    "ADD(LEFT, GREEN)\nSTOP",
+    "[THINK]\nSTOP",
+    "<seed:think>\nSTOP",
     "add a block",
     "add left blue then right black",
     "we could stop here or go on",
@@ -172,6 +196,34 @@ UNCLEAR_TOWER_REPLIES = (
 @pytest.mark.parametrize("reply", TOWER_REPLIES)
 def test_reply__names_an_action(make: Make, reply: str):
     assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(TOWER_REPLIES[reply], understood=True)
+
+
+def test_reply__thought_tags_can_be_set(make: Make):
+    env = TextObservation(make("TowerScratch"), thoughts=["hm", "{{...}}"])
+    assert env.parse_action("<hm>\nSTOP\n</hm> {{\nSTOP\n}}\n3") == Reply(3, understood=True)
+    assert not env.parse_action("{{ 3").understood
+    assert env.parse_action("<think>\n3").understood
+
+
+@pytest.mark.parametrize("reply", [3, [{"type": "text", "text": "ADD(LEFT, "}, {"type": "text", "text": "BLUE)"}]])
+def test_reply__may_be_a_number_or_content_parts(make: Make, reply: object):
+    assert TextObservation(make("TowerScratch")).parse_action(reply) == Reply(3, understood=True)
+
+
+def test_pictures__are_in_infos_of_single_environments_and_batches(make: Make):
+    env = TextObservation(make("TowerFlipIt"), scene="image")
+    text, info = env.reset(options={"task": "pair-no"})
+    assert "medium blue square" not in text
+    (before,) = info["images"]
+    np.testing.assert_array_equal(np.asarray(before), draw(env.unwrapped.state.scene))  # pyright: ignore
+    *_, info = env.step(3)
+    assert info["images"][0].tobytes() != before.tobytes()
+    assert "medium blue square" in TextObservation(make("TowerFlipIt"), scene="both").reset(seed=0)[0]
+    batch = text_observation_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), scene="image")
+    _, infos = batch.reset(seed=0)
+    assert [image.size for images in infos["images"] for image in images] == [(380, 100)] * 2
+    _, _, _, _, infos = batch.step(np.zeros(2, int))  # pyright: ignore[reportArgumentType]
+    assert len(infos["images"]) == 2
 
 
 @pytest.mark.parametrize("reply", UNCLEAR_TOWER_REPLIES)
@@ -255,7 +307,7 @@ def test_drawing__shows_shapes_colours_and_cells(make: Make):
 
 
 def test_unknown_scene_style__is_refused(make: Make):
-    with pytest.raises(ValueError, match="unknown scene 'picture'; choose from drawing, list"):
+    with pytest.raises(ValueError, match="unknown scene 'picture'; choose from both, drawing, image, list"):
         TextObservation(make("TowerScratch"), scene="picture")
 
 
