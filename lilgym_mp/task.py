@@ -1,4 +1,4 @@
-"""A task: a statement, its program, the target truth value and the start scene.
+"""A task: a statement, its program, the target truth value, the start scene, and the goal that a STOP must reach.
 
 Source: docs/spec.md, "Tasks" (Wu et al. 2023, section 4: a context is a statement and a target).
 """
@@ -7,12 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
 _KEYS: Mapping[str, type] = {"id": str, "statement": str, "program": str, "target": bool}  # fields before `start`
+
+
+class Goal(Protocol):
+    """The scenes in which STOP succeeds."""
+
+    def reached_in(self, scene: Scene) -> bool: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramGoal:
+    """Each program has its target; a program that raises is false, and counts the error."""
+
+    targets: tuple[tuple[str, bool], ...]  # programs and their targets
+
+    def reached_in(self, scene: Scene) -> bool:
+        return all(compile_program(program)(scene) == target for program, target in self.targets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,9 +40,19 @@ class Task:
     program: str  # source in the program language; compiled on first use
     target: bool
     start: Scene
+    other_goal: Goal | None = None  # where STOP does not succeed exactly when the program has the target
+
+    def __init_subclass__(cls) -> None:
+        raise TypeError(
+            f"{cls.__name__}: a Task cannot be subclassed; give it an `other_goal` where STOP must reach another goal"
+        )
+
+    @property
+    def goal(self) -> Goal:
+        return self.other_goal or ProgramGoal(((self.program, self.target),))
 
     def to_json(self) -> dict[str, object]:
-        """All fields; the scene in the released form."""
+        """All fields except `other_goal`; the scene in the released form."""
         return {**{name: getattr(self, name) for name in _KEYS}, "start": self.start.to_json()}
 
     @classmethod
@@ -49,4 +75,6 @@ class Task:
 
     def solved_by(self, scene: Scene) -> bool:
         """Whether STOP succeeds in `scene`."""
+        if self.other_goal is not None:
+            return self.other_goal.reached_in(scene)
         return compile_program(self.program)(scene) == self.target

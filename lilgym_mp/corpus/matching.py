@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.loading import load_tasks
@@ -16,13 +16,13 @@ Content = tuple[tuple[Item, ...], ...]
 
 
 @dataclass(frozen=True, slots=True)
-class MatchingTask(Task):
-    """A task solved only by the scenes in `goals`."""
+class SceneGoal:
+    """One of some scenes, whatever the order of items."""
 
-    goals: frozenset[Content]
+    contents: frozenset[Content]
 
-    def solved_by(self, scene: Scene) -> bool:
-        return content(scene) in self.goals
+    def reached_in(self, scene: Scene) -> bool:
+        return content(scene) in self.contents
 
 
 def content(scene: Scene) -> Content:
@@ -42,15 +42,17 @@ def matching_corpus(tasks: TaskSet) -> TaskSet:
     labelled: defaultdict[tuple[str, bool], set[Content]] = defaultdict(set)
     for flipit in load_tasks(origin.corpus, origin.appearance, FLIPIT, origin.split):
         labelled[flipit.statement, not flipit.target].add(content(flipit.start))
-    matching = (_matching(task, frozenset(labelled[task.statement, task.target])) for task in tasks)
+    goals = (SceneGoal(frozenset(labelled[task.statement, task.target])) for task in tasks)
+    matching = (replace(task, other_goal=goal) for task, goal in zip(tasks, goals, strict=True))
     return TaskSet(matching, origin, {name: tasks.tags(name) for name in tasks.ids})
 
 
 def solvable_matching_corpus(tasks: TaskSet) -> TaskSet:
     """`matching_corpus` without tasks that have no goal scene, as in the paper (Figure 4)."""
-    kept = [task for task in matching_corpus(tasks) if isinstance(task, MatchingTask) and task.goals]
+    kept = [task for task in matching_corpus(tasks) if goal_contents(task)]
     return TaskSet(kept, tasks.provenance, {task.id: tasks.tags(task.id) for task in kept})
 
 
-def _matching(task: Task, goals: frozenset[Content]) -> MatchingTask:
-    return MatchingTask(task.id, task.statement, task.program, task.target, task.start, goals)
+def goal_contents(task: Task) -> frozenset[Content]:
+    """The contents of the scenes that solve a task of `matching_corpus`."""
+    return task.other_goal.contents if isinstance(task.other_goal, SceneGoal) else frozenset()

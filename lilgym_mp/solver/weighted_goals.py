@@ -12,10 +12,10 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.goals import conjunctive_task
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.tower_search import TowerSearch
+from lilgym_mp.task import ProgramGoal, Task
 
 PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
 BUDGET_DIVISOR = 24  # with several goals, one search may spend the remaining budget divided by this
@@ -218,7 +218,8 @@ class WeightedPlanner:
     def _by_solving(self, required: Sequence[WeightedGoal]) -> _Candidate | None:
         """Solves the conjunction of the goals as a task."""
         budget = Budget(self._share())
-        task = conjunctive_task([(goal.program, goal.target) for goal in required], self._scene)
+        targets = tuple((goal.program, goal.target) for goal in required)
+        task = Task("", "", *targets[0], self._scene, ProgramGoal(targets))
         solution = self._search.solve(State(task, self._scene, 0), self._max_edits, budget)
         self._budget.spend(solution.scenes)
         return self._candidate(solution.actions[:-1]) if solution.solved else None

@@ -159,13 +159,18 @@ def test_goals__call_the_program_for_boxes_of_too_many_items() -> None:
     assert goals("scatter", tasks) == [True, False]
 
 
-def test_goals__use_an_overridden_solved_by() -> None:
-    class Never(Task):
-        def solved_by(self, scene: Scene) -> bool:
+def test_goals__of_another_kind_are_asked_about_the_scene() -> None:
+    class Never:
+        def reached_in(self, scene: Scene) -> bool:
             return False
 
-    tasks = [kind("own", "It is so.", "exist(all_items)", True, MIXED) for kind in (Task, Never)]
+    tasks = [Task("own", "It is so.", "exist(all_items)", True, MIXED, goal) for goal in (None, Never())]
     assert goals("scatter", tasks) == [True, False]
+
+
+def test_task__refuses_a_subclass_whose_goal_compiled_code_would_not_see() -> None:
+    with pytest.raises(TypeError, match="Never: a Task cannot be subclassed; give it an `other_goal`"):
+        type("Never", (Task,), {"solved_by": lambda self, scene: False})
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,11 @@ import pytest
 
 from lilgym_mp.actions import STOP, AddItem, RemoveItem
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.matching import MatchingTask, content
+from lilgym_mp.corpus.matching import SceneGoal, content
 from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver, Status
+from lilgym_mp.task import Task
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
 from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
 
@@ -105,7 +106,7 @@ def test_unsolvable__is_not_claimed_if_the_budget_is_exhausted():
 
 def test_unsolvable__is_not_claimed_if_success_is_not_the_programs_value():
     goal = scene(left=[circle(3, 7)])
-    matching = MatchingTask("one", "A statement.", "True", True, Scene.empty(), frozenset({content(goal)}))
+    matching = Task("one", "A statement.", "True", True, Scene.empty(), SceneGoal(frozenset({content(goal)})))
     solution = Solver(mdp("scatter")).solve(matching)
     assert solution.status is Status.NOT_FOUND
     assert "depends on their program alone" in solution.reason

@@ -16,7 +16,6 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.box_functions import BoxFunction, FallbackError, ItemTest, item_test
 from lilgym_mp.programs.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
-from lilgym_mp.task import Task
 
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 
@@ -63,7 +62,7 @@ class ArrayProgramEvaluator:
     def _compile_tasks(self, tasks: list[int]) -> None:
         for index in tasks:
             task = self._tasks[index]
-            if type(task).solved_by is not Task.solved_by:  # success does not depend on the program alone
+            if task.other_goal is not None:  # success does not depend on the program alone
                 self._by_task[index] = UNSUPPORTED
                 continue
             if task.program not in self._by_source:

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from lilgym_mp.actions import Stop
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.matching import Content, MatchingTask, content, matching_corpus
+from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_corpus
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.recording import scenes
@@ -151,4 +151,4 @@ def _goals(settings: Settings) -> Mapping[str, frozenset[Content]]:
         tasks = matching_corpus(load_tasks(settings.corpus, settings.appearance, settings.start, SPLIT))
     except CorpusError:
         return {}
-    return {task.id: task.goals for task in tasks if isinstance(task, MatchingTask)}
+    return {task.id: goal_contents(task) for task in tasks}
