@@ -11,7 +11,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 DPI = 100
-SVG_SETTINGS: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": "lilgym_mp"}  # text as text; reproducible ids
+SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",  # text as text
+    "svg.hashsalt": "lilgym_mp",  # reproducible ids
+    "pdf.fonttype": 42,  # TrueType, as publishers require
+    "hatch.linewidth": 0.6,
+}
+UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -24,9 +30,8 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save(figure: Figure, path: Path, file_format: str) -> None:
-    """Writes the figure as "svg" or "png", reproducibly: without a date."""
+    """Writes the figure as "svg", "png" or "pdf", reproducibly: without a date."""
     from matplotlib import rc_context
 
-    metadata = {"Date": None} if file_format == "svg" else {}
-    with rc_context(SVG_SETTINGS):
-        figure.savefig(path, format=file_format, metadata=metadata)
+    with rc_context(SETTINGS):
+        figure.savefig(path, format=file_format, metadata=UNDATED.get(file_format))

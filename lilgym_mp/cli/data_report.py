@@ -79,7 +79,16 @@ def _shares_table(title: str, groups: Sequence[StatementStatistics], counts: Map
         [str(name), *(100 * count / size for count, size in zip(row, sizes, strict=True))]
         for name, row in counts.items()
     ]
-    return table([title, *(f"{group.appearance} {group.split}" for group in groups)], rows)
+    return table([title, *_heads(groups)], rows)
+
+
+def _heads(groups: Sequence[StatementStatistics]) -> list[str]:
+    """The names of the groups; an appearance is named once, so that all columns fit a terminal."""
+    before = [None, *(group.appearance for group in groups)]
+    return [
+        group.split if group.appearance == last else f"{group.appearance} {group.split}"
+        for group, last in zip(groups, before, strict=False)
+    ]
 
 
 def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:

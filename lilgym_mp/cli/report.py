@@ -1,8 +1,8 @@
 """Make the paper's tables and figures for recorded episodes.
 
 Writes a page, DIR/index.html, with the paper's tables and figures and more for all recorded episodes; tables also as
-CSV and Markdown, figures also as SVG and PNG. Runs without recorded episodes are evaluated first, together with the
-expert and random policies.
+CSV, Markdown and LaTeX, figures also as SVG, PNG and PDF. Runs without recorded episodes are evaluated first, together
+with the expert and random policies.
 """
 
 from __future__ import annotations

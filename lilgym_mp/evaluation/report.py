@@ -20,30 +20,53 @@ VERSION = 2
 LONG_BLOCK = 24
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
-LEGEND = (
-    "accuracy: tasks completed. seen, unseen: accuracy and number of episodes with statements that occur, or do not"
-    " occur, verbatim in the training tasks. STOP is never forced."
+SEEN_LEGEND = (
+    " seen, unseen: accuracy and number of episodes with statements that occur, or do not occur, verbatim in the"
+    " training tasks."
 )
 
 
 def legend(results: Sequence[Result]) -> str:
-    """LEGEND, and which policies had a mask of legal actions."""
+    """What the columns mean, and which policies had a mask of legal actions."""
     masked = dict.fromkeys(result.name for result in results if result.mask)
-    return f"{LEGEND} With a mask of legal actions: {', '.join(masked) or 'none'}."
+    seen = SEEN_LEGEND if _has_seen(results) else ""
+    return (
+        f"accuracy: tasks completed.{seen} STOP is never forced."
+        f" With a mask of legal actions: {', '.join(masked) or 'none'}."
+    )
+
+
+def _has_seen(results: Sequence[Result]) -> bool:
+    """Whether any episode has a statement seen in training."""
+    return any(result.summary.seen.episodes for result in results)
 
 
 def table(results: Sequence[Result]) -> str:
-    """A Markdown table with a row for each result."""
-    heads = ("policy", "configuration", "episodes", "accuracy", "seen", "unseen", "mean reward", "mean length")
-    return markdown_table([(*heads, *FAILURES), *(_row(result) for result in results)])
+    """Markdown: the accuracy by policy and configuration if there are several, and a table with a row per result."""
+    heads, *rows = accuracies(results)
+    summary = f"{markdown_table([heads, *rows])}\n\n" if len(heads) > 2 else ""
+    seen = ("seen", "unseen") if _has_seen(results) else ()
+    heads = ("policy", "configuration", "episodes", "accuracy", *seen, "mean reward", "mean length", *FAILURES)
+    return summary + markdown_table([heads, *(_row(result, seen=bool(seen)) for result in results)])
+
+
+def accuracies(results: Sequence[Result]) -> list[list[str]]:
+    """Rows of accuracies by policy and configuration, after a row of heads."""
+    found = {(result.name, result.plan.settings.configuration): result.summary.accuracy for result in results}
+    names, configurations = (list(dict.fromkeys(column)) for column in zip(*found, strict=True))
+    rows = [[name, *(_percent(found.get((name, where))) for where in configurations)] for name in names]
+    return [["accuracy", *configurations], *rows]
 
 
 def terminal_tables(results: Sequence[Result], width: int) -> str:
     """The same for a terminal of this many columns: a table for each configuration, in parts if it is narrow."""
-    parts: list[str] = []
-    heads = ("policy", "accuracy", "seen", "unseen", "reward", "length", *FAILURES)
+    heads, *rows = accuracies(results)
+    parts = [aligned(heads, rows, width)] if len(heads) > 2 else []
+    seen = ("seen", "unseen") if _has_seen(results) else ()
+    heads = ("policy", "accuracy", *seen, "reward", "length", *FAILURES)
     for configuration in dict.fromkeys(result.plan.settings.configuration for result in results):
-        rows = [(row[0], *row[3:]) for result in results if (row := _row(result))[1] == configuration]
+        all_rows = [_row(result, seen=bool(seen)) for result in results]
+        rows = [(row[0], *row[3:]) for row in all_rows if row[1] == configuration]
         episodes = next(r.summary.all.episodes for r in results if r.plan.settings.configuration == configuration)
         parts += [f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}", aligned(heads, rows, width)]
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
@@ -57,7 +80,7 @@ def supervision_table(results: Sequence[Result]) -> str:
     return markdown_table([("policy", "supervision"), *supervision])
 
 
-def _row(result: Result) -> tuple[str, ...]:
+def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
     summary = result.summary
     failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (
@@ -65,8 +88,7 @@ def _row(result: Result) -> tuple[str, ...]:
         result.plan.settings.configuration,
         str(summary.all.episodes),
         _percent(summary.accuracy),
-        _percent_of(summary.seen),
-        _percent_of(summary.unseen),
+        *((_percent_of(summary.seen), _percent_of(summary.unseen)) if seen else ()),
         f"{summary.mean_reward:+.2f}",
         f"{summary.mean_length:.1f}",
         *failures,

@@ -62,7 +62,7 @@ def figures_6_and_9(data: ReportData) -> Iterator[Item]:
     note = (
         "Episodes without STOP end with an invalid action or at the horizon. Means include the last action, even STOP."
     )
-    yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, ""), note)
+    yield Chart("Figure 6 and Figure 9", title, bar_chart(panels, "", data.looks), note)
     yield table("Figure 6 and Figure 9", f"{title}, numbers", ("agent", "configuration", *ROLLOUT_STATISTICS), rows)
 
 
@@ -126,7 +126,7 @@ def errors(data: ReportData) -> Iterator[Item]:
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
     if panels:
-        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors"))
+        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors", data.looks))
 
 
 def _published(configuration: str) -> Iterator[Sequence[Cell]]:

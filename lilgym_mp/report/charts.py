@@ -14,7 +14,10 @@ from lilgym_mp.report.aggregation import MeanStd
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-COLOURS = ("#1f4e9c", "#d9822b", "#2a8f6d", "#8e4fa8", "#c0392b", "#5b6770", "#b8a200", "#17a2b8", "#7f5539", "#e377c2")
+BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+OKABE_ITO = (BLUE, ORANGE, GREEN, VERMILION, "#cc79a7", "#56b4e9", "#f0e442", "#000000")
+HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey
+DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#1d2733", "#5b6770"
 WIDTH = 1000  # pixels
 PANEL_HEIGHT = 250
@@ -22,6 +25,22 @@ LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 FRAMES_PER_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
+
+
+class Look(NamedTuple):
+    """What distinguishes a series in a chart."""
+
+    colour: str
+    hatch: str
+
+
+class Looks(dict[str, Look]):
+    """The look of each series by name, chosen when it is first used: one such map for all charts of a report."""
+
+    def __missing__(self, name: str) -> Look:
+        index = len(self)
+        self[name] = Look(OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)])
+        return self[name]
 
 
 class BarPanel(NamedTuple):
@@ -33,58 +52,69 @@ class BarPanel(NamedTuple):
     unit: str = ""  # label of the y axis, if not that of the whole chart
 
 
-def bar_chart(panels: Sequence[BarPanel], unit: str, *, top: float | None = None) -> Figure:
-    """A grouped bar chart with error bars for each panel; each series has the same colour everywhere.
+def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None, *, top: float | None = None) -> Figure:
+    """A grouped bar chart with error bars for each panel; series without a value in a category take no room there.
 
     Error bars are intervals, or the deviation over runs. Panels with the chart's unit share their y axis; `top`: its
     fixed upper limit.
     """
+    from matplotlib.patches import Patch
+
+    looks = Looks() if looks is None else looks
     columns = min(2, len(panels))
-    names = list(dict.fromkeys(name for panel in panels for name in panel.values))
-    shared = not any(panel.unit for panel in panels)
-    figure, grid, colours = _empty_panels(len(panels), columns, names, shared=shared)
+    shown = {name: looks[name] for panel in panels for name in panel.values}
+    legend = {
+        name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white", linewidth=0)
+        for name, look in looks.items()
+        if name in shown
+    }
+    figure, grid = _empty_panels(len(panels), columns, legend, shared=not any(panel.unit for panel in panels))
     for axes, panel in zip(grid, panels, strict=True):
         style_axes(axes, panel.title, panel.unit or unit)
-        _draw_bars(axes, panel, colours, WIDTH / columns)
-        if top is not None:
+        _draw_bars(axes, panel, looks, WIDTH / columns)
+    for axes, panel in zip(grid, panels, strict=True):  # after all are drawn, as they may share their limits
+        if top is not None or all(_mean(value) >= 0 for value in _values(panel)):
             axes.set_ylim(0, top)
-        elif not any(_mean(value) < 0 for values in panel.values.values() for value in values):
-            axes.set_ylim(bottom=0)
     return figure
 
 
 def _empty_panels(
-    count: int, columns: int, names: Sequence[str], *, shared: bool, width: int = WIDTH
-) -> tuple[Figure, list[Any], dict[str, str]]:
-    """A figure with a legend, the axes of its panels, and the colour of each name."""
-    from matplotlib.patches import Patch
-
-    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, names)) + 40)))
-    legend_rows = -(-len(names) // legend_columns) if len(names) > 1 else 0
+    count: int, columns: int, legend: Mapping[str, Any], *, shared: bool, width: int = WIDTH
+) -> tuple[Figure, list[Any]]:
+    """A figure with a legend of these artists, and the axes of its panels."""
+    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, legend)) + 40)))
+    legend_rows = -(-len(legend) // legend_columns)
     rows = -(-count // columns)
     figure = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
     grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=shared)
     for axes in grid.flat[count:]:
         axes.set_visible(False)
-    colours = {name: COLOURS[index % len(COLOURS)] for index, name in enumerate(names)}
-    if len(names) > 1:
-        handles = [Patch(color=colour) for colour in colours.values()]
-        figure.legend(handles, names, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
-    return figure, list(grid.flat[:count]), colours
+    figure.legend(legend.values(), legend, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
+    return figure, list(grid.flat[:count])
 
 
-def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_width: float) -> None:
-    width = 0.8 / max(1, len(panel.values))
-    places = 0 if any(abs(_mean(value)) >= 10 for values in panel.values.values() for value in values) else 2
-    for series, (name, values) in enumerate(panel.values.items()):
-        xs = [index + (series - (len(panel.values) - 1) / 2) * width for index in range(len(values))]
-        heights = [_mean(value) for value in values]
-        ends = np.array([value.spread if isinstance(value, MeanStd) else (_mean(value),) * 2 for value in values]).T
+def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> None:
+    places = 0 if any(abs(_mean(value)) >= 10 for value in _values(panel)) else 2
+    shown = [  # names by category
+        [name for name, values in panel.values.items() if values[index] is not None]
+        for index in range(len(panel.categories))
+    ]
+    width = 0.8 / max(1, *map(len, shown))
+    for name, series in panel.values.items():
+        values = {index: value for index, value in enumerate(series) if value is not None}
+        if not values:
+            continue
+        xs = [index + (shown[index].index(name) - (len(shown[index]) - 1) / 2) * width for index in values]
+        heights = np.array([_mean(value) for value in values.values()])
+        ends = np.array([v.spread if isinstance(v, MeanStd) else (v, v) for v in values.values()]).T
         errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
         bars = axes.bar(
             *(xs, heights, width * 0.92),
-            color=colours[name],
-            yerr=errors if np.nansum(errors) > 0 else None,
+            color=looks[name].colour,
+            hatch=looks[name].hatch,
+            edgecolor="white",
+            linewidth=0,
+            yerr=errors if errors.any() else None,
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
         )
         if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
@@ -95,8 +125,12 @@ def _draw_bars(axes: Any, panel: BarPanel, colours: Mapping[str, str], panel_wid
     axes.margins(y=0.12)
 
 
-def _mean(value: MeanStd | float | None) -> float:
-    return value.mean if isinstance(value, MeanStd) else float("nan") if value is None else value
+def _values(panel: BarPanel) -> list[MeanStd | float]:
+    return [value for values in panel.values.values() for value in values if value is not None]
+
+
+def _mean(value: MeanStd | float) -> float:
+    return value.mean if isinstance(value, MeanStd) else value
 
 
 def style_axes(axes: Any, title: str, unit: str = "") -> None:
@@ -117,28 +151,40 @@ class Line(NamedTuple):
     xs: Sequence[float]
     ys: Sequence[float]
     deviations: Sequence[float] | None = None  # drawn as a band around the line
+    agent: str | None = None  # whose colour it has; None: its own
 
 
-def line_chart(panels: Sequence[tuple[str, str, str, Sequence[Line]]], *, diagonal: bool = False) -> Figure:
+def line_chart(
+    panels: Sequence[tuple[str, str, str, Sequence[Line]]], looks: Looks | None = None, *, diagonal: bool = False
+) -> Figure:
     """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers.
 
     Without it, the x axis counts steps: its ticks are whole numbers. A line of a single point is drawn as a marker.
+    Several lines of an agent differ in their dashes.
     """
+    from matplotlib.lines import Line2D
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
     columns = min(2 if len(panels) <= 4 else 3, len(panels))
-    names = list(dict.fromkeys(line.name for *_, lines in panels for line in lines))
+    looks = Looks() if looks is None else looks
+    legend: dict[str, Line2D] = {}
+    for line in (line for *_, lines in panels for line in lines if line.name not in legend):
+        colour = looks[line.agent or line.name].colour
+        dash = DASHES[[drawn.get_color() for drawn in legend.values()].count(colour) % len(DASHES)]
+        legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
     shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2
-    figure, grid, colours = _empty_panels(len(panels), columns, names, shared=shared, width=width)
+    figure, grid = _empty_panels(len(panels), columns, legend, shared=shared, width=width)
     for axes, (title, x_label, y_label, lines) in zip(grid, panels, strict=True):
         style_axes(axes, title, y_label)
         axes.set_xlabel(x_label, fontsize=8, color=FAINT)
         for line in lines:
             marker = "o" if diagonal or len(line.xs) == 1 else None
-            axes.plot(line.xs, line.ys, color=colours[line.name], linewidth=1.6, marker=marker)
+            drawn = legend[line.name]
+            colour = drawn.get_color()
+            axes.plot(line.xs, line.ys, color=colour, linestyle=drawn.get_linestyle(), linewidth=1.6, marker=marker)
             if line.deviations is not None:
                 band = np.subtract(line.ys, line.deviations), np.add(line.ys, line.deviations)
-                axes.fill_between(line.xs, *band, color=colours[line.name], alpha=0.15, linewidth=0)
+                axes.fill_between(line.xs, *band, color=colour, alpha=0.15, linewidth=0)
         if diagonal:
             axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
         else:
@@ -202,7 +248,7 @@ def _draw_strip(figure: Any, strip: FilmStrip, top: float, total: float) -> None
         axes.set_xticks([])
         axes.set_yticks([])
         judged = index == last and strip.success is not None
-        edge = FAINT if not judged else "#2a8f6d" if strip.success else "#c0392b"
+        edge = FAINT if not judged else GREEN if strip.success else VERMILION
         for spine in axes.spines.values():
             spine.set_color(edge)
             spine.set_linewidth(2 if judged else 0.6)

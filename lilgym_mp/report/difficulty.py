@@ -41,7 +41,7 @@ def accuracy_by_edits(data: ReportData) -> Item:
     panels = _used_panels(data, [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"], edits_category)
     if not panels:
         return MissingItem("Edits needed", title, NEEDS_EXPERT)
-    chart = bar_chart(panels, "accuracy, %", top=109)
+    chart = bar_chart(panels, "accuracy, %", data.looks, top=109)
     return Chart("Edits needed", title, chart, "Edits in the expert's shortest solution.")
 
 
@@ -57,7 +57,7 @@ def stop_accuracy_by_actions_left(data: ReportData) -> Item:
     panels = _used_panels(data, [*map(str, range(horizon))], left)
     if not panels:
         return MissingItem("Horizon left at STOP", title, "no recorded episode ends with STOP")
-    return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", top=109), note)
+    return Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", data.looks, top=109), note)
 
 
 def _used_panels(
@@ -85,7 +85,7 @@ def calibration(data: ReportData) -> Item:
     if not panels:
         return MissingItem("Calibration of STOP", title, "no agent here reports its probability of STOP")
     note = f"All scenes in which an agent chose an action, in {BINS} equal bins of its probability of STOP."
-    return Chart("Calibration of STOP", title, line_chart(panels, diagonal=True), note)
+    return Chart("Calibration of STOP", title, line_chart(panels, data.looks, diagonal=True), note)
 
 
 def calibration_line(entry: AgentResults) -> Line | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -71,6 +72,8 @@ def make_report(
 
 def check_directory(directory: Path) -> None:
     """Raises OutputError unless the directory is new, empty or holds an earlier report."""
+    if directory.suffix.lower() in (".html", ".htm"):
+        raise OutputError(f"{directory}: a report is a directory with its page, {PAGE_FILE}; name a directory")
     writable_directory(directory.absolute().parent)
     if directory.is_dir() and any(directory.iterdir()):
         page = directory / PAGE_FILE
@@ -99,9 +102,11 @@ def replace_directory(directory: Path, write: Callable[[Path], object]) -> Path:
 def _template() -> Any:
     try:
         from jinja2 import Environment, StrictUndefined
+        from markupsafe import Markup, escape
     except ImportError as fault:
         raise ImportError(f"reports need jinja2: {install('report')}", name="jinja2") from fault
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    environment.filters["code"] = lambda text: Markup(re.sub("`(.*?)`", r"<code>\1</code>", str(escape(text))))
     return environment.from_string(files("lilgym_mp.report").joinpath(PAGE_TEMPLATE).read_text(encoding="utf-8"))
 
 
@@ -127,16 +132,21 @@ def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
         return {**common, "kind": "missing", "files": ()}
     if isinstance(item, Chart):
         return {**common, **_write_chart(directory, item)}
-    paths = {"CSV": f"{TABLES}/{item.name}.csv", "Markdown": f"{TABLES}/{item.name}.md"}
-    for path, text in zip(paths.values(), (item.csv(), item.markdown()), strict=True):
-        (directory / path).write_text(text, encoding="utf-8")
+    paths: dict[str, str] = {}
+    for name, suffix, text in (
+        ("CSV", "csv", item.csv()),
+        ("Markdown", "md", item.markdown()),
+        ("LaTeX", "tex", item.latex()),
+    ):
+        paths[name] = f"{TABLES}/{item.name}.{suffix}"
+        (directory / paths[name]).write_text(text, encoding="utf-8")
     is_text = [any(isinstance(cell, str) for cell in column) for column in zip(*item.rows, strict=True)]
     shown = {"columns": item.columns, "text": is_text or [False] * len(item.columns), "rows": item.texts()}
     return {**common, "kind": "table", "files": tuple(paths.items()), **shown}
 
 
 def _write_chart(directory: Path, item: Chart) -> Mapping[str, Any]:
-    paths = {"SVG": f"{FIGURES}/{item.name}.svg", "PNG": f"{FIGURES}/{item.name}.png"}
+    paths = {name: f"{FIGURES}/{item.name}.{name.lower()}" for name in ("SVG", "PNG", "PDF")}
     for file_format, path in paths.items():
         save(item.figure, directory / path, file_format.lower())
     file_format, media_type = ("PNG", "image/png") if item.raster else ("SVG", "image/svg+xml")

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.report.aggregation import MeanStd
+from lilgym_mp.terminal import NUMBER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -19,6 +20,19 @@ Cell = str | int | float | MeanStd | None
 MISSING = "–"
 PUBLISHED = "†"  # ends the first cell of a row from the paper
 PARTS = ("mean", "sd", "runs", "low", "high")  # columns of a MeanStd in CSV files
+LATEX = str.maketrans(
+    {
+        **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": "$<$",
+        ">": "$>$",
+        "±": r"$\pm$",
+        "†": r"$^\dagger$",
+        "–": "--",
+    }
+)
 FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 
 
@@ -51,6 +65,18 @@ class Table(Named):
     def markdown(self) -> str:
         head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
         return f"{head}\n{self.note}\n" if self.note else head
+
+    def latex(self) -> str:
+        """A `tabular` with the rules of the LaTeX package booktabs."""
+        texts = self.texts()
+        columns = "".join("r" if all(map(NUMBER.fullmatch, cells)) else "l" for cells in zip(*texts, strict=True))
+        head, *rows = (" & ".join(cell.translate(LATEX) for cell in row) + r" \\" for row in (self.columns, *texts))
+        lines = [
+            f"% {self.item}. {self.title}. Needs \\usepackage{{booktabs}}.",
+            *(f"\\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"),
+            *(*rows, r"\bottomrule", r"\end{tabular}"),
+        ]
+        return "\n".join(lines) + "\n"
 
     def csv(self) -> str:
         """Unrounded numbers; columns of `MeanStd` are split into its parts."""

@@ -96,7 +96,7 @@ def accuracy_by_novelty(data: ReportData) -> Iterator[Item]:
     note = (
         "Statement seen: occurs verbatim in training. Form seen: occurs with other colours, shapes, sizes or numbers."
     )
-    yield Chart("Seen and new", title, bar_chart(panels, "accuracy, %", top=109), note)
+    yield Chart("Seen and new", title, bar_chart(panels, "accuracy, %", data.looks, top=109), note)
     pairs = [f"{head}{name}" for name in NOVELTY for head in ("start scenes, ", "accuracy (%), ")]
     columns = ("agent", "configuration", *pairs)
     yield table("Seen and new", f"{title}, numbers", columns, rows, note)

@@ -26,15 +26,15 @@ PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
 
 
 def learning_items(data: ReportData) -> Iterator[Item]:
-    yield from dev_curves(data.curves)
+    yield from dev_curves(data)
     yield progress_curves(data)
 
 
-def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
+def dev_curves(data: ReportData) -> Iterator[Item]:
     """Figure 4: one panel per configuration, one line per recipe, with the mean and deviation over seeds."""
     panels: list[tuple[str, str, str, list[Line]]] = []
     rows: list[list[Cell]] = []
-    evaluated = [curve for curve in curves if curve.evaluations]
+    evaluated = [curve for curve in data.curves if curve.evaluations]
     shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
     keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
     for configuration, of_panel in shown.items():
@@ -45,14 +45,14 @@ def dev_curves(curves: Sequence[TrainingCurve]) -> Iterator[Item]:
             for suffix, key in _metrics(runs):
                 line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key, 100)
                 assert line is not None
-                drawn.append(line)
+                drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
                 last = mean_std([100 * run.evaluations[-1][key] for run in runs])
                 rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last])
         panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
     if not panels:
         yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
         return
-    yield Chart(ITEM, ON_DEV, line_chart(panels), caption(evaluated))
+    yield Chart(ITEM, ON_DEV, line_chart(panels, data.looks), caption(evaluated))
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
 
@@ -137,11 +137,14 @@ def progress_curves(data: ReportData) -> Item:
     for (learner, configuration), curves in groups.items():
         key, label = find_learner(learner).progress
         by_recipe = _group_by_recipe(curves, _differing_settings(curves))
-        found = (mean_line(name, [run.progress for run in runs], key) for name, runs in by_recipe.items())
-        lines = [line for line in found if line is not None]
+        lines = [
+            line._replace(agent=data.agent_of(runs[0].run))
+            for name, runs in by_recipe.items()
+            if (line := mean_line(name, [run.progress for run in runs], key)) is not None
+        ]
         if lines:
             counted = "steps" if "steps" in curves[0].progress[0] else "updates"
             panels.append((f"{learner} {configuration}".strip(), counted, label, lines))
     if not panels:
         return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
-    return Chart(ITEM, TITLE, line_chart(panels), f"Training progress, on training tasks. {MEANS}")
+    return Chart(ITEM, TITLE, line_chart(panels, data.looks), f"Training progress, on training tasks. {MEANS}")

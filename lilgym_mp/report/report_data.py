@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import groupby, product
 from pathlib import Path
 from typing import Any, cast
@@ -14,6 +15,7 @@ from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEp
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.learners import find_learner
+from lilgym_mp.report.charts import Looks
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
@@ -82,6 +84,19 @@ class ReportData:
         names = dict.fromkeys(entry.agent for entry in self.entries)
         trained = {entry.agent for entry in self.entries if entry.header.run is not None}
         return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
+
+    @cached_property
+    def looks(self) -> Looks:
+        """What the agents look like in all charts."""
+        looks = Looks()
+        for agent in self.agents:
+            looks[agent]  # chooses its look
+        return looks
+
+    def agent_of(self, run: Path) -> str | None:
+        """The agent of a training run; None if no episodes of it were recorded."""
+        recorded = ((entry, each.header.run) for entry in self.entries for each in entry.runs)
+        return next((entry.agent for entry, of in recorded if of and Path(of).resolve() == run.resolve()), None)
 
     @property
     def configurations(self) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Sequence
 
 from lilgym_mp.corpus import CorpusError
@@ -14,9 +15,11 @@ from lilgym_mp.report.corpus_statistics import corpus_statistics
 from lilgym_mp.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
 from lilgym_mp.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 
+BASIS = "Runs behind the numbers"
 PAPER_NOTE = (
-    f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Rows marked"
-    f" {PUBLISHED} are from the paper ({paper.SOURCE}), on the official corpus: no mask."
+    f"n: start scenes. ± is the sample standard deviation over training runs. Brackets: {INTERVAL_NOTE} Supervision is"
+    f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
+    " corpus: no mask."
 )
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
 PROVENANCE_TITLE = "Provenance of the recordings"
@@ -43,7 +46,7 @@ def basis(data: ReportData) -> Item:
         *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
     )
     rows = map(_basis_row, data.results(data.configurations, data.splits))
-    return table("Basis", "Runs behind the numbers", columns, rows, note)
+    return table("Basis", BASIS, columns, rows, note)
 
 
 def training_runs(data: ReportData) -> Item:
@@ -128,7 +131,7 @@ def table_2(data: ReportData) -> Item:
     for agent in data.agents:
         found = [data.find(agent, *place) for place in played]
         headers = [entry.header for entry in found if entry is not None]
-        supervision = "; ".join(dict.fromkeys(header.supervision for header in headers))
+        supervision = "; ".join(dict.fromkeys(re.split(r" ?[(;:]", header.supervision)[0] for header in headers))
         actions = dict.fromkeys(f"{header.actions}{', masked' if header.mask else ''}" for header in headers)
         runs = max(len(entry.runs) for entry in found if entry is not None)
         rows.append(
@@ -148,7 +151,8 @@ def figure_3(data: ReportData) -> Iterator[Item]:
     rewards = means_by_agent(data, lambda episode: episode.reward)
     title = f"Mean reward on {data.main_split}"
     note = f"The paper plots these values without printing them. The optimal expert is the upper bound. {ERROR_BARS}"
-    yield Chart("Figure 3", title, bar_chart([BarPanel("", data.configurations, rewards)], "mean reward"), note)
+    chart = bar_chart([BarPanel("", data.configurations, rewards)], "mean reward", data.looks)
+    yield Chart("Figure 3", title, chart, note)
     rows = [[agent, *values] for agent, values in rewards.items()]
     yield table("Figure 3", f"{title}, numbers", ("agent", *data.configurations), rows)
 
@@ -160,15 +164,17 @@ def figure_5(data: ReportData) -> Iterator[Item]:
     if not configurations:
         yield MissingItem("Figure 5", title, "no FlipIt configuration was evaluated")
         return
-    panels = accuracy_panels(data, ("target True", "target False"), lambda e: f"target {e.target}", configurations)
+    panels = accuracy_panels(
+        data, ("target true", "target false"), lambda e: f"target {e.target}".lower(), configurations
+    )
     rows: list[list[Cell]] = []
     for panel in panels:
         scenes = paper.START_SCENES_BY_TARGET.get(panel.title, (None, None))
         for entry in data.of(panel.title):
             for target, published, accuracy in zip((True, False), scenes, panel.values[entry.agent], strict=True):
                 starts = entry.start_scenes(lambda episode, target=target: episode.target == target)
-                rows.append([entry.agent, panel.title, str(target), starts, published, accuracy])
-    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", top=109), ERROR_BARS)
+                rows.append([entry.agent, panel.title, str(target).lower(), starts, published, accuracy])
+    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", data.looks, top=109), ERROR_BARS)
     columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
     note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
     yield table("Figure 5", f"{title}, numbers", columns, rows, note)

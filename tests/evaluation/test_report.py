@@ -11,7 +11,6 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.policies import BASELINES, NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import (
-    LEGEND,
     fold_long_blocks,
     legend,
     markdown_table,
@@ -90,9 +89,25 @@ def test_terminal_tables__fit_the_terminal_and_split_no_word(width: int):
     other = replace(result(), named=replace(result().named, name="imitation, seed 0"))
     text = terminal_tables([result(), other], width)
     assert max(map(len, text.splitlines())) <= width
-    for words in ("wrong stop", "invalid action", "horizon", "imitation, seed 0", *LEGEND.split()):
+    for words in ("wrong stop", "invalid action", "horizon", "imitation, seed 0", *legend([result()]).split()):
         assert words in text
     assert text.count("\npolicy ") == (2 if width == 80 else 1)
+
+
+def test_tables__lead_with_accuracies_by_policy_and_configuration_and_omit_seen_if_there_are_none():
+    plan = EvaluationPlan(Settings("ScatterScratch"), "dev")
+    scatter = replace(result(), plan=plan, summary=summarise(EPISODES, set()))
+    other = replace(scatter, named=replace(scatter.named, name="other"))
+    text = terminal_tables([result(), scatter, other], 100)
+    assert [line.split() for line in text.splitlines()[:4]] == [
+        ["accuracy", "TowerScratch", "ScatterScratch"],
+        ["-" * len(text.splitlines()[1])],
+        ["mine", "25.0", "%", "25.0", "%"],
+        ["other", "-", "25.0", "%"],
+    ]
+    assert table([result(), scatter, other]).startswith("| accuracy | TowerScratch | ScatterScratch |")
+    assert "seen" in text
+    assert "seen" not in table([scatter, other]) + terminal_tables([scatter, other], 100)
 
 
 def test_legend__names_the_policies_with_a_mask():

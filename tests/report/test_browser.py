@@ -17,7 +17,7 @@ from PIL import Image
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.report import make_report
 from tests.browser import axe_script, chromium, watched_page
-from tests.report.test_items import EPISODES, written
+from tests.report.recordings import EPISODES, written
 
 AGENTS = ("imitation", "parse-and-plan", "ppo from imitation, sampled")
 SUPERVISION = "programs of train statements of the corpus; truth of scenes; programs of generated statements"

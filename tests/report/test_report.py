@@ -1,0 +1,443 @@
+"""Reports: one golden report, statistics with known answers, the files of a report, and errors."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+from matplotlib.container import BarContainer
+
+from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.report import ReportError, html_report, make_report, markdown_report
+from lilgym_mp.report import items as report_items
+from lilgym_mp.report.aggregation import (
+    MeanStd,
+    accuracy_where,
+    holm,
+    mean_std,
+    mean_where,
+    paired_difference,
+)
+from lilgym_mp.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
+from lilgym_mp.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
+from lilgym_mp.report.difficulty import comparison_items
+from lilgym_mp.report.html_report import chapters
+from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
+from lilgym_mp.report.language import accuracy_by_phenomenon, read_tags
+from lilgym_mp.report.learning_curves import caption, dev_curves
+from lilgym_mp.report.markdown_report import commits_text
+from lilgym_mp.report.report_data import ReportData, TrainingCurve, load_report_data
+from tests.report.recordings import (
+    EPISODES,
+    GOLDEN,
+    SCATTER,
+    episode,
+    report_text,
+    trained,
+    write_example,
+    written,
+)
+
+
+def test_report__has_the_recorded_numbers_and_charts(tmp_path: Path):
+    write_example(tmp_path)
+    assert report_text(tmp_path) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> ReportData:
+    written(tmp_path)
+    return load_report_data([tmp_path])
+
+
+def runs(data: ReportData) -> tuple[Recording, ...]:
+    return data.entries[0].runs
+
+
+def plain(cell: Any) -> Any:
+    """Without the interval."""
+    return MeanStd(*cell[:3]) if isinstance(cell, MeanStd) else cell
+
+
+def rows(table: Any) -> list[tuple[Any, ...]]:
+    assert isinstance(table, Table)
+    return [tuple(map(plain, row)) for row in table.rows]
+
+
+def test_error_kind__without_the_experts_solution_is_a_later_stop():
+    assert error_kind(replace(EPISODES[3], actions_left=None)) == "later stop"
+    assert error_kind(episode("horizon", *["REMOVE(0, 0)"] * 12)) == "horizon"
+
+
+def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
+    assert str(mean_std([100 / 591, 0, 0])) == "0.06 ± 0.10"
+
+
+def test_phenomena__tags_are_rule_made_unless_a_file_is_given(data: ReportData, tmp_path: Path):
+    (table,) = accuracy_by_phenomenon(data, None)
+    by_name = {row[0]: row[1:] for row in rows(table)}
+    assert by_name["existence"] == (4, 6, 192, MeanStd(pytest.approx(100 / 3), None, 1))
+    assert by_name["negation"] == (1, 1, 52, MeanStd(0.0, None, 1))
+    assert by_name["syntax: coordination"] == (0, 0, 20, None)
+    assert "the words of the statement for the two rows of syntax" in table.note
+    assert "rule-made" in table.title
+    (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
+    (table,) = accuracy_by_phenomenon(data, read_tags(tmp_path / "tags.json"))
+    by_name = {row[0]: row[1:] for row in rows(table)}
+    assert by_name["syntax: coordination"] == (1, 1, 20, MeanStd(100.0, None, 1))
+    assert "hand-made" in table.title
+
+
+def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
+    """Episodes of statements "0", "1", ...: successes (1) and failures (0) of each."""
+    return tuple(
+        episode("success" if outcome else "wrong_stop", "STOP", statement=str(index), task=f"{index}-{number}")
+        for index, outcomes in enumerate(by_statement)
+        for number, outcome in enumerate(outcomes)
+    )
+
+
+def recordings(directory: Path, *of_runs: Sequence[RecordedEpisode], agent: str = "mine") -> tuple[Recording, ...]:
+    for seed, kept in enumerate(of_runs):
+        written(directory, kept, training_seed=seed, agent=agent)
+    return load_report_data([directory]).entries[0].runs
+
+
+def interval(of: Sequence[Recording]) -> tuple[float, float]:
+    found = accuracy_where(of)
+    assert found is not None
+    return found.spread
+
+
+def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
+    half = accuracies(*[[1], [0]] * 50)
+    alike = interval(recordings(tmp_path / "alike", half))
+    assert alike == (pytest.approx(40, abs=1.5), pytest.approx(60, abs=1.5))  # 50 +- 1.96 * 50 / sqrt(100)
+    all_or_nothing = recordings(tmp_path / "unlike", accuracies(*[[1]] * 100), accuracies(*[[0]] * 100))
+    assert interval(all_or_nothing) == (0, 100)
+    one_statement = accuracies([1, 0] * 50)
+    assert interval(recordings(tmp_path / "one", one_statement)) == (50, 50)
+    assert accuracy_where(all_or_nothing, lambda episode: episode.target) is None
+
+
+def test_paired_difference__resamples_the_statements_of_both_agents_together(tmp_path: Path):
+    hard = [[1]] * 60 + [[0]] * 40
+    first = recordings(tmp_path / "first", accuracies(*hard))
+    better = recordings(tmp_path / "better", accuracies(*[[1]] * 70, *[[0]] * 30))
+    difference = paired_difference(better, first)
+    assert difference is not None
+    assert difference[:3] == (pytest.approx(10), pytest.approx(4.5, abs=1.5), pytest.approx(16, abs=1.5))
+    assert difference.p_value == pytest.approx(0.001, abs=0.001)  # z = 10 / 3
+    assert paired_difference(first, first) == (0, 0, 0, 1)
+    none = recordings(tmp_path / "none", accuracies(*[[0]] * 5))
+    all_five = recordings(tmp_path / "all", accuracies(*[[1]] * 5))
+    assert paired_difference(all_five, none) == (100, 100, 100, 2**-4)
+
+
+def test_holm__corrects_p_values_for_their_number():
+    assert holm([0.01, 0.04, 0.03, 0.6]) == pytest.approx([0.04, 0.09, 0.09, 0.6])
+    assert holm([]) == []
+
+
+def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path):
+    for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
+        written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
+    data = load_report_data([tmp_path])
+    (table,) = comparison_items(data)
+    difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
+    assert difference is not None
+    three_times = f"{3 * difference.p_value:.4f}"
+    assert [row[-1] for row in rows(table)] == ["1.0000", three_times, three_times]
+    assert "corrected for the 3 tests" in table.note
+
+
+def test_chapters__missing_items_say_why(tmp_path: Path):
+    written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
+    missing = {
+        item.item: item
+        for _, items in chapters(load_report_data([tmp_path]), None)
+        for item in items
+        if isinstance(item, MissingItem)
+    }
+    assert {
+        "Figure 1",
+        "Figure 4",
+        "Edits needed",
+        "Regret",
+        "Calibration of STOP",
+        "Horizon left at STOP",
+    } <= missing.keys()
+    assert "--optimal" in missing["Regret"].note
+
+
+def digests(directory: Path) -> dict[str, str]:
+    files = [path for path in directory.rglob("*") if path.is_file()]
+    return {str(path.relative_to(directory)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.mark.long
+def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
+    written(tmp_path / "kept")
+    page = make_report([tmp_path / "kept"], tmp_path / "one").read_text()
+    before = digests(tmp_path)
+    (tmp_path / "one" / "figures" / "old.svg").touch()
+    make_report([tmp_path / "kept"], tmp_path / "one")  # replaces the existing report
+    assert digests(tmp_path) == before
+    assert "http" not in page.replace("http://www.w3.org", "")  # no external resources
+    suffixes = {Table: ("tables", "csv", "md", "tex"), Chart: ("figures", "svg", "png", "pdf"), MissingItem: ("",)}
+    for _, items in chapters(load_report_data([tmp_path / "kept"]), None):
+        for item in items:
+            assert f'id="{item.name}"' in page
+            folder, *kinds = suffixes[type(item)]
+            assert all((tmp_path / "one" / folder / f"{item.name}.{kind}").stat().st_size for kind in kinds)
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leaves pictures empty, as drawing is slow."""
+    for module in (html_report, markdown_report):
+        monkeypatch.setattr(module, "save", lambda figure, path, kind: path.write_bytes(b""))
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
+    written(tmp_path / "kept", [replace(EPISODES[0], statement="<script>$x_1$")], agent="<b>mine<b>")
+    page = make_report([tmp_path / "kept"], tmp_path / "out").read_text()
+    assert "<b>mine" not in page
+    assert "&lt;b&gt;mine" in page
+    assert "<code>lilgym-mp train ppo" in page
+    assert "`" not in page
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"settings": replace(SCATTER, corpus="lilgym")}, "corpus is 'lilgym', but 'builtin' in"),
+        ({"settings": replace(SCATTER, rules="release")}, "rules is 'release', but 'paper' in"),
+        ({"tasks_sha256": "0" * 64}, "tasks_sha256 is 000000000000"),
+        ({"run": "runs/b"}, "training_seed 0 and seed 0 are those of"),
+        ({"training_seed": None}, "training_seed is missing"),
+    ],
+)
+def test_report__incomparable_recordings_are_refused_naming_file_and_key(
+    tmp_path: Path, change: dict[str, Any], said: str
+):
+    written(tmp_path / "kept" / "a")
+    other = written(tmp_path / "kept" / "b", **change)
+    with pytest.raises(ReportError, match=said) as fault:
+        make_report([tmp_path / "kept"], tmp_path / "out")
+    assert str(other.parent) in str(fault.value) or "training_seed" in said
+    assert not (tmp_path / "out").exists()
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-9])
+
+
+@pytest.mark.parametrize(
+    ("prepare", "words", "said"),
+    [
+        (lambda place: (place / "empty").mkdir(), ["empty"], "empty contains no training run and no recorded episodes"),
+        (lambda place: None, ["absent"], "absent: there is no such file"),
+        (lambda place: cut(written(place / "kept")), ["kept"], "truncated"),
+        (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or not a file of recorded episodes"),
+        (lambda place: written(place / "kept"), ["kept", "--tags", "{}/no"], "no: cannot be read"),
+    ],
+)
+def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], words: list[str], said: str
+):
+    prepare(tmp_path)
+    place, *options = words
+    command = ["report", str(tmp_path / place), *(word.format(tmp_path) for word in options)]
+    assert main([*command, "--out", str(tmp_path / "out")]) == USAGE_ERROR
+    assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+def test_report__an_unknown_phenomenon_in_hand_made_tags_is_named_with_the_choices(tmp_path: Path):
+    (tmp_path / "tags.json").write_text('{"A statement.": ["irony"]}')
+    with pytest.raises(ReportError, match=r"tags\.json.*'A statement\.'.*'irony'.*choose from existence"):
+        read_tags(tmp_path / "tags.json")
+
+
+def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path: Path):
+    written(tmp_path / "kept")
+    with pytest.raises(OutputError, match=r"out\.html: .* name a directory"):
+        make_report([tmp_path / "kept"], tmp_path / "out.html")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "precious").write_text("x")
+    with pytest.raises(OutputError, match="holds something other than a report"):
+        make_report([tmp_path / "kept"], tmp_path / "out")
+    assert (tmp_path / "out" / "precious").read_text() == "x"
+
+
+@pytest.mark.parametrize(
+    ("recipes", "expected", "absent"),
+    [
+        ([{"mask": False}], "no mask of legal actions", "illegal ones masked"),
+        ([{"mask": True}], "illegal ones masked", "no mask"),
+        ([{"mask": False}, {"mask": True}], "masked for some runs alone", "no mask"),
+        ([{}], "not recorded whether masked", "illegal ones"),
+        ([{"mask": False, "stop_forcing": True}], "STOP was forced in training", "NLVR"),
+        ([{"mask": False, "nlvr_reward": True}], "with the NLVR reward", "forced"),
+    ],
+)
+def test_figure_4__caption_says_what_the_recipes_say(recipes: list[dict[str, bool]], expected: str, absent: str):
+    said = caption([TrainingCurve(Path(), "ppo", "TowerScratch", (), recipe=recipe) for recipe in recipes])
+    assert expected in said
+    assert absent not in said
+
+
+def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path: Path):
+    written(tmp_path)
+    recipes = [("ScatterScratch", "ours"), ("ScatterScratch", "other"), ("TowerScratch", "ours")]
+    for seed, (configuration, model) in enumerate(recipes):
+        trained(tmp_path / str(seed), 0, [(0.5, None, None)], configuration, model=model, stop_forcing=seed == 1)
+    _, table = dev_curves(load_report_data([tmp_path]))
+    assert [row[0] for row in rows(table)] == ["PPO, model ours", "PPO, model ours", "PPO+SF, model other"]
+
+
+def test_line_chart__of_a_single_evaluation_is_a_point_at_a_whole_number_of_steps():
+    (axes,) = line_chart([("one", "steps", "%", [Line("a", [0], [50]), Line("b", [0], [60], agent="a")])]).axes
+    first, second = axes.lines
+    assert first.get_marker() == second.get_marker() == "o"
+    assert first.get_color() == second.get_color()
+    assert first.get_linestyle() != second.get_linestyle()
+    low, high = axes.get_xlim()
+    assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0]
+
+
+def test_looks__of_56_series_differ_and_stay():
+    looks = Looks()
+    assert len({looks[str(index)] for index in range(56)}) == 56
+    assert looks["0"] == looks["0"] != looks["8"]
+
+
+def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide():
+    measured = MeanStd(50.0, None, 1, 40.0, 65.0)
+    names = [kind.replace(" ", "\n") for kind in ERROR_KINDS]
+    values = {f"agent {index}": [measured, None, *[20.0] * 7] for index in range(5)}
+    figure = bar_chart([BarPanel("one", names, values), BarPanel("other", names[:2], {"agent 0": [70.0, 2.0]})], "%")
+    one, other = figure.axes
+    assert one.get_ylim() == other.get_ylim()
+    assert [axes.get_ylabel() for axes in figure.axes] == ["%", "%"]
+    assert other.get_ylim()[1] > 70
+    (lines,) = next(bars.errorbar for bars in one.containers if isinstance(bars, BarContainer)).lines[2]
+    assert lines.get_segments()[0][:, 1].tolist() == [40, 65]
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        boxes = [label.get_window_extent() for label in (*axes.get_xticklabels(), *axes.texts) if label.get_text()]
+        assert not any(box.overlaps(after) for box, after in pairwise(boxes))
+
+
+def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
+    rewards, shares = BarPanel("", ["a", "b"], {"x": [0.641, -1.2]}), BarPanel("", ["a", "b"], {"x": [9.5, 12.3]})
+    figure = bar_chart([rewards, shares], "")
+    assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "-1.20"], ["10", "12"]]
+
+
+def test_table__columns_without_own_values_are_dropped_and_decimals_fit():
+    half = MeanStd(2 / 3, None, 3)
+    cells = [("own", 200 / 3, None, half), ("paper †", 1.0, 2.0, None)]
+    made = report_items.table("Table", "Shares", ("a", "b (%)", "c", "d"), cells)
+    assert made.columns == ("a", "b (%)", "d")
+    assert made.texts() == [["own", "66.7", "0.67"], ["paper †", "1.0", "–"]]
+    assert made.latex().splitlines()[1:5] == [
+        r"\begin{tabular}{lrr}",
+        r"\toprule",
+        r"a & b (\%) & d \\",
+        r"\midrule",
+    ]
+    assert r"paper $^\dagger$ & 1.0 & -- \\" in made.latex()
+    few = MeanStd(200 / 3, 1.25, 3, 60.04, 70.06, episodes=99)
+    shown = [format_cell(cell, places=1) for cell in (few, few._replace(episodes=100))]
+    assert shown == ["67 ± 1 [60, 70]", "66.7 ± 1.2 [60.0, 70.1]"]
+
+
+def test_report__damaged_evaluations_are_named(tmp_path: Path):
+    written(tmp_path)
+    trained(tmp_path / "a", 0, [(0.5, None, None)])
+    (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
+    with pytest.raises(ReportError, match="damaged, or not the progress"):
+        load_report_data([tmp_path])
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_document__has_tables_pictures_and_provenance_but_no_statement(tmp_path: Path):
+    recording = written(tmp_path / "kept" / "episodes")
+    RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
+    (tmp_path / "kept" / "finished").mkdir()
+    finished = {"commands": [["train", "ppo", "TowerScratch"], ["evaluate"]], "seconds": 1}
+    (tmp_path / "kept" / "finished" / "a.json").write_text(json.dumps(finished))
+    page = tmp_path / "docs" / "results.md"
+    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document", str(page)]
+    assert main(command) == 0
+    text, pictures = page.read_text(), list((tmp_path / "docs" / "pictures").iterdir())
+    assert "Episodes recorded 2026-01-01 10:00 UTC; commit abc; machine: a processor." in text
+    assert "Trained by:\n\n```\nlilgym-mp train ppo TowerScratch\n```" in text
+    assert "Recorded by:\n\n```\nlilgym-mp evaluate x\n```" in text
+    assert f"`lilgym-mp {' '.join(command)}`" in text
+    assert "| mine " in text
+    assert {"csv", "md", "tex"} == {path.name.rpartition(".")[2] for path in (tmp_path / "out" / "tables").iterdir()}
+    assert {path.name for path in pictures} == set(re.findall(r"\(pictures/(.*?)\)", text))
+    assert any("figure-3" in path.name for path in pictures)
+    assert not [kept.statement for kept in EPISODES[:2] if kept.statement in text]
+
+
+@pytest.mark.parametrize(
+    ("commits", "text"),
+    [
+        (["abc", "abc"], "commit abc"),
+        (["abc with changes", "abc", "fed", None], "commits abc with changes, abc, fed, unknown"),
+    ],
+)
+def test_document__commits_are_listed_once(commits: list[str | None], text: str):
+    made = [RecordingMetadata(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
+    assert commits_text(made) == text
+
+
+def test_document__another_page_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    written(tmp_path / "kept")
+    (tmp_path / "mine.md").write_text("# Mine")
+    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document"]
+    assert main([*command, str(tmp_path / "mine.md")]) == USAGE_ERROR
+    assert "was not made by a report; choose a new file" in capsys.readouterr().err
+    assert main([*command, str(tmp_path)]) == USAGE_ERROR
+    assert (tmp_path / "mine.md").read_text() == "# Mine"
+    assert not (tmp_path / "out").exists()
+
+
+def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Path):
+    written(tmp_path / "a", recipe={"width": 64, "seed": 0})
+    written(tmp_path / "b", recipe={"width": 128, "seed": 1}, training_seed=1)
+    written(tmp_path / "c", recipe={"width": 128, "seed": 2}, training_seed=2)
+    found = load_report_data([tmp_path])
+    assert {entry.agent: len(entry.runs) for entry in found.entries} == {"mine (width 64)": 1, "mine (width 128)": 2}
+
+
+def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    kept, results = tmp_path / "kept", tmp_path / "results.json"
+    words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
+    assert main(["evaluate", *words, "--record", str(kept), "--json", str(results)]) == 0
+    found = load_report_data([kept])
+    for row in json.loads(results.read_text())["results"]:
+        entry = found.find(row["agent"], "TowerFlipIt")
+        assert entry is not None
+        assert plain(accuracy_where(entry.runs)) == MeanStd(pytest.approx(100 * row["accuracy"]), None, 1)
+        reward = mean_where(entry.runs, lambda episode: episode.reward)
+        assert plain(reward) == MeanStd(pytest.approx(row["mean_reward"]), None, 1)
+        invalid = mean_where(entry.runs, ROLLOUT_STATISTICS["with an invalid action (%)"])
+        assert invalid is not None
+        assert invalid.mean == pytest.approx(100 * row["outcomes"]["invalid_action"])
