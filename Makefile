@@ -51,7 +51,7 @@ $(STAMP): pyproject.toml constraints.txt
 demo: install  ## train two agents in about three minutes and evaluate them
 	$(BIN)/lilgym-mp demo $(ARGS)
 
-test: install  ## run the tests, including ruff and the import contract
+test: install  ## run the tests, without the long ones and without lint
 	@$(BIN)/python -m pytest -n 2 --dist worksteal -m 'not long' $(ARGS)
 
 test-long: install  ## run the long tests: full-length commands, tutorials, the site

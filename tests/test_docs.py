@@ -128,16 +128,6 @@ def test_links_between_documents__have_existing_targets() -> None:
     assert not broken
 
 
-def test_links_between_documents__have_titles_as_texts() -> None:
-    named = [
-        f"{path.name}: [{text}]"
-        for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
-        for text in re.findall(r"\[([^]]*)\]\([^)]*\)", path.read_text())
-        if re.fullmatch(r"`?[\w./]+\.md`?", text)
-    ]
-    assert not named
-
-
 def test_reference__names_public_import_paths() -> None:
     """The shortest path by which packages export an object."""
     for page in (ROOT / "docs" / "api").glob("*.md"):
@@ -154,33 +144,3 @@ def test_tests_named_in_the_fidelity_table__exist() -> None:
     sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert named
     assert [name for name in named if f"def {name}(" not in sources] == []
-
-
-def test_citations_of_the_specification__name_a_heading() -> None:
-    headings = set(re.findall(r"^#+ (.+)$", (ROOT / "docs" / "spec.md").read_text(), re.MULTILINE))
-    sources = [path for place in ("lilgym_mp", "wrappers", "tests") for path in (ROOT / place).rglob("*.py")]
-    cited = [
-        (path.name, heading)
-        for path in sources
-        for quoted in re.findall(r'docs/spec\.md, ((?:"[A-Z][^"]*"(?:, )?)+)', path.read_text())
-        for heading in re.findall(r'"([^"]+)"', quoted)
-    ]
-    assert len(cited) > 30
-    assert [citation for citation in cited if citation[1] not in headings] == []
-
-
-MEASURING = re.compile(r"`python (?:-m tests\.stress\.|benchmarks/)")
-DATE = re.compile(r"20\d\d-\d\d-\d\d")
-
-
-def _reports_a_measurement(text: str) -> bool:
-    """Whether a paragraph names a benchmark or check and contains a number outside code."""
-    named = [paragraph for paragraph in text.split("\n\n") if MEASURING.search(paragraph)]
-    return any(re.search(r"\d", re.sub(r"`[^`]*`", "", paragraph)) for paragraph in named)
-
-
-def test_documents__date_their_measurements() -> None:
-    pages = {path.name: path.read_text() for path in (ROOT / "docs").rglob("*.md")}
-    measured = {name: text for name, text in pages.items() if _reports_a_measurement(text)}
-    assert len(measured) > 4
-    assert [name for name, text in measured.items() if not DATE.search(text)] == [], "add the date of the measurement"

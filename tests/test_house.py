@@ -1,11 +1,10 @@
-"""Project rules that tools can check: packaging, imports, style, the summary of skipped tests."""
+"""Project rules: packaging, light imports, no official statements, the summary of skipped tests."""
 
 from __future__ import annotations
 
 import gzip
 import importlib.util
 import re
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -112,46 +111,6 @@ def test_import__an_environment_does_not_load_the_statement_generator():
     done = _run(sys.executable, "-c", program)
     assert done.returncode == 0, done.stderr
     assert not done.stdout.split()
-
-
-def _import_contract(place: Path) -> subprocess.CompletedProcess[str]:
-    _needs("importlinter")
-    program = "import sys; from importlinter.cli import lint_imports_command as run; sys.exit(run())"
-    return _run(sys.executable, "-c", program, "--no-cache", "--config", ROOT / "pyproject.toml", cwd=place)
-
-
-def test_import_contract__holds(installed_form: Path):
-    done = _import_contract(installed_form)
-    assert done.returncode == 0, done.stdout + done.stderr
-
-
-FORBIDDEN = [  # module, an import it must not have, the contract that forbids it
-    ("scene", "lilgym_mp.task", "Imports go downwards only"),
-    ("task", "lilgym_mp.wrappers", "Imports go downwards only"),
-    ("scene", "gymnasium", "The core depends on the standard library and NumPy only"),
-    ("wrappers", "torch", "Torch and Stable-Baselines3 from the learning layer on"),
-    ("wrappers", "transformers", "Transformers in learning and in the language-model agent only"),
-    ("wrappers", "pettingzoo", "PettingZoo in the proposer-verifier game only"),
-    ("corpus", "shapely", "Shapely in scripts and tests only"),
-]
-
-
-def test_import_contract__names_the_rules_that_imports_break(installed_form: Path, tmp_path: Path):
-    shutil.copytree(installed_form, tmp_path, dirs_exist_ok=True)
-    for module, imported, _ in FORBIDDEN:
-        place = tmp_path / "lilgym_mp" / module
-        with (place / "__init__.py" if place.is_dir() else place.with_suffix(".py")).open("a") as file:
-            file.write(f"\nimport {imported}\n")
-    output = _import_contract(tmp_path).stdout
-    for module, imported, contract in FORBIDDEN:
-        assert f"{contract} BROKEN" in output
-        assert re.search(rf"lilgym_mp\.{module} -> {re.escape(imported)} \(l\.\d+", output), (module, imported)
-
-
-@pytest.mark.parametrize("command", [["check"], ["format", "--check"]])
-def test_style__passes_ruff(command: list[str]):
-    _needs("ruff")
-    _passes(sys.executable, "-m", "ruff", *command, "--quiet", ROOT)
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -1,8 +1,10 @@
-"""Corpus numbers in the documentation match the output of commands and scripts."""
+"""Counts of corpora in the documentation match the output of commands and scripts; data/croissant.json."""
 
 from __future__ import annotations
 
+import gzip
 import importlib.util
+import json
 import re
 import sys
 from collections import Counter
@@ -20,6 +22,7 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.report.corpus_statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
 from lilgym_mp.scene import Scene
+from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -107,3 +110,44 @@ def test_official_page__syntactic_shares_match_the_rules(official_data: Path):
                 coordination, preposition = (counts[one] for one in SyntacticPhenomenon)
                 assert row[2].strip() == f"{100 * coordination / total:.1f} ({coordination} of {total:,})"
                 assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
+
+
+def flat(name: str) -> str:
+    """A document's text without line breaks."""
+    return " ".join((DOCS / name).read_text(encoding="utf-8").split())
+
+
+def test_counts_of_official_tasks(official_data: Path):
+    train = {a: load_tasks("lilgym", a, "flipit", "train") for a in ("tower", "scatter")}
+    dev = {a: load_tasks("lilgym", a, "flipit", "dev") for a in ("tower", "scatter")}
+    assert f"{sum(map(len, train.values())):,}" in flat("fidelity.md")
+    assert f"dev | {sum(map(len, dev.values()))} |" in flat("fidelity.md")
+    statements = len({task.statement for task in dev["tower"]})
+    assert f"{len(dev['tower'])} tasks of {statements} statements" in flat("agents.md")
+
+
+def test_datasheet__counts_are_those_of_the_file():
+    lines = gzip.decompress((ROOT / "data" / "builtin.jsonl.gz").read_bytes()).decode().splitlines()
+    entries = [json.loads(line) for line in lines[1:]]
+    hand_written = sum("hand-written" in entry["tags"] for entry in entries)
+    text = flat("datasheet.md")
+    assert f"{len(entries):,} English statements" in text
+    assert f"| {hand_written} | for this project" in text
+    assert f"| {len(entries) - hand_written:,} | by a grammar" in text
+    splits = Counter(entry["split"] for entry in entries if entry["appearance"] == "tower")
+    assert f"({splits['train']:,} train, {splits['dev']} dev, {splits['test']} test)" in text
+
+
+def test_croissant__describes_the_corpus_file():
+    written = (ROOT / "data" / "croissant.json").read_text(encoding="utf-8")
+    assert written == load_script("write_croissant").text(), "run scripts/write_croissant.py"
+
+
+def test_croissant__is_valid_and_can_be_read():
+    mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
+    dataset = mlcroissant.Dataset(jsonld=str(ROOT / "data" / "croissant.json"))
+    assert not dataset.metadata.ctx.issues.errors
+    assert not dataset.metadata.ctx.issues.warnings
+    _, *entries = dataset.records("entries")  # the first is the header
+    assert len(entries) == 2_900
+    assert entries[0]["entries/statement"].startswith(b"There should be")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import runpy
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,8 +21,8 @@ from lilgym_mp.evaluation.policies import NamedPolicy, Observations, WithoutMask
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.scene import Colour
+from tests.scripts import load_script
 
-ROOT = Path(__file__).parents[2]
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
@@ -165,7 +164,7 @@ def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_s
             rest = {name: row.pop(name) for name in list(row)[list(row).index("tags") :]}
             row.update(phenomena=tags, **rest)
 
-    digest = runpy.run_path(str(ROOT / "scripts" / "digest_recordings.py"))["digest"]
+    digest = load_script("digest_recordings").digest
     before = digest(recording.path.parent)
     rewrite(recording.path, as_before)
     assert read_episodes(recording.path).episodes == recording.episodes

@@ -12,7 +12,11 @@ from lilgym_mp.actions import STOP, RemoveBlock, RemoveItem
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.recording import check_recording
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from tests.own_corpus import write_own_corpus
+from tests.scripts import load_script
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 
 
 @pytest.fixture(scope="module")
@@ -83,3 +87,12 @@ def test_report__check_stops_before_the_report(
     assert main(["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--check"]) == USAGE_ERROR
     assert "when played again" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.long
+def test_results__random_rows_have_the_published_digest(official_data: Path, tmp_path: Path):
+    configurations = [*("--configuration", *CONFIGURATIONS), *("--corpus", "lilgym", "--split", "dev", "--optimal")]
+    command = ["evaluate", "--policy", "random-legal", "random-type", "--passes", "5", "--record", str(tmp_path)]
+    assert main([*command, *configurations]) == 0
+    digest = load_script("digest_recordings").digest(tmp_path)
+    assert f"| 8, 9 | `lilgym-mp {' '.join(command[:-1])} DIR C` | {digest} |" in RESULTS.read_text(encoding="utf-8")

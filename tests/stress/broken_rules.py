@@ -1,331 +1,129 @@
-"""Mutation testing: breaks one rule after another in a copy of the project, and checks that tests fail.
+"""Mutation testing: breaks the functions that hold rules in a copy of the project, and checks that tests fail.
 
-Each of BREAKS changes one piece of code and names the tests of which one must fail. They are run until the first
-failure. With LILGYM_DATA and LILGYM_GOLDEN, they include tests of official tasks and recorded behaviour.
-Run from the root of a checkout: python -m tests.stress.broken_rules [--only "reward of a step"]
+RULES names functions and the tests that should fail when one of them breaks. An operator, comparison or number in the
+function's body is changed at a time. With LILGYM_DATA and LILGYM_GOLDEN, the tests include recorded behaviour.
+Run from the root of a checkout: python -m tests.stress.broken_rules [--only rules.py:Dynamics.step] [--most 8]
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
 import os
 import re
 import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import NamedTuple
+from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 IGNORED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?::[^\s\[]+|\S+\.py)", re.MULTILINE)
 
+OPPOSITES: Mapping[type[ast.AST], type[Any]] = {
+    ast.Lt: ast.LtE,
+    ast.LtE: ast.Lt,
+    ast.Gt: ast.GtE,
+    ast.GtE: ast.Gt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+    ast.And: ast.Or,
+    ast.Or: ast.And,
+    ast.Add: ast.Sub,
+    ast.Sub: ast.Add,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
 
-class Break(NamedTuple):
-    """A rule and how to break it: `right`, which occurs exactly once in the file, is replaced by `wrong`."""
+# By file and function: the tests of which one must fail.
+RULES: Mapping[str, tuple[str, ...]] = {
+    "lilgym_mp/rules.py:Dynamics.step": ("tests/test_rules.py",),
+    "lilgym_mp/rules.py:_step_result": ("tests/test_rules.py",),
+    "lilgym_mp/appearances/placement.py:PlacementTables.closest": ("tests/appearances/test_scatter.py",),
+    "lilgym_mp/appearances/placement.py:is_free": ("tests/appearances/test_scatter.py",),
+    "lilgym_mp/appearances/placement.py:snapped": ("tests/appearances", "tests/fidelity"),
+    "lilgym_mp/appearances/placement.py:searched": ("tests/appearances/test_scatter.py",),
+    "lilgym_mp/appearances/legality.py:BoxLegality.addable": ("tests/appearances/test_masks.py",),
+    "lilgym_mp/appearances/legality.py:BoxLegality._compute_covered": ("tests/appearances/test_masks.py",),
+    "lilgym_mp/appearances/tower.py:_legal_by_heights": ("tests/appearances",),
+    "lilgym_mp/envs/cores/kernels.py:_closest": ("tests/envs/test_cores.py",),
+    "lilgym_mp/envs/cores/kernels.py:edit_tower_scenes": ("tests/envs/test_cores.py",),
+    "lilgym_mp/envs/engine.py:Engine.step": ("tests/envs/test_batched.py",),
+    "lilgym_mp/envs/engine.py:Engine._next_task": ("tests/envs/test_workers.py", "tests/envs/test_batched.py"),
+    "lilgym_mp/programs/functions/items.py:_near_corner": ("tests/programs",),
+    "lilgym_mp/programs/canonical.py:_compare_with_constant": ("tests/programs/test_canonical.py",),
+    "lilgym_mp/envs/proposer_verifier/rewards.py:_correctness": ("tests/envs/proposer_verifier",),
+    "lilgym_mp/augmentation.py:Augmentation._column": ("tests/test_augmentation.py",),
+    "lilgym_mp/perception.py:Decomposition._item": ("tests/test_perception.py",),
+    "lilgym_mp/solver/tower_search.py:TowerSearch.solve": ("tests/solver",),
+    "lilgym_mp/learning/ppo/update.py:policy_loss": ("tests/learning/ppo/test_update.py",),
+    "lilgym_mp/learning/ppo/update.py:generalised_advantages": ("tests/learning/ppo/test_update.py",),
+    "lilgym_mp/learning/game/rollout.py:own_turn_advantages": ("tests/learning/game/test_rollout.py",),
+    "lilgym_mp/evaluation/runs.py:summarise": ("tests/evaluation",),
+    "lilgym_mp/report/aggregation.py:paired_difference": ("tests/report",),
+    "wrappers/stop_forcing.py:Forcing.action_masks": ("tests/wrappers/test_stop_forcing.py",),
+}
 
-    rule: str
-    file: str
-    right: str
-    wrong: str
-    tests: tuple[str, ...]
+
+def function(tree: ast.Module, name: str) -> ast.FunctionDef:
+    """The function or method of that name. Raises KeyError."""
+    found: Any = tree
+    for part in name.split("."):
+        defined = {each.name: each for each in found.body if isinstance(each, ast.ClassDef | ast.FunctionDef)}
+        found = defined[part]
+    return found
 
 
-APPEARANCES, ENVS, GAME = "lilgym_mp/appearances", "lilgym_mp/envs", "lilgym_mp/envs/proposer_verifier"
-LEARNING, PROGRAMS = "lilgym_mp/learning", "lilgym_mp/programs"
-BREAKS = (
-    Break("reward of a step", "lilgym_mp/rules.py", "STEP_COST = 0.1", "STEP_COST = 0.2", ("tests/test_rules.py",)),
-    Break(
-        "STOP succeeds if the statement has the target value",
-        "lilgym_mp/task.py",
-        "compile_program(self.program)(scene) == self.target",
-        "compile_program(self.program)(scene)",
-        ("tests/test_task.py", "tests/test_rules.py"),
-    ),
-    Break(
-        "last action before the horizon",
-        "lilgym_mp/rules.py",
-        "result = self._of_edit[invalid is None][steps >= self.horizon]",
-        "result = self._of_edit[invalid is None][steps > self.horizon]",
-        ("tests/test_rules.py",),
-    ),
-    Break(
-        "flags of an invalid action under the release rules",
-        "lilgym_mp/rules.py",
-        "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=False, truncated=True)",
-        "Outcome.INVALID_ACTION: OutcomeSignal(-1.0, terminated=True, truncated=False)",
-        ("tests/fidelity", "tests/test_rules.py"),
-    ),
-    Break(
-        "an item snaps to the first of several equally near items",
-        f"{APPEARANCES}/placement.py",
-        "if code < smallest:",
-        "if code <= smallest:",
-        ("tests/appearances/test_scatter.py",),
-    ),
-    Break(
-        "maximum snapping distance",
-        f"{APPEARANCES}/placement.py",
-        "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
-        "frame_x = 0\n    if placement_tables().closest(footprint, x, y, [closest])[0] > SNAP_REACH:"
-        "\n        return x, y",
-        ("tests/appearances/test_scatter.py",),
-    ),
-    Break(
-        "nearest points are truncated in the image under the release rules",
-        f"{APPEARANCES}/placement.py",
-        "frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0",
-        "frame_x = 0",
-        ("tests/appearances", "tests/fidelity"),
-    ),
-    Break(
-        "touching items do not overlap",
-        f"{APPEARANCES}/placement.py",
-        "closest(footprint, x, y, items)[0] != OVERLAPPING",
-        "closest(footprint, x, y, items)[0] > OVERLAPPING + 1",
-        ("tests/appearances/test_scatter.py",),
-    ),
-    Break(
-        "search order in a cell",
-        f"{APPEARANCES}/placement.py",
-        "divmod((free & -free).bit_length() - 1, pitch)",
-        "divmod(free.bit_length() - 1, pitch)",
-        ("tests/appearances/test_scatter.py",),
-    ),
-    Break(
-        "mask of REMOVE in one cell",
-        f"{APPEARANCES}/legality.py",
-        "            here |= covers\n        return found",
-        "            here |= covers\n        found[-1, -1] = False\n        return found",
-        ("tests/appearances/test_masks.py",),
-    ),
-    Break(
-        "mask of ADD for one item type in one cell",
-        f"{APPEARANCES}/legality.py",
-        "    in_cell[:, 0, 0] = True",
-        "    in_cell[:8, 0, 0] = True",
-        ("tests/appearances/test_masks.py",),
-    ),
-    Break(
-        "an empty tower has nothing to remove",
-        f"{APPEARANCES}/tower.py",
-        "heights[action.box] > 0",
-        "heights[action.box] >= 0",
-        ("tests/appearances/test_tower.py", "tests/appearances/test_masks.py"),
-    ),
-    Break(
-        "the compiled core snaps to the first of several equally near items",
-        f"{ENVS}/cores/kernels.py",
-        "            if code < smallest:",
-        "            if code <= smallest:",
-        ("tests/envs/test_cores.py",),
-    ),
-    Break(
-        "later items are drawn over earlier ones",
-        "lilgym_mp/render/drawing.py",
-        "        for item in box.items:\n            _paint",
-        "        for item in reversed(box.items):\n            _paint",
-        ("tests/render", "tests/fidelity/test_images.py"),
-    ),
-    Break(
-        "NEXT_STEP autoreset",
-        f"{ENVS}/engine.py",
-        "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting):",
-        "if self._autoreset is AutoresetMode.NEXT_STEP and len(waiting) > 1:",
-        ("tests/envs/test_batched.py",),
-    ),
-    Break(
-        "final observation of an episode",
-        f"{ENVS}/engine.py",
-        "buffers.last_image[env_id] = buffers.image[env_id]",
-        "buffers.last_image[env_id] = buffers.image[0]",
-        ("tests/envs/test_batched.py",),
-    ),
-    Break(
-        "evaluation tasks of a worker's environments",
-        f"{ENVS}/engine.py",
-        "global_id = self._first + env_id",
-        "global_id = env_id",
-        ("tests/envs/test_workers.py",),
-    ),
-    Break(
-        "comparison in a compiled program",
-        f"{ENVS}/cores/kernels.py",
-        "value = int(values[a] < values[b])",
-        "value = int(values[a] <= values[b])",
-        ("tests/envs/test_program_evaluator.py",),
-    ),
-    Break(
-        "position test in a compiled program",
-        f"{ENVS}/cores/kernels.py",
-        "programs.places[item_type % SIZE_COUNT, x, y]",
-        "programs.places[item_type % SIZE_COUNT, y, x]",
-        ("tests/envs/test_program_evaluator.py",),
-    ),
-    Break(
-        "comparison in a program word",
-        f"{PROGRAMS}/functions/items.py",
-        "all(y.top <= x.top for y in x.box.members)",
-        "all(y.top < x.top for y in x.box.members)",
-        ("tests/programs/test_functions.py", "tests/programs/test_words.py"),
-    ),
-    Break(
-        "a word counts distinct objects",
-        f"{PROGRAMS}/functions/collections.py",
-        "return len({words.identity_key(x) for x in s})",
-        "return len(s)",
-        ("tests/programs",),
-    ),
-    Break(
-        "canonical form of comparisons",
-        f"{PROGRAMS}/canonical.py",
-        '(">=", bound + 1) if operator == ">"',
-        '(">=", bound) if operator == ">"',
-        ("tests/programs/test_canonical.py",),
-    ),
-    Break(
-        "a verifier's cost of a false accept",
-        f"{GAME}/rewards.py",
-        "return -costs.false_accept if judgement.accepted else -costs.false_reject",
-        "return -costs.false_reject if judgement.accepted else -costs.false_accept",
-        ("tests/envs/proposer_verifier",),
-    ),
-    Break(
-        "message cost in a batch of games",
-        f"{GAME}/game_arrays.py",
-        "self.rewards[role] -= game.message_cost * (message > SILENCE)",
-        "self.rewards[role] -= game.message_cost * (message >= SILENCE)",
-        ("tests/envs/proposer_verifier/test_batched.py",),
-    ),
-    Break(
-        "only the proposer sees the intent",
-        f"{GAME}/views.py",
-        "if role is Role.PROPOSER and game.rewards.draws_intent:",
-        "if game.rewards.draws_intent:",
-        ("tests/web/test_game.py", "tests/envs/proposer_verifier"),
-    ),
-    Break(
-        "an augmentation permutes the boxes of scenes",
-        "lilgym_mp/augmentation.py",
-        "return Scene((left, middle, right)).permuted(self.boxes)",
-        "return Scene((left, middle, right))",
-        ("tests/test_augmentation.py",),
-    ),
-    Break(
-        "position of an item read from an image",
-        "lilgym_mp/perception.py",
-        "return Item(x, row * self._shrink + template.odd_y, template.shape",
-        "return Item(x, row * self._shrink, template.shape",
-        ("tests/test_perception.py",),
-    ),
-    Break(
-        "the search finds the shortest solution",
-        "lilgym_mp/solver/tower_search.py",
-        "for edits in range(max_edits + 1):",
-        "for edits in range(2, max_edits + 1):",
-        ("tests/solver/test_tower_search.py", "tests/solver/test_expert.py"),
-    ),
-    Break(
-        "cap of the probability ratio in PPO's loss",
-        f"{LEARNING}/ppo/update.py",
-        "torch.where(capped, float(np.log(ratio_cap)), torch.inf)",
-        "torch.where(capped, torch.inf, torch.inf)",
-        ("tests/learning/ppo/test_update.py",),
-    ),
-    Break(
-        "advantages end with their episode",
-        f"{LEARNING}/ppo/update.py",
-        "continues = ~ended[step]",
-        "continues = np.ones_like(ended[step])",
-        ("tests/learning/ppo/test_update.py",),
-    ),
-    Break(
-        "STOP is forced where it succeeds",
-        f"{LEARNING}/ppo/rollout.py",
-        "actions[forced] = STOP",
-        "actions[~forced] = STOP",
-        ("tests/learning/ppo/test_training.py",),
-    ),
-    Break(
-        "own turns of the two-agent game end with it",
-        f"{LEARNING}/game/rollout.py",
-        "continues & ~over, known | over",
-        "continues, known | over",
-        ("tests/learning/game/test_rollout.py",),
-    ),
-    Break(
-        "random state of a resumed run",
-        f"{LEARNING}/ppo/training.py",
-        'self._rng.bit_generator.state = json.loads(state["random"])',
-        'json.loads(state["random"])',
-        ("tests/learning/ppo/test_training.py",),
-    ),
-    Break(
-        "imitation loss over sets of actions",
-        f"{LEARNING}/imitation/update.py",
-        "torch.logaddexp(types[..., 0] + added, types[..., 1] + removed)",
-        "types[..., 0] + added",
-        ("tests/learning/imitation",),
-    ),
-    Break(
-        "mask of stop forcing",
-        "wrappers/stop_forcing.py",
-        "legal[success] = False",
-        "legal[~success] = False",
-        ("tests/wrappers/test_stop_forcing.py",),
-    ),
-    Break(
-        "terminal observations for Stable-Baselines3",
-        "lilgym_mp/sb3.py",
-        'step_infos[env_id]["terminal_observation"] = final_obs[env_id]',
-        'step_infos[env_id]["terminal_observation"] = final_obs[ended[0]]',
-        ("tests/test_sb3.py",),
-    ),
-    Break(
-        "a reply whose thought does not end",
-        "wrappers/replies.py",
-        'end = tag.end() if tag["end"] else None',
-        "end = tag.end()",
-        ("tests/wrappers/test_text.py",),
-    ),
-    Break(
-        "return of an evaluated episode",
-        "lilgym_mp/evaluation/runs.py",
-        "        rewards += reward\n",
-        "        rewards = reward\n",
-        ("tests/evaluation",),
-    ),
-    Break(
-        "standard deviation over runs in a report",
-        "lilgym_mp/report/aggregation.py",
-        "stdev(values) if len(values) > 1",
-        "stdev([*values, mean(values)]) if len(values) > 1",
-        ("tests/report",),
-    ),
-)
+def mutants(source: str, name: str) -> Iterator[tuple[str, str]]:
+    """What is changed, and the source with the change, for every possible one in the function's body."""
+    count = sum(1 for _ in _places(function(ast.parse(source), name)))
+    for index in range(count):
+        tree = ast.parse(source)
+        node, change = list(_places(function(tree, name)))[index]
+        before = ast.unparse(node)
+        change(node)
+        yield f"line {node.lineno}: {before} -> {ast.unparse(node)}", ast.unparse(ast.fix_missing_locations(tree))
+
+
+def _places(found: ast.FunctionDef) -> Iterator[tuple[Any, Any]]:
+    """The nodes to change, and functions that change them."""
+    for node in (node for statement in found.body for node in ast.walk(statement)):
+        match node:
+            case ast.Compare() if type(node.ops[0]) in OPPOSITES:
+                yield node, lambda node: node.ops.__setitem__(0, OPPOSITES[type(node.ops[0])]())
+            case ast.BoolOp() | ast.BinOp() if type(node.op) in OPPOSITES:
+                yield node, lambda node: setattr(node, "op", OPPOSITES[type(node.op)]())
+            case ast.UnaryOp(op=ast.Not() | ast.Invert()):
+                yield node, lambda node: setattr(node, "op", ast.UAdd())
+            case ast.Constant(value=bool(value)):
+                yield node, lambda node, value=value: setattr(node, "value", not value)
+            case ast.Constant(value=int(value)):
+                yield node, lambda node, value=value: setattr(node, "value", value + 1)
 
 
 @contextmanager
-def broken(copy: Path, chosen: Break) -> Iterator[None]:
-    """Breaks the rule in `copy`, and restores it afterwards. Raises ValueError unless `right` occurs exactly once."""
-    path = copy / chosen.file
-    text = path.read_text()
-    if text.count(chosen.right) != 1:
-        raise ValueError(f"{chosen.rule}: {chosen.right!r} must occur exactly once in {chosen.file}")
-    path.write_text(text.replace(chosen.right, chosen.wrong))
+def replaced(path: Path, text: str) -> Iterator[None]:
+    """Replaces the content of a file, and restores it afterwards."""
+    before = path.read_text()
+    path.write_text(text)
     try:
         yield
     finally:
-        path.write_text(text)
+        path.write_text(before)
 
 
-def first_failure(copy: Path, tests: tuple[str, ...]) -> str | None:
+def first_failure(copy: Path, tests: Sequence[str]) -> str | None:
     """The first test that fails in the copy, without its parameters; None if all pass."""
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-m", "not long", *tests]
     done = subprocess.run(
         command, cwd=copy, env={**os.environ, "PYTHONPATH": str(copy)}, capture_output=True, text=True, check=False
     )
@@ -336,23 +134,27 @@ def first_failure(copy: Path, tests: tuple[str, ...]) -> str | None:
 
 
 def main() -> int:
-    """Prints a table row for each broken rule; the exit code is 1 if tests pass in spite of one."""
+    """Prints a table row for each change; the exit code is 1 if tests pass in spite of every change of a function."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--only", nargs="+", metavar="RULE", choices=[rule for rule, *_ in BREAKS])
-    only = parser.parse_args().only
-    missed = 0
+    parser.add_argument("--only", nargs="+", metavar="FILE:FUNCTION", help="part of the name of a rule")
+    parser.add_argument("--most", type=int, default=3, metavar="N", help="changes of a function (default: 3)")
+    args = parser.parse_args()
+    missed = caught = 0
     with tempfile.TemporaryDirectory() as directory:
         copy = shutil.copytree(ROOT, Path(directory) / "project", ignore=IGNORED)
-        print("| broken rule | failing test | seconds |\n|---|---|---:|")
-        for chosen in BREAKS:
-            if only and chosen.rule not in only:
+        print("| function | change | failing test | seconds |\n|---|---|---|---:|")
+        for rule, tests in RULES.items():
+            if args.only and not any(part in rule for part in args.only):
                 continue
-            began = perf_counter()
-            with broken(copy, chosen):
-                failure = first_failure(copy, chosen.tests)
-            missed += failure is None
-            print(f"| {chosen.rule} | {failure or 'NONE'} | {perf_counter() - began:.0f} |", flush=True)
-    print(f"{missed} not detected")
+            file, _, name = rule.partition(":")
+            made = list(mutants((copy / file).read_text(), name))
+            for change, source in made[:: -(-len(made) // args.most)]:
+                began = perf_counter()
+                with replaced(copy / file, source):
+                    failure = first_failure(copy, tests)
+                missed, caught = missed + (failure is None), caught + (failure is not None)
+                print(f"| {rule} | {change} | {failure or 'NONE'} | {perf_counter() - began:.0f} |", flush=True)
+    print(f"{caught} detected, {missed} not")
     return int(missed > 0)
 
 

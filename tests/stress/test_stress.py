@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.stress.broken_rules import BREAKS, ROOT, Break, broken, first_failure
+from tests.stress.broken_rules import ROOT, RULES, first_failure, mutants, replaced
 from tests.stress.corrections import corrections
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_reports
@@ -67,45 +67,26 @@ def test_hostile_records__give_a_page_or_one_line() -> None:
     assert sum(hostile_reports(12, seed=1).values()) == 12
 
 
-@pytest.fixture(scope="module")
-def undefined_names(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """Ruff's report on the broken files, each named after its index in BREAKS."""
-    pytest.importorskip("ruff")
-    place = tmp_path_factory.mktemp("broken")
-    for index, chosen in enumerate(BREAKS):
-        (place / f"{index}.py").write_text((ROOT / chosen.file).read_text().replace(chosen.right, chosen.wrong))
-    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", "--output-format", "concise"]
-    command += ["--select", "E9,F821", "."]
-    done = subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
-    assert done.returncode in (0, 1), done.stderr
-    return f"\n{done.stdout}"
-
-
-@pytest.mark.parametrize("chosen", BREAKS, ids=lambda chosen: chosen.rule)
-def test_broken_rules__are_each_broken_in_one_place_by_code_without_undefined_names(
-    chosen: Break, undefined_names: str
-) -> None:
-    assert (ROOT / chosen.file).read_text().count(chosen.right) == 1
-    assert f"\n{BREAKS.index(chosen)}.py:" not in undefined_names, undefined_names
-    assert all((ROOT / tests).exists() for tests in chosen.tests)
+def test_broken_rules__name_functions_with_something_to_break_and_tests() -> None:
+    for rule, tests in RULES.items():
+        file, _, name = rule.partition(":")
+        assert any(mutants((ROOT / file).read_text(), name)), rule
+        assert all((ROOT / test).exists() for test in tests), rule
 
 
 def test_broken_rules__are_caught_by_their_test_and_restored(tmp_path: Path) -> None:
-    copy = tmp_path / "copy"
-    (copy / "rules").mkdir(parents=True)
-    (copy / "rules" / "cost.py").write_text("COST = 1\n")
-    (copy / "test_cost.py").write_text(
-        "from rules.cost import COST\n\ndef test_cost__is_one():\n    assert COST == 1\n"
-    )
-    chosen = Break("cost", "rules/cost.py", "COST = 1", "COST = 2", ("test_cost.py",))
-    with broken(copy, chosen):
-        assert first_failure(copy, chosen.tests) == "test_cost.py::test_cost__is_one"
-    assert (copy / chosen.file).read_text() == "COST = 1\n"
-    with (
-        pytest.raises(ValueError, match="cost: 'COST = 3' must occur exactly once"),
-        broken(copy, chosen._replace(right="COST = 3")),
-    ):
-        pass
+    source = "class Rule:\n    def holds(self, x):\n        return not x and x + 2 > 1\n"
+    (tmp_path / "rule.py").write_text(source)
+    test = "from rule import Rule\n\ndef test_rule():\n    assert Rule().holds(0)\n    assert not Rule().holds(-1)\n"
+    (tmp_path / "test_rule.py").write_text(test)
+    changes = dict(mutants(source, "Rule.holds"))
+    assert {change.partition(" -> ")[2] for change in changes} == {
+        *("+x", "not x or x + 2 > 1", "x + 2 >= 1", "x - 2", "3", "2"),
+    }
+    with replaced(tmp_path / "rule.py", changes["line 3: not x -> +x"]):
+        assert first_failure(tmp_path, ("test_rule.py",)) == "test_rule.py::test_rule"
+    assert (tmp_path / "rule.py").read_text() == source
+    assert first_failure(tmp_path, ("test_rule.py",)) is None
 
 
 def test_children__handle_interrupts_even_if_the_shell_ignored_them():
