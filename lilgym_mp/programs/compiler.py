@@ -3,28 +3,33 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
+from importlib import import_module
+from typing import Any
 
 from lilgym_mp.programs import costs
-from lilgym_mp.programs.box_functions import MAX_MEMO, FallbackError, forget_programs
-from lilgym_mp.programs.code_generation import generate_function
-from lilgym_mp.programs.errors import ProgramError, ProgramRuntimeError, StepLimitError
+from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError, StepLimitError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import Call, WordName, own_size, parse, walk
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
+MAX_MEMO = 2_048  # values memoised by a box or scene, beyond which those of programs are forgotten
+# Imported when a program is evaluated often; the core plays without it.
+ACCELERATOR = "lilgym_mp.fast.code_generation", "generate_function"
+REFERENCE_EVALUATIONS = 2  # of a program, before code is generated for it
 
 
 class Program:
     """A compiled program. `program(scene)` is its truth value in the scene, memoised in `scene.memo`.
 
-    Code is generated on first use. Where evaluation raises ProgramRuntimeError, the truth value is False and `errors`
-    counts the message, once per scene. Pickling keeps the source only.
+    The reference evaluator computes the first values, generated code the others. Where evaluation raises
+    ProgramRuntimeError, the truth value is False and `errors` counts the message, once per scene. Pickling keeps the
+    source only.
     """
 
-    __slots__ = ("_generated", "_key", "_reference", "errors", "source", "tree")
+    __slots__ = ("_evaluations", "_generated", "_key", "_reference", "errors", "source", "tree")
 
     def __init__(self, source: str) -> None:
         """Raises ProgramError when `source` is not a valid program."""
@@ -33,6 +38,7 @@ class Program:
         self.tree = parse(source)
         self._reference = build_closure(self.tree)
         self._generated: Callable[[Scene], bool] | None = None
+        self._evaluations = 0  # before code is generated
         self._key = "program truth " + source
 
     def __call__(self, scene: Scene) -> bool:
@@ -40,7 +46,7 @@ class Program:
         truth = memo.get(self._key)
         if truth is None:
             try:
-                truth = (self._generated or self._generate())(scene)
+                truth = (self._generated or self._first())(scene)
             except FallbackError:
                 truth = self._reference_truth(scene)
             if len(memo) >= MAX_MEMO:
@@ -70,8 +76,18 @@ class Program:
         """`evaluate` by the reference evaluator, which defines the semantics."""
         return evaluate(self._reference, Evaluation(scene, step_limit))
 
+    def _first(self) -> Callable[[Scene], bool]:
+        """The function for one of the first evaluations."""
+        self._evaluations += 1
+        return _always_fall_back if self._evaluations <= REFERENCE_EVALUATIONS else self._generate()
+
     def _generate(self) -> Callable[[Scene], bool]:
-        self._generated = generate_function(self.tree) or _always_fall_back
+        module, name = ACCELERATOR
+        try:
+            self._generated = getattr(import_module(module), name)(self.tree)
+        except ImportError:
+            self._generated = None
+        self._generated = self._generated or _always_fall_back
         return self._generated
 
     def _reference_truth(self, scene: Scene) -> bool:
@@ -137,6 +153,13 @@ def explain_program(source: str) -> str:
     words = sorted({node.word.name for node in walk(program.tree) if isinstance(node, Call | WordName)})
     used = f"words: {', '.join(words)}" if words else "words: none"
     return f"valid program\n{used}\non the empty scene: {value}"
+
+
+def forget_programs(memo: dict[Hashable, Any]) -> None:
+    """Removes what programs memoised, whose keys begin with "program "; it is computed again when needed."""
+    for key in list(memo):
+        if isinstance(key, str) and key.startswith("program "):
+            memo.pop(key, None)
 
 
 def _always_fall_back(scene: Scene) -> bool:

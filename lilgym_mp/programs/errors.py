@@ -65,3 +65,7 @@ def _printable(text: str) -> str:
 def _shown(piece: str) -> str:
     clipped = piece if len(piece) <= CONTEXT else piece[:CONTEXT] + "..."
     return ascii(clipped)
+
+
+class FallbackError(Exception):
+    """Generated code cannot decide the value; fall back to the reference evaluator."""

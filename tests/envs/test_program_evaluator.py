@@ -17,10 +17,10 @@ from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering, StackBoxLowering
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
+from lilgym_mp.fast.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
+from lilgym_mp.fast.instructions import Operation, instructions
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.programs import Program, compile_program
-from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
-from lilgym_mp.programs.instructions import Operation, instructions
 from lilgym_mp.programs.values import Side
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.rules import make_dynamics

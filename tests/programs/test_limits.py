@@ -8,18 +8,17 @@ from time import process_time
 
 import pytest
 
+from lilgym_mp.fast import code_generation, ir
+from lilgym_mp.fast.box_functions import MAX_MEMO
 from lilgym_mp.programs import (
     Program,
     ProgramError,
     ProgramRuntimeError,
     StepLimitError,
     bounded_truths,
-    code_generation,
     compile_program,
     costs,
-    ir,
 )
-from lilgym_mp.programs.box_functions import MAX_MEMO
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size

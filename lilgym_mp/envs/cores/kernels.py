@@ -25,8 +25,8 @@ from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
-from lilgym_mp.programs.box_functions import MAX_BOX_ITEMS
-from lilgym_mp.programs.instructions import Operation
+from lilgym_mp.fast.box_functions import MAX_BOX_ITEMS
+from lilgym_mp.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 
 NO_ITEM = -1

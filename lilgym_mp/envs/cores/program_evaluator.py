@@ -12,9 +12,10 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
+from lilgym_mp.fast.box_functions import BoxFunction, ItemTest, item_test
+from lilgym_mp.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.programs import compile_program
-from lilgym_mp.programs.box_functions import BoxFunction, FallbackError, ItemTest, item_test
-from lilgym_mp.programs.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
+from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index

@@ -10,9 +10,9 @@ from collections.abc import Callable, Mapping, Sequence
 from enum import IntEnum, auto, unique
 from typing import NamedTuple
 
-from lilgym_mp.programs import box_functions
-from lilgym_mp.programs.code_generation import generate_expression
-from lilgym_mp.programs.ir import BOXES, LOCAL_BOX, BoxCall, Code, ItemCount, Number, Unsupported
+from lilgym_mp.fast import box_functions
+from lilgym_mp.fast.code_generation import generate_expression
+from lilgym_mp.fast.ir import BOXES, LOCAL_BOX, BoxCall, Code, ItemCount, Number, Unsupported
 from lilgym_mp.programs.syntax import Node
 
 MAX_INSTRUCTIONS = 256

@@ -10,7 +10,8 @@ from collections.abc import Callable
 from enum import Enum
 from typing import Any, Protocol
 
-from lilgym_mp.programs import box_functions, costs, ir
+from lilgym_mp.fast import box_functions, ir
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.functions.collections import binomial
 from lilgym_mp.programs.words import WORDS
 

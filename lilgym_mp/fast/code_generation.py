@@ -20,7 +20,9 @@ from enum import Enum
 from typing import Any, NamedTuple, cast
 from weakref import WeakValueDictionary
 
-from lilgym_mp.programs import box_functions, costs, ir
+from lilgym_mp.fast import box_functions, ir
+from lilgym_mp.fast.word_lowering import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.syntax import (
     METHODS,
     Arithmetic,
@@ -42,7 +44,6 @@ from lilgym_mp.programs.syntax import (
     own_size,
 )
 from lilgym_mp.programs.values import Color, Shape, Side, Size
-from lilgym_mp.programs.word_lowering import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, NoReturn
 
-from lilgym_mp.programs import box_functions, costs
+from lilgym_mp.fast import box_functions
+from lilgym_mp.programs import costs
 from lilgym_mp.programs.values import Color, Shape, Size
 from lilgym_mp.scene import BOX_COUNT, Item
 

@@ -8,27 +8,24 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
+from lilgym_mp.programs.compiler import MAX_MEMO, forget_programs
+from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.values import BoxView, ItemView
 from lilgym_mp.programs.words import Dependency, Word
 from lilgym_mp.scene import Box, Colour, Item, Shape, Size
 
 MAX_BOX_ITEMS = 24  # larger boxes use the reference evaluator, which counts steps
 TABLE_SIZE = 20_000  # cached items per test
-MAX_MEMO = 2_048  # values memoised by a box or scene, beyond which those of programs are forgotten
 ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 
 Mask = int
 Test = Callable[[ItemView], bool]
 BoxFunction = Callable[[Box], Any]
-
-
-class FallbackError(Exception):
-    """Generated code cannot decide the value; fall back to the reference evaluator."""
 
 
 _BITS = tuple(1 << index for index in range(MAX_BOX_ITEMS))
@@ -41,13 +38,6 @@ def check_size(box: Box) -> None:
         raise FallbackError
     if len(box.memo) >= MAX_MEMO:
         forget_programs(box.memo)
-
-
-def forget_programs(memo: dict[Hashable, Any]) -> None:
-    """Removes what programs memoised, whose keys begin with "program "; it is computed again when needed."""
-    for key in list(memo):
-        if isinstance(key, str) and key.startswith("program "):
-            memo.pop(key, None)
 
 
 def _memoised(key: str, compute: BoxFunction) -> BoxFunction:

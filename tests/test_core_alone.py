@@ -1,0 +1,48 @@
+"""The core plays without numba and without generated code, which load only where they are of use."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+BLOCKED = """
+import sys
+for name in ("numba", "lilgym_mp.fast"):
+    sys.modules[name] = None  # importing it fails
+"""
+PLAY = """
+import gymnasium, lilgym_mp
+env = gymnasium.make("lilgym_mp/{}-v0", split="dev")
+env.reset(seed=0)
+for episode in range(12):
+    env.reset(options=dict(task=env.unwrapped.tasks.ids[0]))
+    env.step(int(env.unwrapped.action_masks().nonzero()[0][-1]))
+    goal = env.unwrapped.goal_reached()
+    _, reward, terminated, *_ = env.step(0)
+    assert terminated and reward == (1 if goal else -1)
+"""
+EVALUATE = """
+import sys
+from lilgym_mp.programs import Program
+from lilgym_mp.scene import Scene
+program = Program("exist(all_items)")
+for is_loaded in (False, False, True, True):
+    assert not program(Scene.of((), (), ()))
+    assert ("lilgym_mp.fast.code_generation" in sys.modules) == is_loaded
+"""
+
+
+def run(code: str) -> None:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
+def test_core__plays_without_numba_and_without_generated_code(configuration: str):
+    run(BLOCKED + PLAY.format(configuration))
+
+
+def test_program__has_code_generated_only_once_it_is_evaluated_often():
+    run(EVALUATE)
