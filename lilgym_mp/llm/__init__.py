@@ -5,8 +5,9 @@ docs/language_models.md explains how to plug in a model.
 
 from lilgym_mp.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
 from lilgym_mp.llm.balrog import BalrogEnv
-from lilgym_mp.llm.http_agent import HTTPAgent
-from lilgym_mp.llm.player import Episode, Player
+from lilgym_mp.llm.episodes import Episode, Failure
+from lilgym_mp.llm.openai_agent import OpenAIAgent
+from lilgym_mp.llm.player import Player, play_all
 from lilgym_mp.llm.summary import Summary, progression, summarise, wilson_interval
 
 __all__ = [
@@ -16,12 +17,14 @@ __all__ = [
     "BalrogEnv",
     "Episode",
     "ExpertAgent",
-    "HTTPAgent",
+    "Failure",
     "LanguageAgent",
+    "OpenAIAgent",
     "Player",
     "RandomAgent",
     "Summary",
     "make_agent",
+    "play_all",
     "progression",
     "summarise",
     "wilson_interval",

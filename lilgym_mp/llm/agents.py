@@ -14,7 +14,8 @@ from lilgym_mp.solver import Expert
 from lilgym_mp.terminal import printable
 from lilgym_mp.wrappers import TextObservation
 
-Message = dict[str, str]  # {"role": "system" | "user" | "assistant", "content"}
+# {"role": "system" | "user" | "assistant", "content"}: a text, or content parts of OpenAI's chat API for pictures
+Message = dict[str, Any]
 
 
 class AgentError(ValueError):
@@ -30,17 +31,19 @@ class Answer(NamedTuple):
     text: str
     prompt_tokens: int | None = None
     completion_tokens: int | None = None
+    reasoning: str | None = None  # thoughts that the model gave apart from the text; kept in transcripts
+    retries: int = 0  # failed calls before this one
 
 
 class LanguageAgent(Protocol):
     """Replies to a conversation.
 
     An agent may also define `begin(env, seed)`, called before each episode with the environment, for scripted agents
-    that use the state.
+    that use the state, and `concurrency`, the number of episodes that one agent plays at the same time in threads.
     """
 
     def answer(self, messages: Sequence[Message]) -> Answer | str:
-        """The reply to messages, oldest first; the first is the system message, the last a user message."""
+        """The reply to messages, oldest first; the first is the system message if there is one, the last a user's."""
         ...
 
 
@@ -71,7 +74,7 @@ class ExpertAgent:
 AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need further libraries
     "random": f"{__name__}:RandomAgent",
     "expert": f"{__name__}:ExpertAgent",
-    "http": "lilgym_mp.llm.http_agent:HTTPAgent",
+    "openai": "lilgym_mp.llm.openai_agent:OpenAIAgent",
     "transformers": "lilgym_mp.llm.transformers_agent:TransformersAgent",
 }
 

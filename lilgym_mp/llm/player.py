@@ -1,55 +1,26 @@
-"""Episodes of text agents."""
+"""Plays episodes with text agents, one or many at the same time."""
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 from lilgym_mp.actions import describe
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm.agents import AgentError, Answer, LanguageAgent, Message, described
+from lilgym_mp.llm.episodes import Episode, Failure, Turn
 from lilgym_mp.llm.summary import progression
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
-from lilgym_mp.wrappers.replies import ASK_AGAIN
-
-
-@dataclass(frozen=True)
-class Turn:
-    """One answer of the agent."""
-
-    answer: str
-    understood: bool
-    action: str | None  # the action taken; None if the agent was asked again
-    seconds: float
-    prompt_tokens: int | None
-    completion_tokens: int | None
-
-
-@dataclass(frozen=True)
-class Episode:
-    """An episode with its complete conversation."""
-
-    task: str
-    statement: str
-    target: bool
-    outcome: str
-    reward: float  # sum over the episode
-    progression: float
-    actions: list[str]
-    turns: list[Turn]
-    messages: list[Message]
-
-    @property
-    def is_success(self) -> bool:
-        return self.outcome == "success"
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
+from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, answer_text
+from lilgym_mp.wrappers.text import IMAGES, image_part
 
 
 @dataclass
@@ -57,7 +28,9 @@ class Player:
     """Plays the tasks of one configuration with a text agent.
 
     `history`: past observations kept in the conversation. `retries`: further attempts after an answer that names no
-    action; then STOP is taken.
+    action; then STOP is taken. `scene`: as for TextObservation; pictures are content parts of OpenAI's chat API.
+    `thoughts`: tags of thoughts, which are neither read nor sent again. `system`: False puts the rules into the first
+    user message, for models without a system role.
     """
 
     settings: Settings
@@ -67,6 +40,8 @@ class Player:
     legal_actions: bool = True
     retries: int = 1
     history: int = 12
+    thoughts: Sequence[str] = THOUGHTS
+    system: bool = True
     conversation: list[Message] = field(init=False, default_factory=list[Message])  # of the last episode
     env: TextObservation = field(init=False)
     tasks: TaskSet = field(init=False)
@@ -77,7 +52,9 @@ class Player:
         if self.retries < 0 or self.history < 0:
             raise ValueError(f"retries and history must be 0 or more, not {self.retries} and {self.history}")
         env = self.settings.make(self.split)
-        self.env = TextObservation(env, scene=self.scene, legal_actions=self.legal_actions)
+        self.env = TextObservation(
+            env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
+        )
         self.tasks, self.dynamics = env.tasks, env.dynamics
         self._solver = Solver(env.dynamics)
 
@@ -87,16 +64,16 @@ class Player:
 
     def play(self, task_id: str, seed: int = 0) -> Episode:
         """One episode. Raises ValueError for an unknown task, AgentError where the agent raises an exception."""
-        text, _ = self.env.reset(seed=seed, options={"task": task_id})
+        text, info = self.env.reset(seed=seed, options={"task": task_id})
         start = self._state()
         messages = self.conversation = [{"role": "system", "content": self.env.instructions()}]
         if (begin := getattr(self.agent, "begin", None)) is not None:
             _call(begin, self.env, seed)
         turns: list[Turn] = []
         actions: list[str] = []
-        total, ended, info = 0.0, False, dict[str, Any]()
+        total, ended = 0.0, False
         while not ended:
-            messages.append({"role": "user", "content": text})
+            messages.append({"role": "user", "content": _content(text, info.get(IMAGES, []))})
             action = self._choose_action(messages, turns)
             actions.append(describe(self.dynamics.appearance.decode(action)))
             text, reward, terminated, truncated, info = self.env.step(action)
@@ -127,19 +104,82 @@ class Player:
             parsed = self.env.parse_action(answer.text)
             acts = parsed.understood or attempt == self.retries
             name = describe(self.dynamics.appearance.decode(parsed.action)) if acts else None
-            tokens = answer.prompt_tokens, answer.completion_tokens
-            turns.append(Turn(answer.text, parsed.understood, name, round(seconds, 6), *tokens))
-            messages.append({"role": "assistant", "content": answer.text})
+            turns.append(Turn(answer.text, parsed.understood, name, round(seconds, 6), *answer[1:]))
+            said = (answer_text(answer.text, self.thoughts) or "").strip()
+            if said:
+                messages.append({"role": "assistant", "content": said})
             if acts:
                 return parsed.action
-            messages.append({"role": "user", "content": ASK_AGAIN})
+            if said:
+                messages.append({"role": "user", "content": ASK_AGAIN})
+            elif attempt == 0:  # an empty message is refused by many servers, as are two of the user in a row
+                messages[-1] = _extended(messages[-1], f"\n\n{ASK_AGAIN}")
         raise AssertionError("the last attempt acts")
 
     def _recent(self, messages: Sequence[Message]) -> list[Message]:
-        """The system message, and the last 1 + `history` user messages with the answers in between."""
+        """The rules, and the last 1 + `history` user messages with the answers in between."""
         user = [index for index, message in enumerate(messages) if message["role"] == "user"]
         first = user[max(0, len(user) - 1 - self.history)]
-        return [messages[0], *messages[first:]]
+        if self.system:
+            return [messages[0], *messages[first:]]
+        return [_extended(messages[first], f"{messages[0]['content']}\n\n", before=True), *messages[first + 1 :]]
+
+
+def play_all(
+    make_player: Callable[[], Player], jobs: Iterable[tuple[str, int]], concurrency: int
+) -> Iterator[Episode | Failure]:
+    """The episodes of the jobs, task ids with seeds, as they end; `concurrency` of them are played at the same time.
+
+    An agent's failure ends its episode only. `make_player` is called once for each thread.
+    """
+    waiting: queue.SimpleQueue[tuple[str, int] | None] = queue.SimpleQueue()
+    ended: queue.SimpleQueue[Episode | Failure | BaseException] = queue.SimpleQueue()
+    count = 0
+    for job in jobs:
+        waiting.put(job)
+        count += 1
+
+    def work() -> None:
+        try:
+            player = make_player()
+            while (job := waiting.get()) is not None:
+                try:
+                    ended.put(player.play(*job))
+                except AgentError as error:
+                    ended.put(Failure(job[0], str(error), player.conversation))
+        except BaseException as error:
+            ended.put(error)
+
+    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(concurrency, count))]
+    for thread in threads:
+        waiting.put(None)
+        thread.start()
+    try:
+        for _ in range(count):
+            result = ended.get()
+            if isinstance(result, BaseException):
+                raise result
+            yield result
+    finally:  # if the caller stops early, threads end after their current episode
+        with suppress(queue.Empty):
+            while True:
+                waiting.get_nowait()
+        for _ in threads:
+            waiting.put(None)
+
+
+def _content(text: str, images: Sequence[Any]) -> Any:
+    """The content of a message: the text, or pictures and the text as parts."""
+    return [*map(image_part, images), {"type": "text", "text": text}] if images else text
+
+
+def _extended(message: Message, text: str, *, before: bool = False) -> Message:
+    """The message with more text in its last part."""
+    parts = message["content"]
+    if isinstance(parts, str):
+        return {**message, "content": text + parts if before else parts + text}
+    last = {"type": "text", "text": text + parts[-1]["text"] if before else parts[-1]["text"] + text}
+    return {**message, "content": [*parts[:-1], last]}
 
 
 def _call(method: Callable[..., Any], *arguments: Any) -> Any:
@@ -157,4 +197,9 @@ def _answer(reply: object) -> Answer:
     answer = Answer(reply) if isinstance(reply, str) else reply
     if not isinstance(answer, Answer) or not isinstance(answer.text, str):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise AgentError(f"the agent's answer must be a text or an Answer, not {reply!r:.200}")
-    return answer._replace(text=answer.text.encode(errors="replace").decode())
+    reasoning = None if answer.reasoning is None else _writable(answer.reasoning)
+    return answer._replace(text=_writable(answer.text), reasoning=reasoning)
+
+
+def _writable(text: str) -> str:
+    return text.encode(errors="replace").decode()

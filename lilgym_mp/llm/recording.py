@@ -26,7 +26,10 @@ from lilgym_mp.rules import Dynamics
 from lilgym_mp.task import Task
 
 # Options of an agent's constructor that recordings keep. Others are left out, as they could be keys.
-RECORDED_OPTIONS = ("model", "directory", "temperature", "max_tokens", "max_new_tokens")
+RECORDED_OPTIONS = (
+    *("model", "directory", "temperature", "top_p", "seed", "reasoning_effort"),
+    *("max_tokens", "max_completion_tokens", "max_new_tokens"),
+)
 SUPERVISION = {RandomAgent: NO_SUPERVISION, ExpertAgent: BUILT_IN_POLICIES["expert"].supervision}
 
 

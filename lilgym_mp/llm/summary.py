@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from lilgym_mp.llm.episodes import Episode
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
-
-if TYPE_CHECKING:
-    from lilgym_mp.llm.player import Episode
 
 Z_95 = 1.959964  # normal quantile of a two-sided 95 % interval
 
@@ -46,7 +44,10 @@ def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Summary:
-    """Results of an agent on a split; token counts are None if unknown."""
+    """Results of an agent on a split; token counts and costs are None if unknown.
+
+    Episodes that failed because the agent did are counted apart, not among `episodes`.
+    """
 
     episodes: int
     successes: int
@@ -63,13 +64,18 @@ class Summary:
     prompt_tokens: int | None
     completion_tokens: int | None
     outcomes: dict[str, int]
+    failed_episodes: int
+    failed_calls: int  # before an answer, or an episode's failure
+    cost: float | None  # of all tokens, in the currency of the prices
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)
 
 
-def summarise(episodes: Sequence[Episode]) -> Summary:
-    """Raises ValueError without episodes."""
+def summarise(
+    episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
+) -> Summary:
+    """`prices`: of a million tokens read and written. Raises ValueError without episodes."""
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
     low, high = wilson_interval(successes, count)
     progressions = [episode.progression for episode in episodes]
@@ -77,6 +83,8 @@ def summarise(episodes: Sequence[Episode]) -> Summary:
     variance = sum((each - mean) ** 2 for each in progressions) / (count - 1) if count > 1 else 0.0
     turns = [turn for episode in episodes for turn in episode.turns]
     outcomes = [episode.outcome for episode in episodes]
+    read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
+    is_priced = prices is not None and read is not None and written is not None
     return Summary(
         episodes=count,
         successes=successes,
@@ -90,9 +98,12 @@ def summarise(episodes: Sequence[Episode]) -> Summary:
         answers=len(turns),
         misunderstood=sum(not turn.understood for turn in turns),
         seconds=sum(turn.seconds for turn in turns),
-        prompt_tokens=_total([turn.prompt_tokens for turn in turns]),
-        completion_tokens=_total([turn.completion_tokens for turn in turns]),
+        prompt_tokens=read,
+        completion_tokens=written,
         outcomes={outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
+        failed_episodes=failed_episodes,
+        failed_calls=sum(turn.retries for turn in turns) + failed_episodes,
+        cost=(read * prices[0] + written * prices[1]) / 1e6 if is_priced else None,
     )
 
 

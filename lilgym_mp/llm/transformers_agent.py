@@ -1,20 +1,35 @@
-"""A causal language model loaded by the transformers library from a local directory."""
+"""A language model, or one that sees pictures, loaded by the transformers library from a local directory."""
 
 from __future__ import annotations
 
+import base64
+import io
+import threading
+import time
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from PIL import Image
+
 from lilgym_mp.extras import install
-from lilgym_mp.llm.agents import AgentError, Answer, Message
+from lilgym_mp.llm.agents import AgentError, Answer, Message, described
+
+GATHERING_SECONDS = 0.01  # before a batch is generated, for the requests of other threads
 
 
 class TransformersAgent:
-    """Greedy generation with a model and tokenizer saved in a directory; nothing is downloaded."""
+    """Greedy generation with a model and tokenizer or processor saved in a directory; nothing is downloaded.
 
-    def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu") -> None:
-        """Raises AgentError without the library or for a directory without a model."""
+    Requests of several threads are answered in batches.
+    """
+
+    concurrency = 8
+
+    def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu", batch: int = 8) -> None:
+        """`batch`: most requests generated together. Raises AgentError without the library or for a directory without
+        a model."""
         try:
             import transformers  # pyright: ignore[reportMissingImports]
         except ImportError:
@@ -23,35 +38,101 @@ class TransformersAgent:
         library: Any = transformers
         if not Path(directory).is_dir():
             raise AgentError(f"{directory}: no such directory; save a model and its tokenizer there first")
+        local = {"local_files_only": True}
         try:
-            self._tokenizer: Any = library.AutoTokenizer.from_pretrained(directory, local_files_only=True)
-            model: Any = library.AutoModelForCausalLM.from_pretrained(
-                directory, local_files_only=True, use_safetensors=True
-            )
+            kind = library.AutoConfig.from_pretrained(directory, **local).model_type
+            self._sees = kind in library.models.auto.modeling_auto.MODEL_FOR_IMAGE_TEXT_TO_TEXT_MAPPING_NAMES
+            reader = library.AutoProcessor if self._sees else library.AutoTokenizer
+            loader = library.AutoModelForImageTextToText if self._sees else library.AutoModelForCausalLM
+            self._reader: Any = reader.from_pretrained(directory, **local)
+            model: Any = loader.from_pretrained(directory, use_safetensors=True, **local)
         except (OSError, ValueError) as error:
             raise AgentError(f"{directory}: {error}") from None
         self._model: Any = model.to(device).eval()
-        self._device = device
+        self._tokenizer: Any = self._reader.tokenizer if self._sees else self._reader
+        self._tokenizer.padding_side = "left"
+        if self._tokenizer.pad_token is None:
+            self._tokenizer.pad_token = self._tokenizer.eos_token
+        ends = self._model.generation_config.eos_token_id
+        self._ends = {self._tokenizer.eos_token_id, *(ends if isinstance(ends, list) else [ends])} - {None}
         self._max_new_tokens = int(max_new_tokens)
+        self._batch = int(batch)
+        self._waiting: deque[_Request] = deque()
+        self._lock = threading.Lock()
 
     def answer(self, messages: Sequence[Message]) -> Answer:
-        prompt = self._prompt(messages)
-        tokens = self._tokenizer(prompt, return_tensors="pt").to(self._device)
-        count = int(tokens["input_ids"].shape[1])
-        end = self._tokenizer.eos_token_id
+        request = _Request(messages)
+        self._waiting.append(request)
+        while request.result is None:
+            with self._lock:
+                if request.result is None:
+                    time.sleep(GATHERING_SECONDS)
+                    self._answer_together(
+                        [self._waiting.popleft() for _ in range(min(self._batch, len(self._waiting)))]
+                    )
+        if isinstance(request.result, Answer):
+            return request.result
+        raise AgentError(described(request.result)) from request.result
+
+    def _answer_together(self, requests: Sequence[_Request]) -> None:
+        try:
+            answers = self._answers([request.messages for request in requests])
+        except Exception as error:
+            answers = [error] * len(requests)
+        for request, answer in zip(requests, answers, strict=True):
+            request.result = answer
+
+    def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
+        inputs = self._inputs([list(map(self._readable, messages)) for messages in conversations])
+        inputs = inputs.to(self._model.device)
         generated = self._model.generate(
-            input_ids=tokens["input_ids"],
-            attention_mask=tokens["attention_mask"],
+            **inputs,
             max_new_tokens=self._max_new_tokens,
             do_sample=False,
-            pad_token_id=self._tokenizer.pad_token_id if self._tokenizer.pad_token_id is not None else end,
-        )[0, count:]
-        text = self._tokenizer.decode(generated, skip_special_tokens=True)
-        return Answer(text, count, int(generated.shape[0]))
+            pad_token_id=self._tokenizer.pad_token_id,
+        )[:, inputs["input_ids"].shape[1] :]
+        counts = inputs["attention_mask"].sum(1).tolist()
+        return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
 
-    def _prompt(self, messages: Sequence[Message]) -> str:
-        """The tokenizer's chat template applied to the messages; without one, the messages concatenated."""
-        if getattr(self._tokenizer, "chat_template", None):
-            return self._tokenizer.apply_chat_template(list(messages), tokenize=False, add_generation_prompt=True)
-        lines = [f"{message['role']}: {message['content']}" for message in messages]
-        return "\n\n".join([*lines, "assistant:"])
+    def _inputs(self, conversations: list[list[Message]]) -> Any:
+        """The chat template, which writes the special tokens itself; without one, the messages concatenated."""
+        if getattr(self._reader, "chat_template", None):
+            return self._reader.apply_chat_template(
+                conversations,
+                add_generation_prompt=True,
+                tokenize=True,
+                return_dict=True,
+                return_tensors="pt",
+                padding=True,
+            )
+        texts = [
+            "\n\n".join([*(f"{message['role']}: {message['content']}" for message in messages), "assistant:"])
+            for messages in conversations
+        ]
+        return self._tokenizer(texts, return_tensors="pt", padding=True)
+
+    def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
+        """Up to the first end; other special tokens are kept, as they may be the tags of thoughts."""
+        length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
+        text = self._tokenizer.decode(tokens[:length], skip_special_tokens=False)
+        return Answer(text, prompt_tokens, min(length + 1, len(tokens)))
+
+    def _readable(self, message: Message) -> Message:
+        """The message with pictures in the library's form. Raises AgentError for a model that does not see."""
+        parts = message["content"]
+        if isinstance(parts, str):
+            return {**message, "content": [{"type": "text", "text": parts}]} if self._sees else message
+        if not self._sees:
+            raise AgentError("the model in the directory reads no pictures; choose --scene list or drawing")
+        return {**message, "content": [part if part["type"] == "text" else _image(part) for part in parts]}
+
+
+class _Request:
+    def __init__(self, messages: Sequence[Message]) -> None:
+        self.messages = messages
+        self.result: Answer | Exception | None = None
+
+
+def _image(part: dict[str, Any]) -> dict[str, Any]:
+    data = part["image_url"]["url"].partition(",")[2]
+    return {"type": "image", "image": Image.open(io.BytesIO(base64.b64decode(data)))}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import gzip
+import io
 import json
 import subprocess
 import sys
@@ -14,18 +16,27 @@ from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 import pytest
+from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, read_episodes
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm import BalrogEnv, HTTPAgent, Player, http_agent, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.llm import BalrogEnv, OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.llm import agents as agents_module
 from lilgym_mp.llm.agents import AgentError, Answer, Message
+from lilgym_mp.render import draw
 from lilgym_mp.report.report_data import load_report_data
 from lilgym_mp.solver import Solver
 
 TOWER = Settings("TowerFlipIt")
+
+
+@pytest.fixture(autouse=True)
+def in_a_directory_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs have a default directory below the current one."""
+    monkeypatch.chdir(tmp_path)
 
 
 class Scripted:
@@ -126,6 +137,9 @@ def served(reply: Callable[[dict[str, Any], int], tuple[int, Any]]) -> Iterator[
             status, content = reply(body, len(requests))
             data = content if isinstance(content, bytes) else json.dumps(content).encode()
             self.send_response(status)
+            self.send_header("Content-Type", "application/json")
+            if 300 <= status < 400:
+                self.send_header("Location", content + self.path)
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data)
@@ -148,38 +162,118 @@ def chat(text: str) -> dict[str, Any]:
     return {"choices": [{"message": {"role": "assistant", "content": text}}], "usage": usage}
 
 
-def test_http__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
+def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MY_KEY", "secret")
     with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
-        agent = HTTPAgent(url, "tiny", key_variable="MY_KEY", max_tokens=5)
+        agent = OpenAIAgent("tiny", url=url, key_variable="MY_KEY", max_tokens=5)
         assert agent.answer([{"role": "user", "content": "Well?"}]) == Answer("STOP", 7, 3)
     (request,) = requests
     assert request["path"] == "/v1/chat/completions"
     assert request["key"] == "Bearer secret"
     assert request["model"] == "tiny"
+    assert (request["temperature"], request["max_tokens"]) == (0, 5)
     assert request["messages"] == [{"role": "user", "content": "Well?"}]
 
 
-def test_http__retries_a_busy_server(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(http_agent, "FIRST_DELAY_SECONDS", 0.001)
-    with served(lambda body, number: (200, chat("ok")) if number > 2 else (503, {})) as (url, requests):
-        assert HTTPAgent(url, "tiny").answer([]) == Answer("ok", 7, 3)
-    assert len(requests) == 3
+def test_openai__request_fields_are_set_renamed_or_left_out():
+    fields = {"temperature": None, "max_completion_tokens": 9, "top_p": 0.5, "top_k": 3, "extra_body": {"min_p": 0.1}}
+    with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
+        OpenAIAgent("tiny", url=url, **fields).answer([])
+    sent = {name: value for name, value in requests[0].items() if name not in ("path", "key", "messages")}
+    assert sent == {"model": "tiny", "max_completion_tokens": 9, "top_p": 0.5, "top_k": 3, "min_p": 0.1}
+
+
+@pytest.mark.parametrize(
+    ("message", "answer"),
+    [
+        ({"content": [{"type": "text", "text": "ADD(LEFT, "}, {"type": "text", "text": "BLUE)"}]}, "ADD(LEFT, BLUE)"),
+        ({"content": "STOP", "reasoning_content": "Hm."}, "STOP"),
+        ({"content": None, "reasoning": "Hm."}, ""),
+        ({"content": None, "refusal": "No."}, "No."),
+    ],
+)
+def test_openai__reads_parts_and_reasoning(message: dict[str, Any], answer: str):
+    with served(lambda body, number: (200, {"choices": [{"message": message}], "usage": {"prompt_tokens": "?"}})) as (
+        url,
+        _,
+    ):
+        given = OpenAIAgent("tiny", url=url).answer([])
+    reasoning = "Hm." if "Hm." in message.values() else None
+    assert given == Answer(answer, None, None, reasoning)
+
+
+def test_openai__counts_the_calls_that_it_retries():
+    with served(lambda body, number: (200, chat("ok")) if number > 1 else (503, {})) as (url, requests):
+        assert OpenAIAgent("tiny", url=url).answer([]) == Answer("ok", 7, 3, retries=1)
+    assert len(requests) == 2
 
 
 @pytest.mark.parametrize(
     ("status", "content", "message"),
     [
-        (401, {"error": "no key"}, "HTTP 401"),
-        (200, {"error": "odd"}, "no text choices"),
-        (200, b"<html>", "the reply is not JSON: <html>"),
-        (500, b"broken", r"HTTP 500: broken \(2 attempts\)"),
+        (401, {"error": "no such key: SECRET"}, r"AuthenticationError: Error code: 401 .*no such key: \.\.\."),
+        (200, {"error": "odd"}, "TypeError"),
+        (200, b"<html>", "Error"),
+        (500, b"broken", "InternalServerError"),
     ],
 )
-def test_http__error_names_the_reason(status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(http_agent, "FIRST_DELAY_SECONDS", 0.001)
-    with served(lambda body, number: (status, content)) as (url, _), pytest.raises(AgentError, match=message):
-        HTTPAgent(url, "tiny", retries=1).answer([])
+def test_openai__error_names_the_reason_but_not_the_key(
+    status: int, content: Any, message: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("OPENAI_API_KEY", "SECRET")
+    with (
+        served(lambda body, number: (status, content)) as (url, _),
+        pytest.raises(AgentError, match=message) as caught,
+    ):
+        OpenAIAgent("tiny", url=url.replace("//", "//user:SECRET@"), retries=0).answer([])
+    assert str(caught.value).startswith(url)
+    assert "SECRET" not in str(caught.value)
+
+
+def test_openai__a_redirect_to_another_server_does_not_get_the_key(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("OPENAI_API_KEY", "SECRET")
+    with (
+        served(lambda body, number: (200, chat("STOP"))) as (other, redirected),
+        served(lambda body, number: (307, other.removesuffix("/v1"))) as (url, _),
+    ):
+        assert OpenAIAgent("tiny", url=url).answer([]).text == "STOP"
+    assert [request["key"] for request in redirected] == [None]
+
+
+def test_thoughts_and_empty_replies__are_not_sent_again():
+    agent = Scripted("<think>\nSTOP?\n</think>\nADD(LEFT, BLUE)", "", "<think> no end")
+    player = Player(Settings("TowerScratch"), agent, retries=2)
+    player.play(player.task_ids()[0])
+    sent = [(message["role"], message["content"]) for message in agent.received[-1]]
+    assert [role for role, _ in sent] == ["system", "user", "assistant", "user"]
+    assert sent[2][1] == "ADD(LEFT, BLUE)"
+    assert sent[3][1].count("That does not name exactly one action") == 1
+
+
+def test_system_role__can_be_left_out():
+    agent = Scripted("ADD(LEFT, BLUE)")
+    player = Player(Settings("TowerScratch"), agent, system=False, history=0)
+    player.play(player.task_ids()[0])
+    assert [[message["role"] for message in messages] for messages in agent.received] == [["user"]] * 2
+    assert all(messages[0]["content"].startswith("You edit a picture") for messages in agent.received)
+
+
+@pytest.mark.parametrize("scene", ["image", "both"])
+def test_pictures__arrive_at_the_server_in_native_size(scene: str, tmp_path: Path):
+    with served(lambda body, number: (200, chat("ADD(LEFT, BLUE)" if number == 1 else "STOP"))) as (url, requests):
+        command = ["llm", "TowerScratch", "--agent", "openai", "--option", f"url={url}", "model=sees"]
+        assert main([*command, "--episodes", "1", "--scene", scene, "--out", str(tmp_path)]) == 0
+    contents = [message["content"] for message in requests[1]["messages"] if message["role"] == "user"]
+    player = Player(Settings("TowerScratch"), Scripted())
+    player.env.reset(options={"task": player.task_ids()[0]})
+    for picture, text in contents:
+        header, data = picture["image_url"]["url"].split(",")
+        assert header == "data:image/png;base64"
+        shown = np.asarray(Image.open(io.BytesIO(base64.b64decode(data))))
+        np.testing.assert_array_equal(shown, draw(player.env.get_wrapper_attr("state").scene))
+        assert "Make the statement true, then STOP." in text["text"]
+        assert ("LEFT box:" in text["text"]) == (scene == "both")
+        player.env.step(3)
 
 
 class Failing:
@@ -191,16 +285,69 @@ class Failing:
         return "ADD(LEFT, BLUE)\ud800"
 
 
-def test_command__an_agents_exception_is_one_line_and_keeps_the_transcript(
+def test_command__failing_in_every_episode_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
     assert main(["llm", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "the agent raised RuntimeError: out of\\x1b[31m memory (0 played before)" in line
-    (failed,) = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
-    assert [message["role"] for message in failed["messages"]] == ["system", "user", "assistant", "user"]
-    assert "out of" in failed["error"]
+    error = capsys.readouterr().err.splitlines()[-1]
+    assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
+    failed = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
+    assert [message["role"] for message in failed[0]["messages"]] == ["system", "user", "assistant", "user"]
+    assert "out of" in failed[0]["error"]
+
+
+def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    down = [3, 4]
+    with served(lambda body, number: (400, {"error": "busy"}) if number in down else (200, chat("STOP"))) as (
+        url,
+        asked,
+    ):
+        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=m", "--episodes", "6"]
+        command += ["--out", str(tmp_path), "--concurrency", "1", "--prices", "1", "10"]
+        assert main(command) == 0
+        summary = json.loads((tmp_path / "summary.json").read_text())
+        assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (4, 2, 2)
+        assert summary["cost"] == pytest.approx(4 * (7 * 1 + 3 * 10) / 1e6)
+        assert "failed       2 episodes, which are not in the rates" in capsys.readouterr().out
+        down.clear()
+        assert main([*command, "--resume"]) == 0
+        assert len(asked) == 8
+        assert main([*command[:-3], "--scene", "drawing", "--resume"]) == 2
+        assert "was played with scene 'list', not 'drawing'" in capsys.readouterr().err
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["episodes"], summary["failed_episodes"]) == (6, 0)
+    tasks = [json.loads(line)["task"] for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
+    assert tasks == sorted(set(tasks), key=Player(TOWER, Scripted()).task_ids().index)
+    assert len(tasks) == 6
+
+
+def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
+    together = threading.Barrier(8)
+
+    def reply(body: dict[str, Any], number: int) -> tuple[int, Any]:
+        together.wait(60)  # until eight requests are there
+        return 200, chat("STOP")
+
+    with served(reply) as (url, requests):
+        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=m", "--episodes", "8"]
+        assert main([*command, "--out", str(tmp_path / "a"), "--concurrency", "8"]) == 0
+    assert len(requests) == 8
+    command = ["llm", "TowerFlipIt", "--agent", "random", "--episodes", "8", "--retries", "0"]
+    for name, concurrency in (("b", "1"), ("c", "3")):
+        assert main([*command, "--out", str(tmp_path / name), "--concurrency", concurrency]) == 0
+    one, three = (
+        [json.loads(line)["actions"] for line in (tmp_path / name / "transcripts.jsonl").read_text().splitlines()]
+        for name in ("b", "c")
+    )
+    assert one == three
+
+
+def test_command__writes_to_a_directory_by_default(capsys: pytest.CaptureFixture[str]):
+    assert main(["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]) == 0
+    (directory,) = Path("runs").glob("llm-TowerFlipIt-expert-*")
+    assert f"results      {directory}" in capsys.readouterr().out
+    assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
 
 
 @pytest.mark.parametrize("reply", [None, 3, b"STOP", Answer(None)])  # pyright: ignore[reportArgumentType]
@@ -220,9 +367,9 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
     assert ", STOP\n" in done.stdout
 
 
-def test_command__plays_over_http_and_writes_transcripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_command__plays_over_openai_and_writes_transcripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     with served(lambda body, number: (200, chat("I take\nADD(LEFT, BLUE)"))) as (url, _):
-        command = ["llm", "TowerFlipIt", "--agent", "http", "--option", f"url={url}", "model=tiny", "--episodes", "2"]
+        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=tiny", "--episodes", "2"]
         assert main([*command, "--out", str(tmp_path / "out")]) == 0
     transcripts = [json.loads(line) for line in (tmp_path / "out" / "transcripts.jsonl").read_text().splitlines()]
     assert len(transcripts) == 2
@@ -230,7 +377,7 @@ def test_command__plays_over_http_and_writes_transcripts(tmp_path: Path, capsys:
     assert transcripts[0]["turns"][0]["prompt_tokens"] == 7
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["episodes"] == 2
-    assert summary["settings"]["agent"] == "http"
+    assert summary["settings"]["agent"] == "openai"
     assert "95 % interval" in capsys.readouterr().out
 
 
@@ -245,14 +392,21 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, http, random, transformers"),
+        (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, openai, random, transformers"),
         (["--agent", "json:Nothing"], "json:Nothing"),
-        (["--agent", "http"], "cannot be constructed with the options"),
-        (["--agent", "http", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
+        (["--agent", "openai"], "cannot be constructed with the options"),
+        (["--agent", "openai", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
         (["--agent", "json:loads"], "cannot be constructed with the options"),
         (["--agent", "os:abort.x"], "name it module:Class, importable from here"),
-        (["--agent", "http", "--option", "url=ftp://x", "model=m"], "url must begin with http:// or https://"),
-        (["--agent", "http", "--option", "url=http://x", "model=m", "timeout_seconds=0"], "must be positive, not 0"),
+        (["--agent", "openai", "--option", "url=ftp://x", "model=m"], "url must begin with http:// or https://"),
+        (
+            ["--agent", "openai", "--option", "url=http://x", "model=m", "timeout_seconds=0"],
+            "must be positive, retries",
+        ),
+        (["--agent", "openai", "--option", "url=http://x", "model=m", "api_key=x"], "api_key cannot be set"),
+        (["--agent", "openai", "--option", "model=m", "key_variable=NO_KEY"], "set NO_KEY to the API key, or give the"),
+        (["--agent", "expert", "--resume", "--out", "nowhere"], "nowhere: no run to resume"),
+        (["--agent", "expert", "--concurrency", "0"], "--concurrency must be at least 1, not 0"),
         (["--agent", "collections:OrderedDict"], "has no method answer"),
         (["--agent", "expert", "--episodes", "0"], "--episodes must be at least 1, not 0"),
     ],
@@ -425,7 +579,7 @@ def test_command__writes_no_credentials_of_a_url(tmp_path: Path):
     outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
     with served(lambda body, number: (200, chat("STOP"))) as (url, _):
         options = [f"url={url.replace('//', '//user:SECRET@')}?key=SECRET", "model=small"]
-        assert main(["llm", "TowerFlipIt", "--agent", "http", "--option", *options, *outputs]) == 0
+        assert main(["llm", "TowerFlipIt", "--agent", "openai", "--option", *options, *outputs]) == 0
     assert f"url={url} model=small" in next(tmp_path.glob("*.metadata.json")).read_text()
     assert_no_secret(tmp_path)
 
@@ -442,9 +596,9 @@ def test_command__writes_no_options_of_own_classes(tmp_path: Path, options: list
 
 def test_command__writes_no_credentials_of_a_url_that_fails(tmp_path: Path):
     options = ["url=http://user:SECRET@127.0.0.1:9/v1", "model=small", "retries=0"]
-    assert main(["llm", "TowerFlipIt", "--agent", "http", "--option", *options, "--out", str(tmp_path)]) == 2
+    assert main(["llm", "TowerFlipIt", "--agent", "openai", "--option", *options, "--out", str(tmp_path)]) == 2
     transcript = (tmp_path / "transcripts.jsonl").read_text()
-    assert "http://127.0.0.1:9/v1/chat/completions" in transcript
+    assert "http://127.0.0.1:9/v1/: APIConnectionError" in transcript
     assert "SECRET" not in transcript
 
 
