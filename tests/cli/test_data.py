@@ -12,8 +12,8 @@ from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
+from tests.corpora import register_as_official, small_entries, write_released
 from tests.file_server import FaultyResponse, file_server
-from tests.small_corpus import register_as_official, small_entries, write_released
 
 Run = Callable[..., str]
 
@@ -215,7 +215,7 @@ def test_synthesize__notes_a_truth_value_without_start_scenes(data: Run, tmp_pat
 
 def test_permute__writes_all_permutations_of_boxes(data: Run, own: Path, tmp_path: Path):
     output = data("permute", own, "--output", tmp_path / "new.jsonl")
-    assert "3 statements, 4 start scenes permuted into 12" in output
+    assert "3 statements, 4 start scenes permuted into 15" in output
     assert "no faults" in data("check", tmp_path / "new.jsonl")
     assert load_tasks(tmp_path / "new.jsonl", "scatter", "flipit", "dev").ids[0] == "round-yes"
 

@@ -13,7 +13,7 @@ from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.game import population
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 
 class Trained:

@@ -21,7 +21,7 @@ from lilgym_mp.cli.experiment import display, format_duration, row
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
 from lilgym_mp.options import CommandError
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"

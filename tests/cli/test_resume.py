@@ -20,7 +20,7 @@ from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.learning.training_run import begin_run
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 IMITATION = {"width": 32, "text_layers": 1, "item_layers": 1, "statements": 4, "pretraining": 0.0, "held_out": 0.0}

@@ -18,7 +18,7 @@ from PIL import Image
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.demo import first_free_path
 from lilgym_mp.evaluation import Settings
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 LilGym = Callable[..., str]
 SMALL = ["--envs", "2", "--same-statement", "1", "--rollout", "32", "--batch-size", "16", "--epochs", "1"]

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
+from tests.corpora import register_as_official, small_entries, write_released
 from tests.file_server import FileServer, file_server
-from tests.small_corpus import register_as_official, small_entries, write_released
 
 
 @pytest.fixture

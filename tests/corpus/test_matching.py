@@ -9,7 +9,7 @@ import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import matching_corpus, solvable_matching_corpus
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 
 def test_solvable_matching_corpus__omits_tasks_without_a_goal_scene(tmp_path: Path):

@@ -17,7 +17,7 @@ from lilgym_mp.evaluation.episodes import Recording, read_episodes
 from lilgym_mp.evaluation.policies import NamedPolicy, WithoutMask, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 TOWER = make_appearance("tower", (19, 5))
 SCATTER = make_appearance("scatter", (19, 5))

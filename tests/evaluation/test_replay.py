@@ -13,7 +13,7 @@ from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.recording import check_recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 from tests.scripts import load_script
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results.md"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 import torch
 
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 
 @pytest.fixture(autouse=True)

@@ -26,7 +26,7 @@ from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_state
 from lilgym_mp.evaluation.episodes import SUFFIX
 from lilgym_mp.evaluation.policies import built_in_policy
 from lilgym_mp.evaluation.recording import Recorder
-from tests.thin_corpus import write_thin_corpus
+from tests.corpora import write_thin_corpus
 from tests.web.web_app import Browser, server
 
 MARKUP = "</script><script>alert(1)</script>"

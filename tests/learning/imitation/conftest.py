@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
-from tests.small_corpus import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
+from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
     "pretraining": 0.0,

@@ -51,8 +51,7 @@ from lilgym_mp.rules import Outcome
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 from lilgym_mp.task import Task
-from tests.own_corpus import write_own_corpus
-from tests.thin_corpus import write_thin_corpus
+from tests.corpora import write_own_corpus, write_thin_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
 SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)

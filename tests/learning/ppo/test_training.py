@@ -31,7 +31,7 @@ from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
 from lilgym_mp.learning.training_run import TrainingRunError, begin_run, resumable_run
 from lilgym_mp.scene import Scene, Shape
-from tests.own_corpus import write_own_corpus
+from tests.corpora import write_own_corpus
 
 TOWER = Settings("TowerScratch")
 EMPTY = Scene.empty()

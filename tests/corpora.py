@@ -1,0 +1,140 @@
+"""Small corpora of our own statements."""
+
+from __future__ import annotations
+
+import copy
+import gzip
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lilgym_mp.corpus import write_corpus
+from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.official.release import FileFacts, content_digest
+from lilgym_mp.corpus.released import ReleasedFile
+from lilgym_mp.scene import Colour, Item
+from tests.scenes import B, K, Y, scene, square, tower
+
+BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
+BLUE_BLOCK = {"x_loc": 40, "y_loc": 80, "type": "square", "color": "#0099ff", "size": 20}
+BLACK_BLOCK = {**BLUE_BLOCK, "color": "Black"}
+CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 30}
+TRIANGLE = {"x_loc": 60, "y_loc": 5, "type": "triangle", "color": "#0099ff", "size": 10}
+
+
+def _statement(name: str, appearance: str, split: str, statement: str, program: str, **starts: Any) -> dict[str, Any]:
+    """A corpus entry; `starts`: a scene in which the statement is true ("yes"), and one in which it is not ("no")."""
+    return {
+        "id": name,
+        "appearance": appearance,
+        "split": split,
+        "statement": statement,
+        "program": program,
+        "starts": [
+            {"id": f"{name}-{answer}", "label": answer == "yes", "scene": boxes} for answer, boxes in starts.items()
+        ],
+    }
+
+
+_BLUE = "exist(filter_color(all_items, Color.BLUE))"
+_BLACK = "exist(filter_color(all_items, Color.BLACK))"
+_ROUND = "exist(filter_shape(all_items, Shape.CIRCLE))"
+BLUE = _statement(
+    *("blue", "tower", "train", "Blue is here.", _BLUE),
+    yes=[[BLACK_BLOCK], [BLUE_BLOCK], []],
+    no=[[BLACK_BLOCK], [], []],
+)
+PAIR = _statement("pair", "tower", "train", "Two blocks, it's all.", "count(all_items) == 2", no=[[BLUE_BLOCK], [], []])
+BLACK = _statement("black", "tower", "dev", "Black is seen somewhere.", _BLACK, yes=[[], [], [BLACK_BLOCK]])
+ROUND = _statement(
+    *("round", "scatter", "train", "Something round.", _ROUND),
+    yes=[[], [CIRCLE, TRIANGLE], []],
+    no=[[TRIANGLE], [], []],
+)
+ROUND_IN_DEV = {**ROUND, "split": "dev", "starts": ROUND["starts"][:1]}
+
+
+def small_entries() -> list[dict[str, Any]]:
+    """Three entries, which the caller may change: two of Tower's train, one of Scatter's dev."""
+    return copy.deepcopy([BLUE, PAIR, ROUND_IN_DEV])
+
+
+def write_thin_corpus(path: Path, step: int) -> Path:
+    """Writes every `step`-th statement of the builtin corpus and returns the path."""
+    _, *lines = gzip.decompress(BUILTIN.read_bytes()).splitlines()
+    write_corpus(path, "thin", "MIT", map(json.loads, lines[::step]))
+    return path
+
+
+def write_released(directory: Path) -> Path:
+    """Writes the Tower test split in the released file format and returns its directory."""
+    directory.mkdir()
+    blue, pair, _ = small_entries()
+    scratch = {"7": {"sentence": blue["statement"], "lf": blue["program"]}}
+    (directory / "tower_scratch_test.json").write_text(json.dumps(scratch))
+    flipit = {
+        start["id"]: {
+            "sentence": entry["statement"],
+            "lf": entry["program"],
+            "label": str(start["label"]).lower(),
+            "structured_rep": start["scene"],
+            "identifier": entry["id"],
+        }
+        for entry in (blue, pair)
+        for start in entry["starts"]
+    }
+    (directory / "tower_flipit_test.json").write_text(json.dumps(flipit))
+    return directory
+
+
+def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
+    """Registers `write_released`'s files as official, one by digest and one by counts, and returns their bytes."""
+    names = ("tower_scratch_test.json", "tower_flipit_test.json")
+    records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
+    facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
+    monkeypatch.setattr("lilgym_mp.corpus.official.release.FILE_FACTS", facts)
+    return {name: (directory / name).read_bytes() for name in names}
+
+
+SPLITS = ("train", "dev", "test")
+COLOURS = {Y: "yellow", K: "black", B: "blue"}
+COLOURS_OF_SPLIT = {"train": (Y, K), "dev": (Y, B), "test": (B,)}
+
+
+def write_own_corpus(path: Path) -> Path:
+    """Writes the corpus and returns its path. A third of the dev statements occur verbatim in train."""
+    entries = [
+        entry
+        for split in SPLITS
+        for appearance, items in (("tower", tower), ("scatter", _corner_squares))
+        for entry in [*(_has(split, appearance, colour, items) for colour in COLOURS_OF_SPLIT[split]),
+                      _counts(split, appearance, items)]
+    ]  # fmt: skip
+    write_corpus(path, "own", "MIT", entries)
+    return path
+
+
+def _corner_squares(*colours: Colour) -> list[Item]:
+    return [square(25 * index, 0, colour=colour) for index, colour in enumerate(colours)]
+
+
+def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, Any]:
+    name = COLOURS[colour]
+    other = next(candidate for candidate in COLOURS if candidate != colour)
+    return _statement(
+        *(f"{appearance}-{split}-has-{name}", appearance, split, f"There is something {name}."),
+        f"exist(filter_color(all_items, Color.{name.upper()}))",
+        yes=scene(items(colour)).to_json(),
+        no=scene(items(other), items(other)).to_json(),
+    )
+
+
+def _counts(split: str, appearance: str, items: Any) -> dict[str, Any]:
+    count = 1 + SPLITS.index(split)
+    return _statement(
+        *(f"{appearance}-{split}-count", appearance, split, f"Count them: {count}.", f"count(all_items) == {count}"),
+        yes=scene(items(*[Y] * count)).to_json(),
+        no=scene().to_json(),
+    )
