@@ -21,19 +21,46 @@ CONTRACTIONS = (
     ("dont", "do not"),
 )
 LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
-_NEAR_NUMBERS = """
-    alone anyone atone bone cone den dine dive done dour eighth eights eighty elevens even everyone fen fight file fine
-    fire fiver fives fix flour for foul fours fur give gone gotten hasten height hen hero hive hone hour ken light line
-    live lone men might mine mix nice night nines nite none ode often once ones ore our owe pen pine pour right seen
-    sevens sever sic sight sin sine sip sir sit someone sour sox tan tea tee teen tend tenor tens tent thee then there
-    threes threw tight tin ton tone too tour tow tree twelves twos vine weight wine yen your zeros zone
+_WORDS = """
+    a above adjacent against all almost also alternating altogether amount and another any anywhere are area areas
+    at attached base bases below beneath between big black block blocks blue border borders both bottom box boxes
+    brick bricks built ceiling center centre circle circles close closely color colored colors colour coloured
+    colours column columns completely connected consist consisting consists contact contain containing contains
+    corner corners couple cube cubes different directly does each edge edges either empty equal every everything
+    exactly except exist exists fewer figure figures floor from fully gray greater greatest grey ground half has
+    have having height here high higher highest hold holds image immediately in include includes including inside is
+    it item items itself just large last least left less level located lower lowest made majority many maximum
+    medium middle minimum more most multiple near nearly neither next none not nothing number numbers object objects
+    of on only other others outnumber over overall pair picture pile piles placed position precisely present resting
+    right same sandwiched second several shape shapes shown shows side sides single sitting size sized sizes small
+    smaller some something somewhere square squares stack stacked stacks tall taller tallest than that the their
+    them then there thing things third this to together top topmost topped total touch touches touching tower towers
+    triangle triangles under underneath upper uppermost very wall walls where which while with without yellow
 """
-NEVER_NUMBERS = frozenset(_NEAR_NUMBERS.split())  # English words one error, or one space, away from a number word
-MIN_LENGTH = 3  # shortest word that is corrected
-LONG = 7  # letters; words at least this long may be corrected by two edits
-MAX_LENGTH = 30  # longest word that is corrected
+_OTHER_WORDS = """
+    am an anyone arena as aside atone atop attacked back bake bare baseless bash basis bath be biases blacks blank
+    blues blur botch brig buses by chose clone closer colon colons colorless contract cues cure cute dies do docs
+    dogs dose dots early eighth eights eighty elevens enter etch ever everyone excerpt exit exits file fine fire
+    fiver fives flood flour for form foul fours full fur go grab grad gram gravy grew hall halt halve hare hash
+    hasten hate hats he her hero hive hole holes hood if incompletely indirectly larger lasts lease legs lens lesson
+    let lets lift list locks loser loss lost lowers male man mare mast mate may maze me mere mist mode mole moot
+    mount move multiply must my nearby neat neatly nest net nice nines nite no node non nose note noting often once
+    ones or order orders paid pail pain par pie pies pine pipe pipes played pole poles preset prevent resent round
+    safe sage sake sale sane save seen setting sever shade shades shake shall shame share shares shave shaves shops
+    shots sifting sine site sites slack slide slides slows smell snack so sole someone stall stick sticks stock
+    stuck tail tale talk tally tan teen tell tend tens tent thank thaw theme these thin think threes threw thus till
+    toll torch touchy tough tow towel towels tree twelves twos tying up us vary verb walk walks we well wells were
+    whine white whole width will wish wit yellows zeros
+"""
+# Corrections give one of these words and no other: vocabularies also hold what people mistyped more than once.
+WELL_SPELT = frozenset(_WORDS.split()) | NUMBERS.keys()
+OTHER_WORDS = frozenset(_OTHER_WORDS.split())  # English words that would be taken for errors in those, and are kept
+MIN_LENGTH = 3  # shortest word that a correction gives
+MIN_REPLACED = 4  # letters; in shorter words no letter is replaced
+MIN_BEHEADED = 5  # letters; shorter words do not get a first letter
 CACHED_WORDS = 20_000
 _WORD = re.compile(r"[a-z]+|[0-9]+")
+_INTERJECTION = re.compile(r"\W*[a-z]+\W*,")
 _NOT = re.compile(r"n't\b")
 _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
 _POSSESSIVE = re.compile(r"'s\b|'")
@@ -42,108 +69,83 @@ _POSSESSIVE = re.compile(r"'s\b|'")
 def normalised_words(statement: str, known: Collection[str]) -> list[str]:
     """The words of the statement in lower case: no punctuation, "3" for "three", "is not" for "isn't".
 
-    A word not in `known` (lower case) is corrected: it is split into two known words typed as one, or replaced by the
-    unique nearest known word within Damerau-Levenshtein distance 1 (2 for words of 7 or more letters). No word in
-    NEVER_NUMBERS becomes a number. A first word such as "ll", common in the official statements, gets its missing "a"
-    back. Other words are kept.
+    A word not in `known` (lower case) is corrected if it is two words typed as one, or one error away from a single
+    word: a letter left out, added or replaced, or two swapped. Corrections give words in `known` and WELL_SPELT, or
+    number words; words in OTHER_WORDS are kept, as are words that could be several. A first word such as "ll", common
+    in the official statements, gets its missing "a" back; an unknown one before a comma ("Look, ...") is left out.
     """
-    corrector = _corrector(known if isinstance(known, frozenset) else frozenset(known))
-    return [part for word in _plain_words(statement) for part in corrector.corrected(word)]
+    return [NUMBERS.get(part, part) for _, parts in _read(statement, known) for part in parts]
+
+
+def corrections(statement: str, known: Collection[str]) -> dict[str, str]:
+    """The words of the statement that `normalised_words` corrects, as typed in lower case, with what they become.
+
+    An empty text means that the word is left out.
+    """
+    return {typed: " ".join(parts) for typed, parts in _read(statement, known) if parts != (typed,)}
 
 
 def plain_words(statement: str) -> list[str]:
     """The words of the statement as in `normalised_words`, without spelling correction."""
-    words = (word.lstrip("0") or "0" if word.isdigit() else word for word in _plain_words(statement))
-    return [NUMBERS.get(word, word) for word in words]
+    return [NUMBERS.get(word, word) for word in _with_first_letter(_typed_words(statement))]
 
 
-def _plain_words(statement: str) -> list[str]:
+def _typed_words(statement: str) -> list[str]:
+    """The words of the statement in lower case and without contractions, and numbers without leading zeros."""
     text = statement.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     for short, long in CONTRACTIONS:
         text = text.replace(short, long)
     text = _POSSESSIVE.sub("", _IS.sub(r"\1 is", _NOT.sub(" not", text)))
-    words: list[str] = _WORD.findall(text)
+    return [word.lstrip("0") or "0" if word.isdigit() else word for word in _WORD.findall(text)]
+
+
+def _with_first_letter(words: list[str]) -> list[str]:
     return [LOST_FIRST_LETTER.get(word, word) for word in words[:1]] + words[1:]
 
 
-@lru_cache(maxsize=8)
-def _corrector(known: frozenset[str]) -> _SpellingCorrector:
-    return _SpellingCorrector(known)
+def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Each word as typed, and the words it is read as."""
+    known = known if isinstance(known, frozenset) else frozenset(known)
+    words = _typed_words(statement)
+    may_leave_out = _INTERJECTION.match(statement.lower()) is not None
+    for typed, word in zip(words, _with_first_letter(words), strict=True):
+        is_kept = word in known or word in WELL_SPELT or word in OTHER_WORDS
+        parts = (word,) if is_kept else _corrected(word, known)
+        yield typed, () if may_leave_out and parts == (word,) and not {word} & (known | WELL_SPELT) else parts
+        may_leave_out = False
 
 
-class _SpellingCorrector:
-    """Known words indexed by their deletion neighbourhoods (the SymSpell algorithm)."""
-
-    def __init__(self, known: frozenset[str]) -> None:
-        self.known = known | NUMBERS.keys()
-        self._by_deletion: dict[str, set[str]] = {}
-        for word in self.known:
-            if MIN_LENGTH <= len(word) <= MAX_LENGTH:
-                for deletion in _deletions(word, _max_distance(word)):
-                    self._by_deletion.setdefault(deletion, set()).add(word)
-        self._nearest = lru_cache(maxsize=CACHED_WORDS)(self._find)
-
-    def corrected(self, word: str) -> list[str]:
-        """The corrected word, numbers as digits; two words if they were typed as one."""
-        if word.isdigit():
-            return [word.lstrip("0") or "0"]
-        found = (word,) if word in self.known else self._nearest(word) if len(word) <= MAX_LENGTH else ()
-        return [NUMBERS.get(part, part) for part in found or (word,)]
-
-    def _find(self, word: str) -> tuple[str, ...]:
-        """The intended known words; empty if none or ambiguous, or a number for a word in NEVER_NUMBERS."""
-        found = self._closest(word)
-        return () if word in NEVER_NUMBERS and not NUMBERS.keys().isdisjoint(found) else found
-
-    def _closest(self, word: str) -> tuple[str, ...]:
-        cuts = [(word[:at], word[at:]) for at in range(1, len(word))]
-        splits = [cut for cut in cuts if cut[0] in self.known and cut[1] in self.known]
-        if len(splits) == 1:
-            return splits[0]
-        if len(word) < MIN_LENGTH:
-            return ()
-        limit = _max_distance(word)
-        candidates: set[str] = set()
-        for deletion in _deletions(word, limit):
-            candidates |= self._by_deletion.get(deletion, set())
-        for distance in range(1, limit + 1):
-            nearest = [
-                other
-                for other in candidates
-                if min(_max_distance(other), limit) >= distance == _edit_distance(word, other, limit)
-            ]
-            if len(nearest) > 1:
-                nearest = [other for other in nearest if (other[0], other[-1]) == (word[0], word[-1])]
-                return (nearest[0],) if len(nearest) == 1 else ()
-            if nearest:
-                return (nearest[0],)
-        return ()
+@lru_cache(maxsize=CACHED_WORDS)
+def _corrected(word: str, known: frozenset[str]) -> tuple[str, ...]:
+    choices = WELL_SPELT & (known | NUMBERS.keys())
+    cuts = ((word[:at], word[at:]) for at in range(1, len(word)))
+    splits = [cut for cut in cuts if choices.issuperset(cut)]
+    if len(splits) == 1:
+        return splits[0]
+    near = [other for other in choices if len(other) >= MIN_LENGTH and _is_error(word, other)]
+    if len(near) > 1:
+        near = [other for other in near if (other[0], other[-1]) == (word[0], word[-1])]
+    return (near[0],) if len(near) == 1 else (word,)
 
 
-def _max_distance(word: str) -> int:
-    return 2 if len(word) >= LONG else 1
+def _is_error(typed: str, word: str) -> bool:
+    """Whether `typed` is `word` with a letter left out, added or replaced, or two neighbours swapped."""
+    if abs(len(typed) - len(word)) > 1:
+        return False
+    start = _shared(typed, word)
+    end = _shared(typed[start:][::-1], word[start:][::-1])
+    wrong, right = typed[start : len(typed) - end], word[start : len(word) - end]
+    match len(wrong), len(right):
+        case 0, 1:
+            return start > 0 or len(typed) >= MIN_BEHEADED
+        case 1, 0:
+            return start > 0
+        case 1, 1:
+            return start > 0 and len(typed) >= MIN_REPLACED
+        case _:
+            return len(wrong) == 2 and wrong == right[::-1]
 
 
-def _deletions(word: str, count: int) -> Iterator[str]:
-    """All strings obtained by deleting up to `count` letters."""
-    found = {word}
-    for _ in range(count):
-        found |= {text[:at] + text[at + 1 :] for text in found for at in range(len(text))}
-    return iter(found)
-
-
-def _edit_distance(one: str, other: str, limit: int) -> int:
-    """The optimal string alignment distance; `limit` + 1 if the lengths differ by more than `limit`."""
-    if abs(len(one) - len(other)) > limit:
-        return limit + 1
-    before: list[int] = []
-    row = list(range(len(other) + 1))
-    for i, letter in enumerate(one, start=1):
-        new = [i]
-        for j, other_letter in enumerate(other, start=1):
-            cost = min(row[j] + 1, new[j - 1] + 1, row[j - 1] + (letter != other_letter))
-            if i > 1 and j > 1 and letter == other[j - 2] and one[i - 2] == other_letter:
-                cost = min(cost, before[j - 2] + 1)
-            new.append(cost)
-        before, row = row, new
-    return row[-1]
+def _shared(one: str, other: str) -> int:
+    """The number of letters with which both begin."""
+    return next((at for at, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))

@@ -34,6 +34,7 @@ class PolicyOutput(NamedTuple):
     values: FloatArray | None = None  # (B,) the critic's value estimates
     success_probabilities: Sequence[float] | None = None  # (B,) the planner's estimate for the current plan
     programs: Sequence[Mapping[str, float]] | None = None  # (B,) probabilities of the programs planned for
+    notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
 class AgentAnswer(NamedTuple):
@@ -66,6 +67,7 @@ class Decision:
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
     answers: tuple[AgentAnswer, ...] = ()  # answers of a text agent; the last one chose the action
+    notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
@@ -88,6 +90,7 @@ class Decision:
         for program, value in dict(values["programs"]).items():
             _probability(f"programs: {program:.40}", value)
         values["answers"] = tuple(AgentAnswer(str(text), bool(known)) for text, known in values.get("answers", ()))
+        values["notes"] = tuple(map(str, values.get("notes", ())))
         if len(values["types"]) != len(ActionType) or len(values["legal"]) != len(ActionType):
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")
         return cls(**values)
@@ -157,6 +160,7 @@ def _decision(output: PolicyOutput, row: int, legal: BoolArray, appearance: Appe
         value=None if output.values is None else round(float(output.values[row]), DIGITS),
         success_probability=_rounded(output.success_probabilities[row]) if output.success_probabilities else None,
         programs={program: _rounded(programs[program]) for program in best},
+        notes=output.notes[row] if output.notes else (),
     )
 
 

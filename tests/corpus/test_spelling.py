@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lilgym_mp.corpus.spelling import NEVER_NUMBERS, NUMBERS, normalised_words, plain_words
+from lilgym_mp.corpus.spelling import NUMBERS, OTHER_WORDS, WELL_SPELT, corrections, normalised_words, plain_words
 
 WORDS = (
     "there is are a an the box boxes tower with at least one exactly yellow black blue block triangle triangles "
@@ -25,7 +25,7 @@ KNOWN = frozenset(WORDS.split())
         ("atleast one", "at least 1"),
         ("thereis abox", "there is a box"),
         ("a yelow traingle", "a yellow triangle"),
-        ("trianlges of diferrent colours", "triangles of different colors"),
+        ("trianlges of diferent colors", "triangles of different colors"),
         ("exactely 03 squars", "exactly 3 squares"),
         ("zebra", "zebra"),
         ("", ""),
@@ -35,18 +35,43 @@ def test_normalised_words__plain_words(statement: str, words: str) -> None:
     assert normalised_words(statement, KNOWN) == words.split()
 
 
-def test_normalised_words__ambiguous_corrections_are_not_made() -> None:
-    assert normalised_words("bat", ["cat", "bar"]) == ["bat"]
-    assert normalised_words("bqr", ["bar", "cqr"]) == ["bar"], "the one with the same first and last letter"
+def test_normalised_words__a_word_that_could_be_several_is_kept() -> None:
+    assert normalised_words("blicks", ["blocks", "bricks"]) == ["blicks"]
+    assert normalised_words("tirangle", ["triangle", "triangles"]) == ["triangle"], "the one with the same last letter"
 
 
 def test_normalised_words__known_words_are_never_changed() -> None:
-    assert normalised_words("tower towel", ["tower", "towel"]) == ["tower", "towel"]
+    assert normalised_words("tower towel blok", ["tower", "towel", "blok", "block"]) == ["tower", "towel", "blok"]
 
 
-def test_normalised_words__corrects_one_edit_in_short_words_and_two_in_long_ones() -> None:
-    assert normalised_words("blcok blxxk", KNOWN) == ["block", "blxxk"]
-    assert normalised_words("trxangxe", KNOWN) == ["triangle"]
+@pytest.mark.parametrize(
+    ("typed", "read"),
+    [
+        *[("look", "look"), ("green", "green"), ("bloc", "block"), ("around", "around"), ("when", "when")],
+        *[("hte", "the"), ("squere", "square"), ("riangle", "triangle"), ("lock", "lock"), ("blxxk", "blxxk")],
+        *[("hexagn", "hexagn"), ("abot", "abot"), ("bxo", "box"), ("bix", "bix"), ("own", "own"), ("nearby", "nearby")],
+    ],
+)
+def test_normalised_words__corrects_only_to_words_that_are_spelt_right(typed: str, read: str) -> None:
+    mistyped = ("blook", "greey", "blokc", "blocs", "hve", "hexagon", "about")
+    known = KNOWN | {*mistyped, "then", "ground", "down", "nearly"}
+    assert normalised_words(typed, known) == [read]
+    assert corrections(f"A box, {typed.upper()}!", known) == ({typed: read} if typed != read else {})
+
+
+def test_normalised_words__never_correct_other_words() -> None:
+    assert not OTHER_WORDS & WELL_SPELT
+    for word in sorted(OTHER_WORDS):
+        assert normalised_words(word, WELL_SPELT) == [word]
+
+
+@pytest.mark.parametrize(
+    "written", ["Look, every box is black!", "look, every box is black", '"Look", every box is BLACK.']
+)
+def test_normalised_words__an_unknown_first_word_before_a_comma_is_left_out(written: str) -> None:
+    assert normalised_words(written, KNOWN | {"every"}) == ["every", "box", "is", "black"]
+    assert corrections(written, KNOWN | {"every"}) == {"look": ""}
+    assert normalised_words("yellow, black", KNOWN) == ["yellow", "black"]
 
 
 def test_normalised_words__very_long_words_are_kept() -> None:
@@ -82,14 +107,11 @@ def test_plain_words__repairs_nothing():
     ]
 
 
-@pytest.mark.parametrize("known", [frozenset(), KNOWN | {"some", "any", "of", "al"}])
-def test_normalised_words__common_words_never_become_numbers(known: frozenset[str]) -> None:
-    digits = set(NUMBERS.values())
-    for word in sorted(NEVER_NUMBERS):
-        assert digits.isdisjoint(normalised_words(word, known)), word
-    kept = "there on the right often someone"
-    assert normalised_words(kept, frozenset()) == kept.split()
-    assert normalised_words("thhree fuor twoblocks", known | {"blocks"}) == ["3", "4", "2", "blocks"]
+def test_normalised_words__common_words_never_become_numbers() -> None:
+    kept = "there on the right often someone alone fine line tow tree for"
+    assert normalised_words(kept, KNOWN | {"some", "any", "of", "al"}) == kept.split()
+    assert NUMBERS.keys() <= WELL_SPELT
+    assert normalised_words("thhree fuor twoblocks", KNOWN | {"blocks"}) == ["3", "4", "2", "blocks"]
 
 
 def test_normalised_words__a_word_between_a_number_and_another_stays() -> None:

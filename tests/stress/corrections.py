@@ -2,7 +2,7 @@
 
     python -m tests.stress.corrections [--corpora builtin lilgym]
 
-Known are the words of at least two train statements, as in training. Corrections to a number are marked.
+Known are the words of at least two train statements, as in training.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import argparse
 from collections import Counter
 
 from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.corpus.spelling import normalised_words, plain_words
+from lilgym_mp.corpus.spelling import corrections, plain_words
 
 
 def words_of(corpus: str, splits: tuple[str, ...]) -> Counter[str]:
@@ -20,23 +20,20 @@ def words_of(corpus: str, splits: tuple[str, ...]) -> Counter[str]:
     return Counter(word for statement in statements for word in set(plain_words(statement)))
 
 
-def corrections(corpus: str) -> dict[str, str]:
+def corrected(corpus: str) -> dict[str, str]:
     """Each word of the corpus that is corrected, with its correction."""
     known = frozenset(word for word, count in words_of(corpus, ("train",)).items() if count > 1)
-    every = sorted(words_of(corpus, ("train", "dev", "test")))
-    corrected = {word: " ".join(normalised_words(word, known)) for word in every}
-    return {word: correction for word, correction in corrected.items() if correction != word}
+    return corrections(" ".join(sorted(words_of(corpus, ("train", "dev", "test")))), known)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--corpora", nargs="+", default=["builtin", "lilgym"])
     for corpus in parser.parse_args().corpora:
-        found = corrections(corpus)
+        found = corrected(corpus)
         print(f"{corpus}: {len(found)} words")
         for word, correction in found.items():
-            marked = "  <- a number" if any(part.isdigit() for part in correction.split()) else ""
-            print(f"  {word} -> {correction}{marked}")
+            print(f"  {word} -> {correction}")
 
 
 if __name__ == "__main__":

@@ -62,14 +62,13 @@ class ParseAndPlanPolicy:
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         """Probability 1 for the chosen action; program and success probabilities as of planning time."""
-        programs = [
-            {} if plan is None else {goal.program: goal.probability for goal in plan.goals} for plan in self._latest
-        ]
+        programs = [{} if plan is None else plan.probabilities() for plan in self._latest]
         successes = [0.0 if plan is None else plan.success_probability for plan in self._latest]
         return PolicyOutput(
             one_hot(chosen, self.planner.dynamics.appearance.action_count),
             success_probabilities=successes,
             programs=programs,
+            notes=[() if plan is None else tuple(plan.parse.notes()) for plan in self._latest],
         )
 
     def _new_plan(self, image: UInt8Array, statement: str, target: bool, step: int) -> _EpisodePlan:

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from lilgym_mp.corpus.spelling import corrections
 from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.model_file import check_sizes, torch_threads
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
@@ -36,6 +37,7 @@ MAX_CANDIDATES = 12
 PROBE_SCENES = 160  # candidates that agree on all of these count as equivalent
 MIN_ILL_TYPED = 0.1  # fraction of the beam's probability below which ill-typed programs, slow to evaluate, are dropped
 MAX_CACHED_STATEMENTS = 4096
+UNKNOWN_FACTOR = 1 / 3  # on the candidates' probabilities for each unknown word; docs/agents.md, "Unknown words"
 
 
 class Candidate(NamedTuple):
@@ -106,7 +108,7 @@ class ProgramCandidate(NamedTuple):
     """A possible program of a statement."""
 
     program: str
-    probability: float  # normalised over the statement's candidates
+    probability: float  # those of all candidates add up to the parse's confidence
     alternatives: int  # programs in the beam equivalent to it on the probe scenes, itself included
 
 
@@ -115,19 +117,31 @@ class Parse:
     """The parser's result for a statement."""
 
     words: tuple[str, ...]  # the appearance word, then the statement with misspellings repaired
-    unknown: int  # number of words outside the vocabulary
+    unknown: tuple[str, ...]  # the words outside the vocabulary
+    corrections: Mapping[str, str]  # misspelt words, in lower case, and what was read for them
     candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
 
     @property
-    def is_guess(self) -> bool:
-        """Whether at most half of the statement's words are known."""
-        return self.known_share <= 0.5
+    def confidence(self) -> float:
+        """The probability of all candidates together: UNKNOWN_FACTOR for each unknown word."""
+        return UNKNOWN_FACTOR ** len(self.unknown)
 
     @property
     def known_share(self) -> float:
         """The fraction of known words; 0 for an empty statement."""
         count = len(self.words) - 1
-        return 1 - self.unknown / count if count else 0.0
+        return 1 - len(self.unknown) / count if count else 0.0
+
+    def notes(self) -> list[str]:
+        """A line about corrected words and one about unknown words, if there are any."""
+        corrected = [
+            f"{typed!r} as {read!r}" if read else f"nothing for {typed!r}" for typed, read in self.corrections.items()
+        ]
+        notes = [f"read {', '.join(corrected)}"] if corrected else []
+        if self.unknown:
+            listed = ", ".join(map(repr, self.unknown))
+            notes.append(f"unknown, {len(self.unknown)} of {len(self.words) - 1} words: {listed}")
+        return notes
 
 
 @cache
@@ -167,7 +181,11 @@ class Parser:
         self._known = frozenset(self.vocabulary.symbols)
 
     def parse(self, statement: str, appearance: str, beam_width: int = BEAM_WIDTH) -> Parse:
-        """The candidate programs of any text; for an empty one, the most common programs."""
+        """The candidate programs of any text, the most probable first; for an empty one, the most common programs.
+
+        `appearance`: "tower" or "scatter". Words are corrected first (`lilgym_mp.corpus.spelling`), and each word that
+        stays unknown multiplies the probabilities by UNKNOWN_FACTOR. Equal texts are parsed once.
+        """
         key = (statement, appearance, beam_width)
         found = self._parses.get(key)
         if found is None:
@@ -200,7 +218,9 @@ class Parser:
             programs.setdefault(truth_vector, program)  # keeps the most probable, which comes first
             scores.setdefault(truth_vector, []).append(candidate.log_probability / self.temperature)
         original_words = words_recoloured(normalised.words, inverse(normalised.exchange))
-        return Parse(tuple(original_words), words.count(unknown), _ranked(programs, scores))
+        unknown_words = [word for word in original_words if word not in self._known]
+        ranked = _ranked(programs, scores, UNKNOWN_FACTOR ** len(unknown_words))
+        return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked)
 
     def to_details(self) -> dict[str, Any]:
         """The part of a model description that `from_details` reads."""
@@ -225,9 +245,11 @@ class Parser:
 
 
 def _ranked(
-    programs: Mapping[tuple[bool | None, ...], str], scores: Mapping[tuple[bool | None, ...], Sequence[float]]
+    programs: Mapping[tuple[bool | None, ...], str],
+    scores: Mapping[tuple[bool | None, ...], Sequence[float]],
+    probability: float,
 ) -> tuple[ProgramCandidate, ...]:
-    """The most probable candidates, one per equivalence class, with renormalised probabilities."""
+    """The most probable candidates, one per equivalence class; `probability`: of all together."""
     if not scores:
         return ()
     highest = max(max(values) for values in scores.values())
@@ -237,6 +259,6 @@ def _ranked(
     ranked = sorted(masses, key=lambda truth_vector: -masses[truth_vector])[:MAX_CANDIDATES]
     total = sum(masses[truth_vector] for truth_vector in ranked)
     return tuple(
-        ProgramCandidate(programs[truth_vector], masses[truth_vector] / total, len(scores[truth_vector]))
+        ProgramCandidate(programs[truth_vector], probability * masses[truth_vector] / total, len(scores[truth_vector]))
         for truth_vector in ranked
     )

@@ -29,7 +29,11 @@ class Plan(NamedTuple):
     goals: tuple[WeightedGoal, ...]  # programs planned for, the most probable first
     actions: tuple[Action, ...]  # edits, then STOP
     satisfied: tuple[int, ...]  # indices of the goals that hold in the final scene
-    success_probability: float  # calibrated probability of the satisfied goals times the fraction of known words
+    success_probability: float  # calibrated probability of the satisfied goals times the squared share of known words
+
+    def probabilities(self) -> dict[str, float]:
+        """By program planned for: its probability in this scene. All together they have the parse's confidence."""
+        return {goal.program: self.parse.confidence * goal.probability for goal in self.goals}
 
 
 @dataclass
@@ -67,7 +71,7 @@ class Planner:
             goals,
             planned.actions or (STOP,),
             planned.satisfied,
-            self.calibration(mass) * parse.known_share,
+            self.calibration(mass) * parse.known_share**2,
         )
 
     def outcome(self, plan: Plan, task: Task) -> Outcome:
@@ -97,14 +101,13 @@ def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool
     appearance = planner.dynamics.appearance.name
     yield f'task: make "{statement}" {str(target).lower()}'
     yield f"parsed words: {' '.join(parse.words[1:])}"
-    if parse.is_guess:
-        yield f"note: {parse.unknown} of {len(parse.words) - 1} words are unknown: the parse is a guess"
+    yield from (f"note: {note}" for note in parse.notes())
     if not parse.candidates:
         yield "no program was found"
         return
     yield ""
     yield "candidate programs: probability; truth in this scene; true in % of probe scenes; satisfied by the plan"
-    probabilities = {goal.program: goal.probability for goal in plan.goals}
+    probabilities = plan.probabilities()
     satisfied = {plan.goals[index].program for index in plan.satisfied}
     for candidate in parse.candidates:
         if candidate.probability < MIN_PROBABILITY:

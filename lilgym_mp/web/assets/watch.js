@@ -154,6 +154,7 @@ class Side {
     ];
     const programs = Object.entries(decision.programs);
     if (programs.length) parts.push(element("div", {}, element("h3", {}, "Candidate programs"), element("ul", { class: "bars" }, ...programs.map(([program, probability]) => bar(program, probability, false, true)))));
+    if (decision.notes.length) parts.push(element("div", {}, element("h3", {}, "About the statement"), ...decision.notes.map((note) => element("p", { class: "notice" }, note))));
     const answers = decision.answers.map((each) =>
       element("div", {}, element("h3", {}, each.understood ? "Answer" : "Answer, not understood as an action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
     );

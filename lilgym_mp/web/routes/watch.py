@@ -136,6 +136,7 @@ class DecisionBody(Body):
     optimal: bool | None
     steps_to_go: int | None
     answers: list[AnswerBody]
+    notes: list[str]
 
 
 class LegalCell(Body):

@@ -121,6 +121,6 @@ def test_vocabulary__drops_likely_misspellings_from_large_corpora():
     assert "blue" in many.words
     assert "bleu" not in many.words
     assert (
-        StatementTokenizer(many).encode("bleu block").tolist()
+        StatementTokenizer(many).encode("bleu blocks").tolist()
         == StatementTokenizer(many).encode("blue blocks").tolist()
     )

@@ -36,7 +36,15 @@ from lilgym_mp.learning.parsing.pairs import (
     program_of,
     slots_of,
 )
-from lilgym_mp.learning.parsing.parser import UNKNOWN, Candidate, Parse, Parser, ProgramCandidate, beam_search
+from lilgym_mp.learning.parsing.parser import (
+    UNKNOWN,
+    UNKNOWN_FACTOR,
+    Candidate,
+    Parse,
+    Parser,
+    ProgramCandidate,
+    beam_search,
+)
 from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.training import train_parser
@@ -353,7 +361,7 @@ class Oracle(Parser):
         self.candidates = tuple(ProgramCandidate(program, probability, 1) for program, probability in candidates)
 
     def parse(self, statement: str, appearance: str, beam_width: int = 0) -> Parse:
-        return Parse(("<tower>", "yellow"), 0, self.candidates)
+        return Parse(("<tower>", "yellow"), (), {}, self.candidates)
 
 
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
@@ -439,9 +447,9 @@ def test_agent__plans_for_any_statement(trained: Path, statement: str):
     chosen = agent.planner(Settings("TowerScratch"))
     plan = chosen.plan(empty_tower(), statement, True)
     assert plan.actions
-    known = statement.startswith(("there", "a "))
-    assert plan.parse.is_guess is not known
-    assert any("is a guess" in line for line in explanation_lines(plan, chosen, statement, True)) is not known
+    assert bool(plan.parse.unknown) is statement.startswith(("zzz", "xxx"))
+    lines = "\n".join(explanation_lines(plan, chosen, statement, True))
+    assert all(repr(word) in lines for word in plan.parse.unknown)
 
 
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
@@ -463,6 +471,37 @@ def test_shipped_agent__solves_most_tasks_of_every_configuration_from_pixels(con
 
 
 @pytest.mark.long
+def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse_less():
+    agent = open_agent(Path("parse-and-plan"), "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    planner = agent.planner(Settings("TowerScratch"))
+    plan = planner.plan(empty_tower(), "There is a zorblax on a bloc.", True)
+    assert (plan.parse.unknown, plan.parse.corrections) == (("zorblax",), {"bloc": "block"})
+    assert sum(candidate.probability for candidate in plan.parse.candidates) == pytest.approx(UNKNOWN_FACTOR)
+    assert sum(plan.probabilities().values()) <= UNKNOWN_FACTOR + 1e-9
+    assert plan.success_probability <= (6 / 7) ** 2
+    notes = ("read 'bloc' as 'block'", "unknown, 1 of 7 words: 'zorblax'")
+    assert tuple(plan.parse.notes()) == notes
+    policy = ParseAndPlanPolicy(planner)
+    image = draw(empty_tower(), "half")[None]
+    observations = Observations(image, ("There is a zorblax on a bloc.",), *(np.array([n]) for n in (1, 0, 0)))
+    chosen = policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0))
+    assert policy.output(np.zeros((1, 0), bool), chosen).notes == [notes]
+
+
+def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse():
+    agent = open_agent(Path("parse-and-plan"), "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    written = (
+        "every tower has a yellow base",
+        "Every tower has a yellow base!",
+        "Look, every tower has a yellow base!",
+    )
+    parses = [agent.parser.parse(statement, "tower") for statement in written]
+    assert len({(parse.words, parse.candidates) for parse in parses}) == 1
+    assert parses[0].candidates[0].program.startswith("All(")
+
+
 def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
     new_word = """
         from lilgym_mp.programs.values import ItemView
