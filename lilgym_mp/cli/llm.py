@@ -13,7 +13,7 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from datetime import datetime
+from itertools import count
 from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
@@ -91,7 +91,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=Path,
         metavar="DIR",
-        help=f"write {TRANSCRIPTS} and {SUMMARY} to DIR (default: {RUNS}/llm-CONFIGURATION-AGENT-TIME)",
+        help=f"write {TRANSCRIPTS} and {SUMMARY} to DIR (default: {RUNS}/llm-CONFIGURATION-AGENT-MODEL)",
     )
     parser.add_argument("--resume", action="store_true", help="play what is missing or failed in the run of --out")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
@@ -121,8 +121,7 @@ def run(args: argparse.Namespace) -> int:
         system=not args.no_system,
     )
     if args.out is None:
-        name = re.sub(r"[^\w.-]+", "-", f"{args.configuration}-{args.agent}")
-        args.out = RUNS / f"llm-{name}-{datetime.now():%Y-%m-%d-%H%M%S}"
+        args.out = _default_directory(args, agent_options)
     settings = _settings(player, args)
     done = _checked_output(args, agent_options, settings)
     taken = Lock()  # by the thread that uses `agent`
@@ -150,6 +149,14 @@ def run(args: argparse.Namespace) -> int:
         RecordingMetadata.now(_public_command(args)).write(path)
         print(f"episodes: {path}")
     return 0
+
+
+def _default_directory(args: argparse.Namespace, agent_options: dict[str, Any]) -> Path:
+    """The first of runs/llm-CONFIGURATION-AGENT-MODEL, ...-2, ...-3 that does not exist."""
+    words = ["llm", args.configuration, args.agent, str(agent_options.get("model", ""))]
+    name = re.sub(r"[^\w.-]+", "-", "-".join(filter(None, words)))
+    paths = (RUNS / (name if number == 1 else f"{name}-{number}") for number in count(1))
+    return next(path for path in paths if not path.exists())
 
 
 def _settings(player: Player, args: argparse.Namespace) -> dict[str, Any]:
