@@ -95,26 +95,31 @@ class TransformersAgent:
         return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
 
     def _inputs(self, conversations: list[list[Message]]) -> Any:
-        """The chat template, which writes the special tokens itself; without one, the messages concatenated."""
-        if getattr(self._reader, "chat_template", None):
-            return self._reader.apply_chat_template(
-                conversations,
-                add_generation_prompt=True,
-                tokenize=True,
-                return_dict=True,
-                return_tensors="pt",
-                padding=True,
-            )
-        texts = [
-            "\n\n".join([*(f"{message['role']}: {message['content']}" for message in messages), "assistant:"])
-            for messages in conversations
+        """Tokens of the chat template, which writes the special tokens itself, or of the messages concatenated."""
+        has_template = bool(getattr(self._reader, "chat_template", None))
+        if has_template:
+            texts = [
+                self._reader.apply_chat_template(messages, tokenize=False, add_generation_prompt=True)
+                for messages in conversations
+            ]
+        else:
+            spoken = [[f"{message['role']}: {message['content']}" for message in each] for each in conversations]
+            texts = ["\n\n".join([*lines, "assistant:"]) for lines in spoken]
+        images = [
+            [part["image"] for message in messages for part in message["content"] if part["type"] == "image"]
+            for messages in (conversations if self._sees else ())
         ]
-        return self._tokenizer(texts, return_tensors="pt", padding=True)
+        pictures = {"images": images} if any(images) else {}
+        return self._reader(
+            text=texts, **pictures, return_tensors="pt", padding=True, add_special_tokens=not has_template
+        )
 
     def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
         """Up to the first end; other special tokens are kept, as they may be the tags of thoughts."""
         length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
-        text = self._tokenizer.decode(tokens[:length], skip_special_tokens=False)
+        pictures = {getattr(self._reader, f"{kind}_token_id", None) for kind in ("image", "video")}
+        shown = [token for token in tokens[:length] if token not in pictures]
+        text = self._tokenizer.decode(shown, skip_special_tokens=False)
         return Answer(text, prompt_tokens, min(length + 1, len(tokens)))
 
     def _readable(self, message: Message) -> Message:

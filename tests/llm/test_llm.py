@@ -9,6 +9,7 @@ import json
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -29,6 +30,7 @@ from lilgym_mp.llm.agents import AgentError, Answer, Message
 from lilgym_mp.render import draw
 from lilgym_mp.report.report_data import load_report_data
 from lilgym_mp.solver import Solver
+from lilgym_mp.wrappers.replies import parse_reply
 
 TOWER = Settings("TowerFlipIt")
 
@@ -447,24 +449,65 @@ def test_balrog__is_played_by_action_names(configuration: str):
     assert env.get_stats() == {"progression": 1.0, "success": True}
 
 
-def test_transformers__generates_from_a_local_directory(tmp_path: Path):
+def tiny_model(directory: Path, chat_template: str | None = None) -> None:
+    """Saves a random model whose tokenizer begins every text with <bos>."""
     transformers = pytest.importorskip("transformers", reason="needs the extra transformers")
     tokenizers = pytest.importorskip("tokenizers", reason="needs the extra transformers")
-    words = {"<eos>": 0, "STOP": 1, "ADD": 2, "the": 3}
+    words = {word: index for index, word in enumerate(("<eos>", "<bos>", "<think>", "</think>", "STOP", "the", "Hm"))}
     backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
-    backend.pre_tokenizer = tokenizers.pre_tokenizers.Whitespace()
-    transformers.PreTrainedTokenizerFast(tokenizer_object=backend, eos_token="<eos>").save_pretrained(tmp_path)
+    backend.pre_tokenizer = tokenizers.pre_tokenizers.WhitespaceSplit()
+    backend.post_processor = tokenizers.processors.TemplateProcessing("<bos> $A", special_tokens=[("<bos>", 1)])
+    backend.add_special_tokens([tokenizers.AddedToken(word, special=True) for word in list(words)[:4]])
+    tokenizer = transformers.PreTrainedTokenizerFast(tokenizer_object=backend, eos_token="<eos>", bos_token="<bos>")
+    tokenizer.chat_template = chat_template
+    tokenizer.save_pretrained(directory)
     config = transformers.GPT2Config(
-        vocab_size=4, bos_token_id=0, eos_token_id=0, n_embd=8, n_layer=1, n_head=1, n_positions=4_096
+        vocab_size=7, bos_token_id=1, eos_token_id=0, n_embd=8, n_layer=1, n_head=1, n_positions=4_096
     )
-    transformers.GPT2LMHeadModel(config).save_pretrained(tmp_path)
+    transformers.GPT2LMHeadModel(config).save_pretrained(directory)
+
+
+def test_transformers__generates_from_a_local_directory(tmp_path: Path):
+    tiny_model(tmp_path)
     agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 3})
     answer = agent.answer([{"role": "user", "content": "STOP the"}])
     assert isinstance(answer, Answer)
-    assert answer.prompt_tokens == 6  # user : STOP the assistant :
+    assert answer.prompt_tokens == 5  # <bos> user: STOP the assistant:
     assert 1 <= (answer.completion_tokens or 0) <= 3
     player = Player(TOWER, agent)
     assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
+    with pytest.raises(AgentError, match="reads no pictures"):
+        agent.answer([{"role": "user", "content": [{"type": "text", "text": "STOP"}]}])
+
+
+def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path: Path):
+    template = "<bos> {% for message in messages %}{{ message.content }} {% endfor %}"
+    tiny_model(tmp_path, template)
+    agent: Any = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 5})
+    batches: list[Any] = []
+    torch = pytest.importorskip("torch")
+
+    def generate(input_ids: Any, attention_mask: Any, **settings: Any) -> Any:
+        batches.append(input_ids.tolist())
+        made = {4: [2, 6, 3, 4, 0], 5: [4, 0, 0, 0, 0]}  # <think> Hm </think> STOP <eos>; STOP <eos>
+        return torch.tensor([row + made[row[-1]] for row in input_ids.tolist()])
+
+    agent._model.generate = generate
+    answers: dict[str, Answer] = {}
+    with agent._lock:  # until both wait
+        threads = [
+            threading.Thread(target=lambda text=text: answers.update({text: agent.answer([{"content": text}])}))
+            for text in ("Hm Hm STOP", "the")
+        ]
+        for thread in threads:
+            thread.start()
+        while len(agent._waiting) < 2:
+            time.sleep(0.01)
+    for thread in threads:
+        thread.join()
+    assert [sorted(batch) for batch in batches] == [[[0, 0, 1, 5], [1, 6, 6, 4]]]  # padded on the left
+    assert answers == {"Hm Hm STOP": Answer("<think> Hm </think> STOP", 4, 5), "the": Answer("STOP", 2, 2)}
+    assert parse_reply(answers["Hm Hm STOP"].text, TOWER.dynamics().appearance, 9) == (0, True)
 
 
 def test_transformers__missing_directory_is_reported(tmp_path: Path):
