@@ -1,5 +1,4 @@
-"""Stress test of the program language: adversarial programs against its limits, and fuzzing of generated code against
-the reference evaluator.
+"""Stress test of the program language: adversarial programs against its limits, and mutated ones.
 
 Each attack runs in its own process with limited CPU time and memory. Run:
 python -m tests.stress.program_language --count 2000
@@ -19,8 +18,8 @@ from time import process_time
 from typing import Any
 
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError
-from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+from tests.stress.program_truth import TypedPrograms, scenes
 
 SECONDS = 40  # CPU time per attack
 MEGABYTES = 300  # on top of the initial process size
@@ -156,126 +155,47 @@ def _run_limited_child(
         sys.exit(1)
 
 
-class ProgramGenerator:
-    """Random programs of all words and constructs, mostly well typed."""
-
-    def __init__(self, rng: random.Random) -> None:
-        self.rng = rng
-
-    def program(self, depth: int) -> str:
-        return self.expression("bool", depth, ())
-
-    def expression(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
-        rng = self.rng
-        if rng.random() < 0.05:
-            kind = rng.choice(("bool", "int", "item", "collection", "Color"))
-        if depth <= 0 or (names and rng.random() < 0.3):
-            return self.leaf(kind, names)
-        pick = rng.random()
-        if kind == "bool" and pick < 0.3:
-            a, b = (self.expression("bool", depth - 1, names) for _ in "ab")
-            return rng.choice((f"({a} and {b})", f"({a} or {b})", f"(not {a})", f"AND({a}, {b})"))
-        if kind == "bool" and pick < 0.45:
-            other = rng.choice(("int", "collection", "item", "Color", "box"))
-            a, b = (self.expression(other, depth - 1, names) for _ in "ab")
-            return f"({a} {rng.choice(('==', '!=', '<', 'in', 'not in'))} {b})"
-        if kind == "collection" and pick < 0.2:
-            a, b = (self.expression("collection", depth - 1, names) for _ in "ab")
-            return rng.choice((f"({a} + {b})", f"[{a}, {b}]", f"{a}[0:2]", "{" + a + "}", f"{a}[0]"))
-        words = [word for word in WORDS.values() if self._gives(word.result, kind)]
-        if not words:
-            return self.leaf(kind, names)
-        word = rng.choice(words)
-        given = [self.argument(p.type.name, depth - 1, names) for p in word.parameters if not p.optional]
-        return f"{word.name}({', '.join(given)})"
-
-    @staticmethod
-    def _gives(result: str, kind: str) -> bool:
-        return result == kind or (kind == "collection" and result.startswith(("list", "set")))
-
-    def argument(self, kind: str, depth: int, names: tuple[str, ...]) -> str:
-        if kind == "function":
-            if self.rng.random() < 0.2:
-                return self.rng.choice([word.name for word in WORDS.values() if len(word.parameters) == 1])
-            name = self.rng.choice("xyz")
-            body_type = self.rng.choice(("bool", "bool", "bool", "int", "collection"))
-            return f"lambda {name}: {self.expression(body_type, depth, (*names, name))}"
-        if "collection" in kind:
-            return self.expression("collection", depth, names)
-        return self.expression("bool" if kind == "value" else kind, depth, names)
-
-    def leaf(self, kind: str, names: tuple[str, ...]) -> str:
-        rng = self.rng
-        if names and rng.random() < 0.7:
-            return rng.choice(names) + rng.choice(("", "", "", ".box", ".color", ".is_tower()", ".is_tower"))
-        leaves = {
-            "bool": ("True", "False", "exist(all_items)"),
-            "int": ("0", "1", "2", "5"),
-            "item": ("all_items[0]", "unique(filter_color(all_items, Color.BLUE))"),
-            "collection": ("all_items", "all_boxes", "all_boxes[1]", "[]", "set()", "all_boxes[0].all_items_in_box()"),
-            "box": ("all_boxes[0]", "all_boxes[2]"),
-        }
-        members = {"Color": "BLUE BLACK", "Shape": "SQUARE CIRCLE", "Size": "SMALL BIG", "Side": "TOP LEFT ANY"}
-        if kind in members:
-            return f"{kind}.{rng.choice(members[kind].split())}"
-        return rng.choice(leaves.get(kind, leaves["collection"]))
-
-    def mutated(self, source: str) -> str:
-        """The text with some substrings deleted or duplicated."""
-        for _ in range(self.rng.randint(1, 3)):
-            a, b = sorted(self.rng.randrange(len(source) + 1) for _ in "ab")
-            piece = source[a : min(b, a + 12)]
-            source = self.rng.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:]))
-            source = source or "x"
-        return source
-
-
-def random_scene(rng: random.Random) -> Scene:
-    """A scene with up to four items per box."""
-
-    def item() -> Item:
-        item_type = (rng.choice(list(enum)) for enum in (Shape, Colour, Size))
-        return Item(10 * rng.randrange(8), 10 * rng.randrange(8), *item_type)  # pyright: ignore[reportArgumentType]
-
-    return Scene.of(*([item() for _ in range(rng.choice((0, 0, 1, 2, 4)))] for _ in range(3)))
+def mutated(rng: random.Random, source: str) -> str:
+    """The text with some substrings deleted or duplicated."""
+    for _ in range(rng.randint(1, 3)):
+        a, b = sorted(rng.randrange(len(source) + 1) for _ in "ab")
+        piece = source[a : min(b, a + 12)]
+        source = rng.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:])) or "x"
+    return source
 
 
 def fuzz(count: int, seed: int) -> dict[str, int]:
-    """Compares generated code with the reference evaluator on random and mutated programs.
+    """Compares generated code with the reference evaluator on random programs, some of them mutated.
 
     Raises AssertionError for a difference; unexpected exceptions propagate.
     """
     rng = random.Random(seed)
-    generator = ProgramGenerator(rng)
+    programs = TypedPrograms(rng)
     found: Counter[str] = Counter()
     for _ in range(count):
-        source = generator.program(rng.randint(1, 5))
-        if rng.random() < 0.4:
-            source = generator.mutated(source)
+        source = programs.program()
+        source = mutated(rng, source) if rng.random() < 0.4 else source
         try:
             program = Program(source)
         except ProgramError:
             found["refused"] += 1
             continue
         found["programs with generated code" if program.has_generated_code else "programs without"] += 1
-        for _ in range(3):
-            scene = random_scene(rng)
+        for scene in scenes(rng):
             generated, reference = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
-            assert generated == reference, (
-                f"{source!r}: {generated} by generated code, {reference} by reference, on {scene}"
-            )
+            assert generated == reference, f"{source!r}: {generated}, but {reference} by reference, on {scene}"
             found["values" if isinstance(generated, bool) else "failures"] += 1
     return dict(found)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=2_000, help="random programs")
+    parser.add_argument("--count", type=int, default=2_000, help="mutated programs")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     for name, source in ATTACKS.items():
         print(name, json.dumps(run_limited(attack, source)), flush=True)
-    print("random programs", run_limited(fuzz, arguments.count, arguments.seed, seconds=600))
+    print("mutated programs", run_limited(fuzz, arguments.count, arguments.seed, seconds=600))
 
 
 if __name__ == "__main__":
