@@ -1,4 +1,4 @@
-"""Code generation: syntax tree -> intermediate representation -> Python source over bitmasks.
+"""Code generation: syntax tree -> intermediate representation, in which a program is operations on bitmasks.
 
 A collection of items becomes one bitmask per box, a test of an item is vectorised over its box, and loops over boxes
 are unrolled. A subexpression that depends on one box only (usually most of the program) becomes a *kernel*: a function
@@ -12,15 +12,12 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, NamedTuple, cast
-from weakref import WeakValueDictionary
 
-from lilgym_mp.fast import box_functions, ir
+from lilgym_mp.fast import box_functions, ir, printing
 from lilgym_mp.fast.word_lowering import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.syntax import (
@@ -45,89 +42,35 @@ from lilgym_mp.programs.syntax import (
 )
 from lilgym_mp.programs.values import Color, Shape, Side, Size
 from lilgym_mp.programs.words import Word
-from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.scene import BOX_COUNT, Scene
 
-MAX_TEXT = 20_000  # characters of generated source
-MAX_ALL_TEXT = 2_000_000  # total characters of all intermediate texts of one program
-MAX_NODES = 5_000  # nodes lowered for one program
-
-
-class Expression(NamedTuple):
-    """A generated expression over the boxes b0, b1, b2 or, in a kernel, over the box b."""
-
-    code: ir.Code
-    hoisted: Mapping[str, str]  # loop-invariant subexpressions by local variable name
-    names: dict[str, Any]  # global namespace: box functions and kernels by name
-
-    def lines(self, indent: str) -> str:
-        return "".join(f"{indent}{name} = {text}\n" for name, text in self.hoisted.items())
+MAX_SIZE = 4_000  # nodes of the code of a value
+MAX_ALL_SIZE = 400_000  # of all intermediate values of one program together
+MAX_NODES = 5_000  # nodes of the syntax tree lowered for one program
 
 
-def generate_expression(tree: Node) -> Expression | None:
-    """The generated expression of a program, or None when it is unsupported."""
+def generate_code(tree: Node) -> ir.Code | None:
+    """The code of a program's truth value, or None when it is unsupported."""
     try:
-        generator = _Generator(_Context(), kernel=False)
-        value = generator.lower(tree, {})
-        return generator.expression(value.code) if isinstance(value, ir.Bool) else None
+        value = _Generator(_Context(), kernel=False).lower(tree, {})
+        return value.code if isinstance(value, ir.Bool) else None
     except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
 
 
 def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
     """The generated function of a program, or None when it is unsupported. It may raise FallbackError."""
-    expression = generate_expression(tree)
+    code = generate_code(tree)
     try:
-        return expression and _compiled(_scene_source(expression), expression.names, "evaluate")
+        return code and printing.scene_function(code)
     except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
         return None
-
-
-def _scene_source(expression: Expression) -> str:
-    text = expression.code.text
-    if " for " not in text:
-        text = re.sub(r"(kernel\d+)\((b\d)\)", r"(v if (v := \2.memo.get(\1_key)) is not None else \1(\2))", text)
-    boxes = ", ".join(ir.BOXES)
-    return f"def evaluate(scene):\n    {boxes} = scene.boxes\n{expression.lines('    ')}    return bool({text})\n"
-
-
-def _shared_kernel(expression: Expression) -> Kernel:
-    """The kernel with that expression, shared by all programs that contain it."""
-    lines = expression.lines("        ")
-    key = f"program kernel {lines}{expression.code.text}"
-    kernel = _KERNELS.get(key)
-    if kernel is None:
-        source = (
-            f"def kernel({ir.LOCAL_BOX}):\n    value = {ir.LOCAL_BOX}.memo.get(key)\n    if value is None:\n"
-            f"        check_size({ir.LOCAL_BOX})\n{lines}"
-            f"        value = {ir.LOCAL_BOX}.memo[key] = {expression.code.text}\n    return value\n"
-        )
-        expression.names["key"] = key
-        kernel = _KERNELS[key] = Kernel(key, _compiled(source, expression.names, "kernel"), expression)
-    return kernel
-
-
-def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], Any]:
-    """Executes generated source and returns the function it defines. No user-written text is in the source."""
-    if len(source) > MAX_TEXT:
-        ir.unsupported("too long")
-    exec(compile(source, f"<{name} of a program>", "exec"), names)
-    return names[name]
-
-
-@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
-class Kernel:
-    """A compiled kernel: its key in `box.memo`, its function of a box, and its expression."""
-
-    key: str
-    function: Callable[[Box], Any]
-    expression: Expression
 
 
 class _KernelUse(NamedTuple):
     """A kernel in one program."""
 
-    name: str
-    kernel: Kernel
+    kernel: ir.Kernel
     total: bool
     steps: int  # upper bound on the evaluation steps of a call
 
@@ -150,7 +93,7 @@ class _Context:
 
     def __init__(self) -> None:
         self.nodes_left = MAX_NODES
-        self.text_left = MAX_ALL_TEXT
+        self.size_left = MAX_ALL_SIZE
         self.steps_left = costs.STEP_LIMIT
         self.kernels: dict[tuple[str, int, object], _KernelUse] = {}
         self._info: dict[int, _NodeInfo] = {}
@@ -177,10 +120,7 @@ class _Generator:
     def __init__(self, context: _Context, *, kernel: bool) -> None:
         self.context = context
         self.kernel = kernel
-        self.names: dict[str, Any] = dict(box_functions.NAMES)
-        self.hoisted: dict[str, str] = {}
         self.max_runs: int = 1  # upper bound on how often the code being generated runs per evaluation
-        self.loop_depth = 0
         self.variables = 0  # number of loop variables created
 
     def charge(self, steps: int) -> None:
@@ -214,24 +154,13 @@ class _Generator:
             before = self.context.steps_left
             value = lower_body(inner)
             steps, self.context.steps_left = before - self.context.steps_left, before
-            kernel = _shared_kernel(inner.expression(value.code if isinstance(value, ir.Bool) else value.mask))
-            name = f"kernel{len(self.context.kernels)}"
-            self.names |= {name: kernel.function, f"{name}_key": kernel.key, f"{name}_object": kernel}
-            use = self.context.kernels[key] = _KernelUse(name, kernel, value.total, steps)
+            kernel = printing.kernel(value.code if isinstance(value, ir.Bool) else value.mask)
+            use = self.context.kernels[key] = _KernelUse(kernel, value.total, steps)
         self.charge(use.steps)
-        function, code = use.kernel.function, use.kernel.expression.code
-        return ir.BoxCall(f"{use.name}({box})", box=box, function=function, kernel=code), use.total
+        return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
     def box_call(self, name: str, function: Any, box: str) -> ir.Code:
-        """A call of a box function; inside a loop it is hoisted out of the loop."""
-        self.names[name] = function
-        text = f"{name}({box})"
-        if self.loop_depth:
-            text = self.hoisted.setdefault(text, f"{name}_{box}")
-        return ir.BoxCall(text, box=box, function=function, kernel=None)
-
-    def expression(self, code: ir.Code) -> Expression:
-        return Expression(code, {name: hoisted for hoisted, name in self.hoisted.items()}, self.names)
+        return ir.BoxCall(box, name, function, None)
 
     def can_be_kernel(self, function: Lambda) -> bool:
         info = self.context.info(function.body)
@@ -257,12 +186,12 @@ class _Generator:
                 return ir.as_truth(value)
 
     def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
-        """Lowers a node. Raises Unsupported when its text, which may repeat the text of its parts, gets too long."""
+        """Lowers a node. Raises Unsupported when its code, which may repeat that of its parts, gets too long."""
         self.charge(0)
         value = self._lower_node(node, scope)
-        length = ir.text_length(value, MAX_TEXT)
-        self.context.text_left -= length
-        if length > MAX_TEXT or self.context.text_left < 0:
+        size = ir.size_of(value)
+        self.context.size_left -= size
+        if size > MAX_SIZE or self.context.size_left < 0:
             ir.unsupported("too long")
         return value
 
@@ -271,9 +200,9 @@ class _Generator:
             case Constant(value=bool() as value):
                 return ir.TRUE if value else ir.FALSE
             case Constant(value=int() as value):
-                return ir.Int(ir.number(value))
+                return ir.Int(ir.Number(value))
             case Constant(value=Color() | Shape() | Size() as value):
-                return ir.AttributeValue(ir.number(value.value), enum=type(value))
+                return ir.AttributeValue(ir.Number(value.value), enum=type(value))
             case SceneName(name="all_boxes"):
                 return ir.StaticList(tuple(map(ir.BoxRef, ir.BOXES)), (ir.TRUE,) * BOX_COUNT)
             case SceneName():
@@ -320,10 +249,10 @@ class _Generator:
             or not all(isinstance(value, ir.AttributeValue) for value in values)
         ):
             ir.unsupported("display")
-        codes = [cast("ir.AttributeValue", value).code for value in values]
+        codes = tuple(cast("ir.AttributeValue", value).code for value in values)
         total = ir.all_total(values)
         if not is_set:
-            return ir.AttributeList(ir.Code(f"[{', '.join(code.text for code in codes)}]"), total, enum=enums.pop())
+            return ir.AttributeList(ir.Listed(codes), total, enum=enums.pop())
         return ir.AttributeSet(ir.bits_at(codes), total, enum=enums.pop())
 
     def member(self, node: Member, scope: ir.Scope) -> ir.Value:
@@ -341,7 +270,7 @@ class _Generator:
         ir.unsupported("member")
 
     def attribute_of(self, item: ir.ItemRef, name: str) -> ir.AttributeValue:
-        code = ir.Code(f"{item.box}.items[{item.text}][{ir.ITEM_FIELDS[name]}]")
+        code = ir.ItemField(item.box, item.code, ir.ITEM_FIELDS[name])
         return ir.AttributeValue(code, item.total, enum=ir.ATTRIBUTE_TYPES[name])
 
     def comparison(self, node: Comparison, scope: ir.Scope) -> ir.Bool:
@@ -418,10 +347,8 @@ class _Generator:
         item = self.lower(cast("Node", node.arguments[0]), scope)
         if isinstance(item, ir.UniqueItem):
             parts = item.of.parts
-            tests = [self.test_mask(node, part.box) for part in parts]
-            masks = [part.mask for part in parts]
-            arguments = (f"({', '.join(code.text for code in codes)})" for codes in (masks, tests))
-            return ir.Bool(ir.Code(f"only_in({', '.join(arguments)})"), total=False)
+            tests = ir.Listed(tuple(self.test_mask(node, part.box) for part in parts))
+            return ir.Bool(ir.operate("only_in", ir.Listed(tuple(part.mask for part in parts)), tests), total=False)
         if not isinstance(item, ir.ItemRef):
             ir.unsupported("test of something other than an item")
         return ir.Bool(ir.has_bit(self.test_mask(node, item.box), item.code), item.total)
@@ -442,13 +369,13 @@ class _Generator:
         self.charge_call(node.word, of)
         if isinstance(of, ir.ItemRef):
             rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), of.box)
-            return ir.Items((ir.BoxItems(of.box, ir.Code(f"{rows.text}[{of.text}]"), of.total),), ordered=False)
+            return ir.Items((ir.BoxItems(of.box, ir.operate("row", rows, of.code), of.total),), ordered=False)
         if not isinstance(of, ir.Items):
             ir.unsupported("relation")
         parts: list[ir.BoxItems] = []
         for part in sorted(of.parts, key=lambda part: part.box):
             rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), part.box)
-            parts.append(ir.BoxItems(part.box, ir.Code(f"union({rows.text}, {part.mask.text})"), part.total))
+            parts.append(ir.BoxItems(part.box, ir.operate("union", rows, part.mask), part.total))
         return ir.Items(tuple(parts), ordered=False)
 
     def binary(self, node: Call, scope: ir.Scope) -> ir.Bool:
@@ -508,7 +435,7 @@ class _Generator:
     def quantify_combinations(self, name: str, collection: ir.Combinations, found: ir.Combinations) -> ir.Bool:
         if name == "Any":
             return ir.existence(found)
-        code = ir.compare(("==", "!="), collection.count, found.count, ir.number(0))
+        code = ir.compare(("==", "!="), collection.count, found.count, ir.Number(0))
         return ir.Bool(code, collection.total and found.total)
 
     def filter_combinations(
@@ -516,29 +443,27 @@ class _Generator:
     ) -> ir.Combinations:
         if collection.filtered:
             ir.unsupported("combinations filtered twice")
-        texts: list[str] = []
+        counts: list[ir.Code] = []
         total = collection.total
         for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
             items: list[ir.ItemRef] = []
-            loops: list[str] = []
+            loops: list[tuple[tuple[str, ...], ir.Code]] = []
             for box, same in itertools.groupby(parts, key=lambda part: part.box):
                 group = list(same)
-                names = [f"i{self.variables + index + 1}" for index in range(len(group))]
+                names = tuple(f"i{self.variables + index + 1}" for index in range(len(group)))
                 self.variables += len(group)
-                items.extend(ir.ItemRef(ir.Code(name), box=box) for name in names)
-                loops.append(f"for {', '.join(names)}, in choose(bits({group[0].mask.text}), {len(group)})")
+                items.extend(ir.ItemRef(ir.LoopIndex(name), box=box) for name in names)
+                loops.append((names, group[0].mask))
             chosen: ir.Scope = {**scope, function.parameter: ir.StaticList(tuple(items), (ir.TRUE,) * len(items))}
             sizes = Counter(part.box for part in parts).values()
             choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes)
             max_runs, self.max_runs = self.max_runs, self.max_runs * choices
             self.charge_lambda(function.body)
-            condition = self.condition_in_loop(function.body, chosen, strict=strict)
+            condition = self.condition(function.body, chosen, strict=strict)
             self.max_runs = max_runs
             total = total and condition.total
-            texts.append(f"sum([1 {' '.join(loops)} if {condition.text}])")
-        return ir.Combinations(
-            collection.parts, collection.size, ir.Code(f"({' + '.join(texts)})"), total, filtered=True
-        )
+            counts.append(ir.TupleCount(tuple(loops), condition.code))
+        return ir.Combinations(collection.parts, collection.size, ir.operate("+", *counts), total, filtered=True)
 
     def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
         collection = self.lower(cast("Node", node.arguments[0]), scope)
@@ -552,11 +477,9 @@ class _Generator:
         values = [self.lower(function.body, {**scope, function.parameter: element}) for element in collection.elements]
         if not all(isinstance(value, ir.Int) for value in values) and not all(isinstance(v, ir.Bool) for v in values):
             ir.unsupported("all_same_attribute of other values")
-        sets = [
-            f"({{{cast('ir.Int', value).text} + 0}} if {condition.text} else empty)"
-            for value, condition in zip(values, collection.conditions, strict=True)
-        ]
-        return ir.Bool(ir.Code(f"(len({' | '.join(sets)}) == 1)"), collection.total and ir.all_total(values))
+        codes = tuple(cast("ir.Int", value).code for value in values)
+        conditions = tuple(condition.code for condition in collection.conditions)
+        return ir.Bool(ir.AllEqual(codes, conditions), collection.total and ir.all_total(values))
 
     def filter_static(
         self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
@@ -595,7 +518,7 @@ class _Generator:
     def filter_inline(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
         self.variables += 1
         index = f"i{self.variables}"
-        item = ir.ItemRef(ir.Code(index), box=part.box)
+        item = ir.ItemRef(ir.LoopIndex(index), box=part.box)
         bound: ir.Scope = {**scope, function.parameter: item}
         max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
         self.charge_lambda(function.body)
@@ -605,10 +528,9 @@ class _Generator:
         if rest is None:
             self.max_runs = max_runs
             return part
-        condition = self.condition_in_loop(rest, bound, strict=strict)
+        condition = self.condition(rest, bound, strict=strict)
         self.max_runs = max_runs
-        code = ir.Code(f"sum([1 << {index} for {index} in bits({part.mask.text}) if {condition.text}])")
-        return ir.BoxItems(part.box, code, part.total and condition.total)
+        return ir.BoxItems(part.box, ir.Where(index, part.mask, condition.code), part.total and condition.total)
 
     def split(
         self, function: Lambda, item: ir.ItemRef, bound: ir.Scope, *, strict: bool
@@ -634,17 +556,11 @@ class _Generator:
             case Call(word=Word(name="AND"), arguments=(first, second)) if first and second:
                 for tested, rest in ((first, second), (second, first)):
                     mask = mask_of(tested)
-                    if mask is not None and self.condition_in_loop(rest, bound, strict=True).total:
+                    if mask is not None and self.condition(rest, bound, strict=True).total:
                         return [mask], rest if strict else Not(Not(rest))
             case _:
                 pass
         return [], body
-
-    def condition_in_loop(self, node: Node, bound: ir.Scope, *, strict: bool) -> ir.Bool:
-        self.loop_depth += 1
-        condition = self.condition(node, bound, strict=strict)
-        self.loop_depth -= 1
-        return condition
 
     def item_mask(self, parameter: str, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition on an item vectorised over its box; None when that is not possible."""
@@ -654,7 +570,7 @@ class _Generator:
                 return ir.ItemMask(self.test_mask(node, item.box))
             case Not(operand=operand) | Call(word=Word(name="NOT"), arguments=(operand,)) if operand is not None:
                 inner = self.item_mask(parameter, operand, item, bound)
-                return inner and ir.ItemMask(ir.invert(inner.code), in_range=False, total=inner.total)
+                return inner and ir.ItemMask(ir.operate("~", inner.code), in_range=False, total=inner.total)
             case Logic(operator=operator) | Call(word=Word(name="AND" | "OR" as operator)):
                 return self.combined_mask(parameter, operator.lower(), children(node), item, bound)
             case _:
@@ -676,16 +592,13 @@ class _Generator:
     def constant_mask(self, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
         """A condition independent of the item, such as one on its box, broadcast to all items of the box."""
         try:
-            value = self.condition_in_loop(node, bound, strict=True)
+            value = self.condition(node, bound, strict=True)
         except ir.Unsupported:
             return None
-        if re.search(rf"\b{item.text}\b", value.text):
+        if item.code.indices & value.code.indices:
             return None
-        return ir.ItemMask(ir.negative(value.code), in_range=False, total=value.total)
+        return ir.ItemMask(ir.operate("negative", value.code), in_range=False, total=value.total)
 
 
 def _as_lambda(node: Node) -> Lambda:
     return as_lambda(node, "x") or ir.unsupported("function")
-
-
-_KERNELS: WeakValueDictionary[str, Kernel] = WeakValueDictionary()  # keyed by source; shared between programs

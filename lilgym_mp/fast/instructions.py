@@ -11,8 +11,8 @@ from enum import IntEnum, auto, unique
 from typing import NamedTuple
 
 from lilgym_mp.fast import box_functions
-from lilgym_mp.fast.code_generation import generate_expression
-from lilgym_mp.fast.ir import BOXES, LOCAL_BOX, BoxCall, Code, ItemCount, Number, Unsupported
+from lilgym_mp.fast.code_generation import generate_code
+from lilgym_mp.fast.ir import BOXES, LOCAL_BOX, Apply, BoxCall, Code, ItemCount, Number, Unsupported
 from lilgym_mp.programs.syntax import Node
 
 MAX_INSTRUCTIONS = 256
@@ -85,12 +85,12 @@ _MIRRORED: Mapping[str, Operation] = {">": Operation.LESS, ">=": Operation.LESS_
 
 def instructions(tree: Node, lower_box_function: LowerBoxFunction) -> list[Instruction] | None:
     """A program's instructions, or None when it is unsupported. The last one is the truth value (non-zero: true)."""
-    expression = generate_expression(tree)
-    if expression is None:
+    code = generate_code(tree)
+    if code is None:
         return None
     lowering = _Lowering(lower_box_function)
     try:
-        last = lowering.lower(expression.code, dict(zip(BOXES, range(len(BOXES)), strict=True)))
+        last = lowering.lower(code, dict(zip(BOXES, range(len(BOXES)), strict=True)))
     except (Unsupported, RecursionError):
         return None
     emitted = list(lowering.indices)
@@ -110,14 +110,16 @@ class _Lowering:
         """Returns the index of the instruction with the code's value; `boxes` maps its box names to box indices."""
         match code:
             case Number(value=value):
-                return self._add(Operation.CONSTANT, value)
+                return self._add(Operation.CONSTANT, int(value))
             case ItemCount(box=box):
                 return self._add(Operation.LENGTH, 0, boxes[box])
             case BoxCall():
                 return self._box_function(code, boxes[code.box])
-            case Code(operation=operation, operands=operands):
+            case Apply(operator=operator, operands=operands):
                 values = [self.lower(operand, boxes) for operand in operands]
-                return self._operation(operation, values)
+                return self._operation(operator, values)
+            case _:
+                raise Unsupported
 
     def _add(self, *instruction: int) -> int:
         """Emits an instruction unless already present; returns its index."""
@@ -129,7 +131,7 @@ class _Lowering:
         except Unsupported:
             if call.kernel is None:
                 raise
-            return self.lower(call.kernel, {LOCAL_BOX: box})
+            return self.lower(call.kernel.code, {LOCAL_BOX: box})
 
     def _operation(self, operation: str, values: Sequence[int]) -> int:
         if operation in _UNARY:
@@ -138,9 +140,10 @@ class _Lowering:
             return self._joined(_BINARY[operation], values)
         if operation == "occurring":
             return self._occurring(*values)
-        if not operation:
+        operators = operation.split()
+        if not set(operators) <= _COMPARISONS.keys() | _MIRRORED.keys():
             raise Unsupported
-        compared = map(self._compared, operation.split(), values[:-1], values[1:])
+        compared = map(self._compared, operators, values[:-1], values[1:])
         return self._joined(Operation.BIT_AND, list(compared))
 
     def _joined(self, operation: Operation, values: Sequence[int]) -> int:

@@ -1,21 +1,22 @@
-"""The typed intermediate representation of generated code: values that a program computes, and the code that does so.
+"""The intermediate representation of generated code: a tree of operations, and the typed values that they compute.
 
-A `Code` is Python source. Where it consists of operations on integers it also has that structure, from which
-`instructions` are made. `total`: evaluating a value never raises.
+`printing` writes the tree as Python source, `instructions` its integer part as instructions for compiled code. `total`:
+evaluating a value never raises.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
 from enum import Enum
-from typing import Any, NoReturn
+from functools import cached_property
+from typing import Any, NoReturn, cast
 
 from lilgym_mp.fast import box_functions
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.values import Color, Shape, Size
-from lilgym_mp.scene import BOX_COUNT, Item
+from lilgym_mp.scene import BOX_COUNT, Box, Item
 
 MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # most items of a scene that generated code accepts
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
@@ -30,83 +31,147 @@ class Unsupported(Exception):
 
 @dataclass(frozen=True)
 class Code:
-    """The source of an expression, and the operation on integers that it is, if any."""
+    """A node of the tree."""
 
-    text: str
-    operation: str = ""  # an operator, comparison operators separated by blanks, or the name of a function
-    operands: tuple[Code, ...] = ()
+    @cached_property
+    def parts(self) -> tuple[Code, ...]:
+        """The nodes below it."""
+        return tuple(_codes([getattr(self, field.name) for field in fields(self)]))
+
+    @cached_property
+    def size(self) -> int:
+        """The number of nodes, a shared one counted each time it is printed."""
+        return 1 + sum(part.size for part in self.parts)
+
+    @cached_property
+    def indices(self) -> frozenset[str]:
+        """The names of the loop indices in it."""
+        return frozenset[str]().union(*(part.indices for part in self.parts))
 
 
-@dataclass(frozen=True, kw_only=True)
+def _codes(values: Iterable[Any]) -> Iterator[Code]:
+    for value in values:
+        if isinstance(value, Code):
+            yield value
+        elif isinstance(value, tuple):
+            yield from _codes(cast("tuple[Any, ...]", value))
+
+
+@dataclass(frozen=True)
 class Number(Code):
-    value: int
+    value: int  # or a bool
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
+class LoopIndex(Code):
+    """The index of an item in a loop over items of a box."""
+
+    name: str
+
+    @property
+    def indices(self) -> frozenset[str]:
+        return frozenset({self.name})
+
+
+@dataclass(frozen=True)
 class ItemCount(Code):
     """The number of items in a box."""
 
     box: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class Kernel:
+    """A function of a box with its own code, in which the box is LOCAL_BOX."""
+
+    key: str  # of its values in `box.memo`
+    function: Callable[[Box], Any]
+    code: Code
+
+
+@dataclass(frozen=True)
 class BoxCall(Code):
-    """A call of a function of a box: a vectorised word, or a kernel with its own code."""
+    """A call of a function of a box: a vectorised word, or a kernel."""
 
     box: str
+    name: str
     function: box_functions.BoxFunction
-    kernel: Code | None  # the function's own code, in which the box is LOCAL_BOX; None for a vectorised word
+    kernel: Kernel | None
 
 
-def number(value: int) -> Code:
-    return Number(str(value), value=value)
+@dataclass(frozen=True)
+class Apply(Code):
+    """An operator of Python between the operands, several for a chain of comparisons, or one of `printing.CALLS`."""
+
+    operator: str
+    operands: tuple[Code, ...]
 
 
-def item_count(box: str) -> Code:
-    return ItemCount(f"len({box}.items)", box=box)
+@dataclass(frozen=True)
+class ItemField(Code):
+    """A field of an item of a box, as a number."""
+
+    box: str
+    item: Code
+    field: int
+
+
+@dataclass(frozen=True)
+class FieldList(Code):
+    """The list of a field of the items of a box that are in the mask."""
+
+    box: str
+    mask: Code
+    field: int
+
+
+@dataclass(frozen=True)
+class Listed(Code):
+    elements: tuple[Code, ...]
+
+
+@dataclass(frozen=True)
+class Where(Code):
+    """The mask of the items in `mask` for whose `index` the condition is true."""
+
+    index: str
+    mask: Code
+    condition: Code
+
+
+@dataclass(frozen=True)
+class TupleCount(Code):
+    """The number of tuples of items that satisfy the condition; a loop has its indices, and the mask they are from."""
+
+    loops: tuple[tuple[tuple[str, ...], Code], ...]
+    condition: Code
+
+
+@dataclass(frozen=True)
+class AllEqual(Code):
+    """Whether the values whose conditions are true have exactly one distinct value."""
+
+    values: tuple[Code, ...]
+    conditions: tuple[Code, ...]
 
 
 def operate(operator: str, *operands: Code) -> Code:
-    """The operands joined by a binary operator, from left to right."""
-    return Code(f"({f' {operator} '.join(operand.text for operand in operands)})", operator, operands)
+    """The operands joined by a binary operator, from left to right, or given to a function."""
+    return Apply(operator, operands)
 
 
 def compare(operators: Sequence[str], *operands: Code) -> Code:
     """A chain of comparisons."""
-    steps = zip(operators, operands[1:], strict=True)
-    text = " ".join([operands[0].text, *(f"{operator} {operand.text}" for operator, operand in steps)])
-    return Code(f"({text})", " ".join(operators), operands)
-
-
-def invert(mask: Code) -> Code:
-    return Code(f"~{mask.text}", "~", (mask,))
-
-
-def negative(truth: Code) -> Code:
-    """0 or, if true, a mask of all bits."""
-    return Code(f"-({truth.text})", "negative", (truth,))
+    return Apply(" ".join(operators), operands)
 
 
 def has_bit(mask: Code, position: Code) -> Code:
-    return operate("&", operate(">>", mask, position), number(1))
+    return operate("&", operate(">>", mask, position), Number(1))
 
 
 def bits_at(positions: Iterable[Code]) -> Code:
     """The mask of the bits at one or more positions."""
-    return operate("|", *(operate("<<", number(1), position) for position in positions))
-
-
-def bit_count(mask: Code) -> Code:
-    return Code(f"({mask.text}).bit_count()", "bit_count", (mask,))
-
-
-def only(mask: Code) -> Code:
-    return Code(f"only({mask.text})", "only", (mask,))
-
-
-def occurring(mask: Code, by_value: Sequence[Code]) -> Code:
-    """`box_functions._occurring`."""
-    return Code(f"occurring({', '.join(code.text for code in (mask, *by_value))})", "occurring", (mask, *by_value))
+    return operate("|", *(operate("<<", Number(1), position) for position in positions))
 
 
 @dataclass(frozen=True)
@@ -115,10 +180,6 @@ class Coded:
 
     code: Code
     total: bool = True
-
-    @property
-    def text(self) -> str:
-        return self.code.text
 
 
 @dataclass(frozen=True)
@@ -157,7 +218,7 @@ class ItemRef(Coded):
     box: str
 
 
-TRUE, FALSE = Bool(Number("True", value=1)), Bool(Number("False", value=0))
+TRUE, FALSE = Bool(Number(True)), Bool(Number(False))
 
 
 @dataclass(frozen=True)
@@ -178,15 +239,15 @@ class BoxItems:
     def mask(self) -> Code:
         if self.chosen is not None:
             return self.chosen
-        return operate("-", operate("<<", number(1), item_count(self.box)), number(1))
+        return operate("-", operate("<<", Number(1), ItemCount(self.box)), Number(1))
 
     @property
     def nonempty(self) -> Code:
-        return operate("!=", item_count(self.box) if self.chosen is None else self.chosen, number(0))
+        return operate("!=", ItemCount(self.box) if self.chosen is None else self.chosen, Number(0))
 
     @property
     def count(self) -> Code:
-        return item_count(self.box) if self.chosen is None else bit_count(self.chosen)
+        return ItemCount(self.box) if self.chosen is None else operate("bit_count", self.chosen)
 
 
 @dataclass(frozen=True)
@@ -305,33 +366,24 @@ def max_measure_steps(value: Value) -> int:
     return 2 * count
 
 
-def text_length(value: Value, limit: int) -> int:
-    """The length of a value's text; counting stops once it exceeds `limit`."""
+def size_of(value: Value) -> int:
+    """The number of nodes of a value's code."""
     match value:
         case BoxRef():
             return 0
-        case StaticList(elements=parts, conditions=conditions):
-            parts = (*parts, *conditions)
+        case StaticList(elements=elements, conditions=conditions):
+            return sum(map(size_of, (*elements, *conditions)))
         case Items(parts=parts) | UniqueItem(of=Items(parts=parts)):
-            pass
+            return sum(0 if part.chosen is None else part.chosen.size for part in parts)
         case Combinations(parts=parts, count=count):
-            parts = (*parts, Int(count))
+            return count.size + sum(0 if part.chosen is None else part.chosen.size for part in parts)
         case _:
-            return len(value.text)
-    length = 0
-    for part in parts:
-        if isinstance(part, BoxItems):
-            length += 0 if part.chosen is None else len(part.chosen.text)
-        else:
-            length += text_length(part, limit)
-        if length > limit:
-            break
-    return length
+            return value.code.size
 
 
 def as_static_list(values: AttributeSet) -> StaticList:
     """An attribute set as a list of all members of the enum, each present if its bit is set."""
-    members = [AttributeValue(number(value.value), enum=values.enum) for value in values.enum]
+    members = [AttributeValue(Number(value.value), enum=values.enum) for value in values.enum]
     conditions = (Bool(has_bit(values.code, member.code), values.total) for member in members)
     return StaticList(tuple(members), tuple(conditions))
 
@@ -341,7 +393,7 @@ def all_total(values: Iterable[Any]) -> bool:
 
 
 def negate(truth: Bool) -> Bool:
-    return Bool(Code(f"(not {truth.text})", "not", (truth.code,)), truth.total)
+    return Bool(operate("not", truth.code), truth.total)
 
 
 def as_collection(value: Value) -> Value:
@@ -363,9 +415,9 @@ def as_truth(value: Value) -> Bool:
         case Bool():
             return value
         case Int() | AttributeSet():
-            return Bool(operate("!=", value.code, number(0)), value.total)
+            return Bool(operate("!=", value.code, Number(0)), value.total)
         case AttributeList():
-            return Bool(Code(f"({value.text} != [])"), value.total)
+            return Bool(operate("nonempty", value.code), value.total)
         case Items() | Combinations():
             return existence(value)
         case BoxRef():
@@ -378,7 +430,7 @@ def as_truth(value: Value) -> Bool:
 
 def existence(value: Items | StaticList | Combinations) -> Bool:
     if isinstance(value, Combinations):
-        return Bool(operate("!=", value.count, number(0)), value.total)
+        return Bool(operate("!=", value.count, Number(0)), value.total)
     if isinstance(value, StaticList):
         codes = [condition.code for condition in value.conditions]
     else:

@@ -42,12 +42,12 @@ def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
             for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
                 present.setdefault(element if isinstance(element, ir.BoxRef) else index, []).append(condition.code)
             return ir.Int(
-                ir.operate("+", ir.number(0), *(ir.operate("|", *codes) for codes in present.values())), s.total
+                ir.operate("+", ir.Number(0), *(ir.operate("|", *codes) for codes in present.values())), s.total
             )
         case ir.AttributeSet():
-            return ir.Int(ir.bit_count(s.code), s.total)
+            return ir.Int(ir.operate("bit_count", s.code), s.total)
         case ir.AttributeList():
-            return ir.Int(ir.Code(f"len(set({s.text}))"), s.total)
+            return ir.Int(ir.operate("distinct", s.code), s.total)
         case ir.Combinations():
             return ir.Int(s.count, s.total)
         case _:
@@ -57,9 +57,9 @@ def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
 def _lower_len(generator: Generator, s: ir.Value) -> ir.Int:
     match s:
         case ir.AttributeList():
-            return ir.Int(ir.Code(f"len({s.text})"), s.total)
+            return ir.Int(ir.operate("len", s.code), s.total)
         case ir.StaticList():
-            return ir.Int(ir.operate("+", ir.number(0), *(condition.code for condition in s.conditions)), s.total)
+            return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in s.conditions)), s.total)
         case _:
             return _lower_count(generator, s)
 
@@ -69,7 +69,7 @@ def _lower_unique(_: Generator, s: ir.Value) -> ir.ItemRef | ir.UniqueItem:
         ir.unsupported("unique")
     if len(s.parts) != 1:
         return ir.UniqueItem(s)
-    return ir.ItemRef(ir.only(s.parts[0].mask), total=False, box=s.parts[0].box)
+    return ir.ItemRef(ir.operate("only", s.parts[0].mask), total=False, box=s.parts[0].box)
 
 
 def _lower_set(_: Generator, s: ir.Value) -> ir.Value:
@@ -84,7 +84,7 @@ def _lower_set(_: Generator, s: ir.Value) -> ir.Value:
                 ir.unsupported("set")
             return ir.StaticList(tuple(map(ir.BoxRef, sorted(boxes))), (ir.TRUE,) * len(boxes), ordered=False)
         case ir.AttributeList():
-            return ir.AttributeSet(ir.Code(f"mask_of({s.text})"), s.total, enum=s.enum)
+            return ir.AttributeSet(ir.operate("mask_of", s.code), s.total, enum=s.enum)
         case _:
             ir.unsupported("set")
 
@@ -114,7 +114,7 @@ def _lower_contained(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
 
 
 def _is_contained(mask: ir.Code, other: ir.Code) -> ir.Code:
-    return ir.operate("==", ir.operate("&", mask, ir.invert(other)), ir.number(0))
+    return ir.operate("==", ir.operate("&", mask, ir.operate("~", other)), ir.Number(0))
 
 
 def _lower_equal_set(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
@@ -132,22 +132,22 @@ def _lower_member_of(generator: Generator, x: ir.Value, s: ir.Value) -> ir.Bool:
 
 
 def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
-    if isinstance(s, ir.Items) and isinstance(k, ir.Int) and k.text in ("2", "3"):
-        size = int(k.text)
-        items = " + ".join(part.count.text for part in s.parts)
-        combined = ir.Combinations(s.parts, size, ir.Code(f"comb({items}, {size})"), s.total)
+    size = k.code.value if isinstance(k, ir.Int) and isinstance(k.code, ir.Number) else ir.unsupported("combinations")
+    if isinstance(s, ir.Items) and size in (2, 3):
+        items = ir.operate("+", *(part.count for part in s.parts))
+        combined = ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
         count = binomial(ir.MAX_ITEMS, size)
         if len({part.box for part in s.parts}) == len(s.parts) and count <= costs.SIZE_LIMIT:
             generator.charge(costs.SUBSET_ELEMENT * (1 + size) * count)
             return combined
         ir.unsupported("combinations")
-    if not isinstance(s, ir.StaticList) or not s.unconditional or not isinstance(k, ir.Int) or not k.text.isdecimal():
+    if not isinstance(s, ir.StaticList) or not s.unconditional:
         ir.unsupported("combinations")
-    count = binomial(len(s.elements), int(k.text))
+    count = binomial(len(s.elements), size)
     if count > MAX_TUPLES:
         ir.unsupported("combinations of many")
-    generator.charge(costs.SUBSET_ELEMENT * (1 + int(k.text)) * (1 + count) * ir.max_elements(s))
-    chosen = itertools.combinations(s.elements, int(k.text))
+    generator.charge(costs.SUBSET_ELEMENT * (1 + size) * (1 + count) * ir.max_elements(s))
+    chosen = itertools.combinations(s.elements, size)
     tuples = tuple(ir.StaticList(elements, (ir.TRUE,) * len(elements)) for elements in chosen)
     return ir.StaticList(tuples, (ir.TRUE,) * len(tuples))
 
@@ -159,12 +159,12 @@ def _lower_query(attribute: str) -> Callable[..., ir.AttributeList]:
     def lower(generator: Generator, x: ir.Value) -> ir.AttributeList:
         if isinstance(x, ir.ItemRef):
             value = generator.attribute_of(x, attribute)
-            return ir.AttributeList(ir.Code(f"[{value.text}]"), value.total, enum=value.enum)
+            return ir.AttributeList(ir.Listed((value.code,)), value.total, enum=value.enum)
         if not isinstance(x, ir.Items):
             ir.unsupported("query")
         field = ir.ITEM_FIELDS[attribute]
-        texts = [f"[{part.box}.items[i][{field}] for i in bits({part.mask.text})]" for part in x.parts]
-        return ir.AttributeList(ir.Code(f"({' + '.join(texts)})"), x.total, enum=ir.ATTRIBUTE_TYPES[attribute])
+        lists = (ir.FieldList(part.box, part.mask, field) for part in x.parts)
+        return ir.AttributeList(ir.operate("+", *lists), x.total, enum=ir.ATTRIBUTE_TYPES[attribute])
 
     return lower
 
@@ -176,7 +176,8 @@ def _lower_values(attribute: str) -> Callable[..., ir.AttributeSet]:
         if not isinstance(s, ir.Items):
             ir.unsupported("values")
         found = [
-            ir.occurring(part.mask, [_value_mask(generator, value, part.box) for value in enum]) for part in s.parts
+            ir.operate("occurring", part.mask, *(_value_mask(generator, value, part.box) for value in enum))
+            for part in s.parts
         ]
         return ir.AttributeSet(ir.operate("|", *found), s.total, enum=enum)
 
@@ -209,7 +210,7 @@ def _lower_all_same(attribute: str) -> Callable[..., ir.Bool]:
 
     def lower(generator: Generator, s: ir.Value) -> ir.Bool:
         found = values(generator, s)
-        return ir.Bool(ir.operate("==", ir.bit_count(found.code), ir.number(1)), found.total)
+        return ir.Bool(ir.operate("==", ir.operate("bit_count", found.code), ir.Number(1)), found.total)
 
     return lower
 
