@@ -12,7 +12,7 @@ import pytest
 
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.official.release import FileFacts, content_digest
+from lilgym_mp.corpus.official import FileFacts, content_digest
 from lilgym_mp.corpus.released import ReleasedFile
 from lilgym_mp.scene import Colour, Item
 from tests.scenes import B, K, Y, scene, square, tower
@@ -89,13 +89,12 @@ def write_released(directory: Path) -> Path:
     return directory
 
 
-def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Registers `write_released`'s files as official, one by digest and one by counts, and returns their bytes."""
+def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Registers `write_released`'s files as official, one by digest and one by counts."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
     records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
     facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
-    monkeypatch.setattr("lilgym_mp.corpus.official.release.FILE_FACTS", facts)
-    return {name: (directory / name).read_bytes() for name in names}
+    monkeypatch.setattr("lilgym_mp.corpus.official.FILE_FACTS", facts)
 
 
 SPLITS = ("train", "dev", "test")

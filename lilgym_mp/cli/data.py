@@ -6,12 +6,13 @@ import argparse
 import os
 import random
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import listed
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
 from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically, write_json
 from lilgym_mp.options import (
@@ -27,7 +28,7 @@ from lilgym_mp.terminal import Progress, shows_colours, table
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
-    from lilgym_mp.corpus.official.installing import Installation
+    from lilgym_mp.corpus.official import OfficialFile
 
 INVALID_CORPUS = 1  # exit code of `check`
 PROBES, PROBE_WALKS = 96, 16  # scenes on which statements are compared with their programs, and walks to find them
@@ -49,20 +50,16 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
     download = add("download", _download, "download the official corpus into the user's cache")
-    source = download.add_mutually_exclusive_group()
-    source.add_argument("--revision", help="commit, branch or tag of the repository (default: its newest commit)")
-    source.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
+    download.add_argument("--url", help="URL of a directory with the released files, instead of GitHub")
     _add_several(download, "splits", SPLITS)
-    download.add_argument("--force", action="store_true", help="download even if it is installed")
 
     local = add("import", _import, "install the official corpus from a directory or a checkout")
-    local.add_argument("path", type=Path, metavar="PATH", help="directory with the released files, at any depth")
-    _add_several(local, "splits", SPLITS)
+    local.add_argument("path", type=Path, metavar="DIRECTORY", help="directory with released files, at any depth")
 
 
 def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
-    listed = add("list", _list, "list corpora with their task sets")
-    listed.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
+    lists = add("list", _list, "list corpora with their task sets")
+    lists.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
 
     stats = add("stats", _stats, "count tasks, words, sentence forms, phenomena and program words")
     _add_corpus_argument(stats)
@@ -114,51 +111,36 @@ def _add_several(parser: argparse.ArgumentParser, name: str, choices: Iterable[s
 
 
 def _download(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.faults import InterruptionError
     from lilgym_mp.corpus.locations import installed_directory
-    from lilgym_mp.corpus.official.download import NEWEST, GitHub, WebDirectory, download_official
-    from lilgym_mp.corpus.official.installing import intact_installation
-    from lilgym_mp.corpus.official.release import official_names
+    from lilgym_mp.corpus.official import download_official, official_names
 
-    target, names = installed_directory(), official_names(args.splits)
-    source = WebDirectory(args.url) if args.url else GitHub(args.revision or NEWEST)
-    requested = str(source) if args.url or args.revision else None
-    if not args.force and (installed := intact_installation(target, names, requested)) is not None:
-        print(f"already installed from {installed.source}: {target} (--force downloads it again)")
+    target = installed_directory()
+    names = [name for name in official_names(args.splits) if not (target / name).exists()]
+    if not names:
+        print(f"already installed: {target}")
         return 0
-
-    def show(name: str, size: int) -> None:
-        print(f"{name}: {size:,} bytes", file=sys.stderr, flush=True)
-
-    try:
-        installation = download_official(source, names, target, show)
-    except InterruptionError as error:
-        raise CommandError(
-            f"{error}. Nothing was installed; run the same command again. Without a network, "
-            "obtain the files elsewhere and run `lilgym-mp data import DIRECTORY`"
-        ) from None
-    _print_installation(installation)
+    with Progress(len(names), "files") as progress:
+        files = download_official(names, target, args.url, lambda name: progress.advance(note=name))
+    _print_installed(files, target)
     return 0
 
 
 def _import(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.locations import installed_directory
-    from lilgym_mp.corpus.official.installing import import_official
-    from lilgym_mp.corpus.official.release import official_names
+    from lilgym_mp.corpus.official import FILE_FACTS, import_official
 
-    _print_installation(import_official(args.path, official_names(args.splits), installed_directory()))
+    files = import_official(args.path, installed_directory())
+    _print_installed(files, installed_directory())
+    if missing := FILE_FACTS.keys() - {file.name for file in files}:
+        print(f"note: {args.path} lacks {listed(missing)}")
     return 0
 
 
-def _print_installation(installation: Installation) -> None:
+def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
     from lilgym_mp.corpus.locations import DATA_VARIABLE
 
-    rows = [(file.name, file.bytes, file.tasks, file.contexts, file.proof) for file in installation.files]
-    print(table(["file", "bytes", "tasks", "contexts", "verified by"], rows))
-    for remark in installation.remarks:
-        print(f"note: {remark}")
-    revision = f", commit {installation.revision}" if installation.revision else ""
-    print(f"installed in {installation.directory} from {installation.source}{revision}")
+    print(table(["file", "bytes", "tasks", "contexts", "verified by"], files))
+    print(f"installed in {target}")
     if named := os.environ.get(DATA_VARIABLE):
         print(f'note: {DATA_VARIABLE} is set, so the corpus "lilgym" is read from {named} instead')
 

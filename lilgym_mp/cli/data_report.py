@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from lilgym_mp import render
-from lilgym_mp.corpus.official.release import STATEMENT_COUNT
+from lilgym_mp.corpus.official import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.registration import configuration_name

@@ -14,7 +14,6 @@ from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import corpus_path, is_generated
-from lilgym_mp.corpus.official.installing import installation_faults
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
@@ -65,8 +64,6 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
         try:
             counts = list(_counts(path, faults))
-            for fault in installation_faults(path):
-                faults.add(*fault)
         except CorpusError as fault:
             faults.add(str(path), str(fault).removeprefix(f"{path}: "))
             counts = []

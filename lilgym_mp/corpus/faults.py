@@ -18,10 +18,6 @@ class NoTasksError(CorpusError):
     """The corpus has no tasks for the requested configuration and split."""
 
 
-class InterruptionError(CorpusError):
-    """A download was interrupted and can be resumed."""
-
-
 class Fault(NamedTuple):
     """A validation fault and its location."""
 

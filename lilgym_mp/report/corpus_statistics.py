@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.official.release import FILE_FACTS, FileFacts
+from lilgym_mp.corpus.official import FILE_FACTS, FileFacts
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.released import file_name

@@ -1,8 +1,8 @@
-"""A small test corpus in both file formats, and a web server that serves it."""
+"""A small test corpus in both file formats."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ import pytest
 
 from lilgym_mp.corpus import write_corpus
 from tests.corpora import register_as_official, small_entries, write_released
-from tests.file_server import FileServer, file_server
 
 
 @pytest.fixture
@@ -36,14 +35,7 @@ def released(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, bytes]:
-    """Two files registered as released: one verified by content, one by numbers."""
-    return register_as_official(released, monkeypatch)
-
-
-@pytest.fixture
-def web(monkeypatch: pytest.MonkeyPatch) -> Generator[FileServer, None, None]:
-    """A web server on loopback, reached without a proxy."""
-    monkeypatch.setenv("no_proxy", "127.0.0.1")
-    with file_server() as web:
-        yield web
+def small_release(released: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A directory of two files registered as released: one verified by content, one by numbers."""
+    register_as_official(released, monkeypatch)
+    return released

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.official.installing import import_official
+from lilgym_mp.corpus.official import import_official
 from lilgym_mp.corpus.records import JSONFault, parse_json, read_bytes, read_text
 
 READ = """
@@ -88,7 +88,7 @@ def test_parse_json__many_keys_take_linear_time() -> None:
 def test_import__a_pipe_is_an_error(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "tower_scratch_dev.json")
     with pytest.raises(CorpusError, match="not a regular file"):
-        import_official(tmp_path, ["tower_scratch_dev.json"], tmp_path / "target")
+        import_official(tmp_path, tmp_path / "target")
 
 
 def test_errors__escape_control_characters(tmp_path: Path) -> None:

@@ -1,1 +1,0 @@
-"""Downloading, verifying and installing the official release."""

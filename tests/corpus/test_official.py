@@ -1,0 +1,213 @@
+"""Download of the official corpus from a local server, and import from a directory."""
+
+from __future__ import annotations
+
+import errno
+import json
+import threading
+from collections.abc import Generator
+from functools import partial
+from http.server import HTTPServer, SimpleHTTPRequestHandler
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks, official
+from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.official import (
+    FILE_FACTS,
+    STATEMENT_COUNT,
+    content_digest,
+    download_official,
+    import_official,
+    official_names,
+)
+from lilgym_mp.corpus.released import ReleasedFile
+
+SCRATCH, FLIPIT = "tower_scratch_test.json", "tower_flipit_test.json"
+NAMES = [SCRATCH, FLIPIT]
+
+
+class Server(HTTPServer):
+    """Serves a directory; the first `interruptions` responses break off."""
+
+    interruptions = 0
+
+    @property
+    def url(self) -> str:
+        return f"http://127.0.0.1:{self.server_port}"
+
+
+class _Handler(SimpleHTTPRequestHandler):
+    server: Server
+
+    def do_GET(self) -> None:
+        if self.server.interruptions:
+            self.server.interruptions -= 1
+            self.send_response(200)
+            self.send_header("Content-Length", "1000")
+            self.end_headers()
+            self.wfile.write(b"{")
+        else:
+            super().do_GET()
+
+    def log_message(self, *_: object) -> None:
+        pass
+
+
+@pytest.fixture
+def server(small_release: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[Server, None, None]:
+    """Serves the small release on loopback, without a proxy and without pauses between tries."""
+    monkeypatch.setenv("no_proxy", "127.0.0.1")
+    monkeypatch.setattr("pooch.core.time", SimpleNamespace(sleep=lambda seconds: None))
+    with Server(("127.0.0.1", 0), partial(_Handler, directory=small_release)) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+@pytest.fixture
+def target(tmp_path: Path) -> Path:
+    return tmp_path / "cache" / "lilgym"
+
+
+def test_download__installs_files_that_load_tasks_reads(server: Server, target: Path):
+    finished: list[str] = []
+    files = download_official(NAMES, target, server.url, finished.append)
+    assert [(file.name, file.verified_by) for file in files] == [
+        (SCRATCH, "content digest"),
+        (FLIPIT, "numbers and labels"),
+    ]
+    assert finished == NAMES
+    assert [task.id for task in load_tasks(target, "tower", "flipit", "test")] == ["blue-yes", "blue-no", "pair-no"]
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_download__finds_the_files_anywhere_in_the_repository(
+    server: Server, small_release: Path, target: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (small_release / "some where").mkdir()
+    (small_release / SCRATCH).rename(small_release / "some where" / SCRATCH)
+    tree = [{"path": f"some where/{SCRATCH}"}, {"path": "README.md"}]
+    (small_release / "tree").write_text(json.dumps({"tree": tree}))
+    monkeypatch.setattr(official, "TREE_URL", f"{server.url}/tree")
+    monkeypatch.setattr(official, "RAW_URL", server.url)
+    download_official([SCRATCH], target)
+    assert (target / SCRATCH).exists()
+    with pytest.raises(CorpusError, match=f"does not list {FLIPIT}.*lilgym-mp data import"):
+        download_official(NAMES, target)
+
+
+def test_download__is_tried_once_again_and_then_leaves_nothing(server: Server, target: Path):
+    server.interruptions = 1
+    download_official([SCRATCH], target, server.url)
+    server.interruptions = 3
+    with pytest.raises(CorpusError, match=r"nothing was installed: .*IncompleteRead.*lilgym-mp data import DIRECTORY"):
+        download_official([FLIPIT], target, server.url)
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+    assert [path.name for path in target.iterdir()] == [SCRATCH]
+
+
+def test_download__a_missing_file_is_named(server: Server, small_release: Path, target: Path):
+    (small_release / FLIPIT).unlink()
+    with pytest.raises(CorpusError, match=f"404.*{server.url}/{FLIPIT}"):
+        download_official(NAMES, target, f"{server.url}/")
+    assert list(target.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "message"),
+    [
+        (SCRATCH, "Blue is", "Pink is", rf"^{SCRATCH}: is not the file of release 0\.0\.1.*content digest"),
+        (SCRATCH, '"7"', '"6": {"sentence": "a", "lf": "exist(all_items)"}, "7"', "has 2 entries; the file .* has 1"),
+        (FLIPIT, '"false"', '"true"', "label is true but the program is false"),
+        (FLIPIT, "{", "", "not JSON"),
+    ],
+    ids=["another statement", "another number", "a wrong label", "broken"],
+)
+def test_download__files_of_another_version_are_removed(
+    name: str, old: str, new: str, message: str, server: Server, small_release: Path, target: Path
+):
+    path = small_release / name
+    path.write_text(path.read_text().replace(old, new, 1))
+    with pytest.raises(CorpusError, match=message):
+        download_official(NAMES, target, server.url)
+    assert list(target.parent.iterdir()) == []
+
+
+@pytest.mark.parametrize("error", [OSError(errno.ENOSPC, "No space left on device"), KeyboardInterrupt()])
+def test_download__a_full_disk_or_ctrl_c_leaves_nothing(
+    error: BaseException, server: Server, target: Path, monkeypatch: pytest.MonkeyPatch
+):
+    def end(name: str) -> None:
+        if name == FLIPIT:
+            raise error
+
+    with pytest.raises(type(error)):
+        download_official(NAMES, target, server.url, end)
+    assert list(target.parent.iterdir()) == []
+
+
+def test_import__finds_files_in_any_directory(small_release: Path, target: Path):
+    (small_release / "data").mkdir()
+    (small_release / SCRATCH).rename(small_release / "data" / SCRATCH)
+    assert [file.name for file in import_official(small_release, target)] == NAMES
+    assert load_tasks(target, "tower", "scratch", "test").ids == ("7",)
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_import__of_one_file_keeps_the_others(small_release: Path, target: Path):
+    import_official(small_release, target)
+    (small_release / FLIPIT).unlink()
+    import_official(small_release, target)
+    assert sorted(path.name for path in target.iterdir()) == sorted(NAMES)
+
+
+def test_import__needs_released_files_without_contradictions(small_release: Path, target: Path, tmp_path: Path):
+    with pytest.raises(CorpusError, match="nowhere: no such directory"):
+        import_official(tmp_path / "nowhere", target)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(CorpusError, match=f"none of the released files, .*{SCRATCH}"):
+        import_official(tmp_path / "empty", target)
+    (small_release / "copy").mkdir()
+    (small_release / "copy" / FLIPIT).write_text("{}")
+    with pytest.raises(CorpusError, match=f"several different files {FLIPIT}"):
+        import_official(small_release, target)
+    assert not target.parent.exists()
+
+
+def test_import__files_of_another_version_keep_the_previous_installation(small_release: Path, target: Path):
+    import_official(small_release, target)
+    before = (target / SCRATCH).read_bytes()
+    (small_release / SCRATCH).write_text('{"7": {"sentence": "Other.", "lf": "exist(all_items)"}}')
+    with pytest.raises(CorpusError, match="is not the file of release"):
+        import_official(small_release, target)
+    assert (target / SCRATCH).read_bytes() == before
+    assert [path.name for path in target.parent.iterdir()] == ["lilgym"]
+
+
+def test_file_facts__cover_every_released_file():
+    assert set(FILE_FACTS) == set(official_names())
+    scratch = sum(facts.tasks for name, facts in FILE_FACTS.items() if "scratch" in name)
+    assert STATEMENT_COUNT < scratch == 2_959
+
+
+def test_import__official_dev_files_are_verified_by_content(official_data: Path, target: Path):
+    files = {file.name: file for file in import_official(official_data, target)}
+    assert [files[name].verified_by for name in official_names(["dev"])] == ["content digest"] * 4
+    assert [files[name].contexts for name in official_names(["dev"])] == [163, 317, 87, 164]
+    assert check_corpus(target).ok
+
+
+def test_content_digest__ignores_whitespace_and_key_order(tmp_path: Path):
+    compact = '{"a":{"sentence":"S.","lf":"exist(all_items)","label":"true","structured_rep":[[],[],[]]}}'
+    spread = '{ "a": {"structured_rep": [[ ], [ ], [ ]], "label": "true", "lf": "exist(all_items)", "sentence": "S."} }'
+    other = compact.replace("true", "false")
+    digests = []
+    for text in (compact, spread, other):
+        (tmp_path / "file").write_text(text)
+        digests.append(content_digest(ReleasedFile(tmp_path / "file", "flipit").records(FaultLog(stop_at_first=True))))
+    assert digests[0] == digests[1] != digests[2]
