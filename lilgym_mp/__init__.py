@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +14,6 @@ __version__ = "0.1.0"
 # In a checkout `wrappers` and `data` lie beside the package, not in it (pyproject.toml: package-dir).
 if not Path(__file__).with_name("wrappers").is_dir():
     __path__.append(str(Path(__file__).resolve().parents[1]))
-
-if sys.argv[:1] == ["-m"]:  # `python -m lilgym_mp` imports the package first
-    from lilgym_mp_command import end_on_interrupt
-
-    end_on_interrupt()
 
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all

@@ -2,6 +2,6 @@
 
 import sys
 
-from lilgym_mp_command import main
+from lilgym_mp.cli import main
 
 sys.exit(main())

@@ -18,9 +18,8 @@ from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.extras import install
-from lilgym_mp.options import CommandError, help_of
+from lilgym_mp.options import INTERRUPTED, CommandError, help_of
 from lilgym_mp.terminal import printable
-from lilgym_mp_command import INTERRUPTED
 
 # Modules of this package, in the order of --help.
 COMMANDS = (

@@ -71,7 +71,7 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
 
 @pytest.mark.parametrize("seconds", [0.0, 0.1, 0.2, 0.4])
 def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_path: Path) -> None:
-    program = "import sys; from lilgym_mp_command import main; print('begun', flush=True); sys.exit(main())"
+    program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick", "--out", str(tmp_path / "bench")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
@@ -81,31 +81,6 @@ def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_pat
         _, output = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED
     assert output in ("interrupted\n", f"results: {tmp_path / 'bench'}\n")  # the latter if measuring has begun
-
-
-@pytest.mark.parametrize("seconds", [0.05, 0.5])
-def test_interrupt__of_the_module_prints_one_word(seconds: float, tmp_path: Path) -> None:
-    command = [sys.executable, "-X", "importtime", "-m", "lilgym_mp", "bench", "--quick", "--out", str(tmp_path / "b")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stderr is not None
-        assert any(line.endswith(" lilgym_mp_command\n") for line in process.stderr)  # the package has begun
-        time.sleep(seconds)
-        process.send_signal(signal.SIGINT)
-        _, output = process.communicate(timeout=60)
-    assert process.returncode == INTERRUPTED
-    output = "".join(line for line in output.splitlines(keepends=True) if not line.startswith("import time:"))
-    assert output in ("interrupted\n", f"results: {tmp_path / 'b'}\n")  # the latter if measuring has begun
-
-
-def test_interrupt__during_an_import_that_swallows_it_ends_the_process(tmp_path: Path) -> None:
-    (tmp_path / "swallowing.py").write_text(
-        "import os, signal, time\ntry:\n    os.kill(os.getpid(), signal.SIGINT)\n    time.sleep(1)\n"
-        "except BaseException: pass\n"
-    )
-    program = "import signal; from lilgym_mp_command import _interrupt; signal.signal(signal.SIGINT, _interrupt)\n"
-    command = [sys.executable, "-c", program + "import swallowing; print('swallowed')"]
-    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout, done.stderr) == (INTERRUPTED, "", "interrupted\n")
 
 
 def test_disk_error__is_reported_in_one_line(

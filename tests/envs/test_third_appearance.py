@@ -120,7 +120,6 @@ def copy(tmp_path: Path) -> Path:
     for name in ("lilgym_mp", "wrappers"):
         shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
     (tmp_path / "copy" / "data").symlink_to(ROOT / "data")
-    shutil.copy(ROOT / "lilgym_mp_command.py", tmp_path / "copy")
     package = tmp_path / "copy" / "lilgym_mp" / "appearances"
     shutil.copy(ROOT / "tests" / "envs" / "lamps.py", package)
     table = (package / "__init__.py").read_text()

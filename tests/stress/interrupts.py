@@ -24,7 +24,7 @@ COMMANDS = (
     "evaluate --policy expert --configuration ScatterFlipIt --record records",
     "data synthesize builtin --output new.jsonl.gz",
 )
-LONGEST_RUN = 10.0  # seconds before Ctrl-C
+SHORTEST_RUN, LONGEST_RUN = 3.0, 10.0  # seconds before Ctrl-C; sooner, while Python imports, it shows its traceback
 PATIENCE = 60.0  # seconds to end after it
 
 
@@ -55,7 +55,7 @@ def interrupts(count: int, seed: int) -> Counter[str]:
     outcomes = Counter[str]()
     for index in range(count):
         begun = time.monotonic()
-        outcomes[interrupted(COMMANDS[index % len(COMMANDS)], rng.uniform(0.3, LONGEST_RUN))] += 1
+        outcomes[interrupted(COMMANDS[index % len(COMMANDS)], rng.uniform(SHORTEST_RUN, LONGEST_RUN))] += 1
         assert time.monotonic() - begun < LONGEST_RUN + PATIENCE
     return outcomes
 
