@@ -89,7 +89,7 @@ test-oldest test-newest: test-%:
 	@build/matrix/$*/bin/python -m pytest -n 2 --dist worksteal $(ARGS)
 
 # The adapters of integrations/, each in an environment of its own with the library it adapts to.
-INTEGRATIONS := trl verifiers openenv reasoning_gym
+INTEGRATIONS := balrog trl verifiers openenv reasoning_gym
 .PHONY: test-integrations $(INTEGRATIONS:%=test-integration-%)
 test-integrations: $(INTEGRATIONS:%=test-integration-%)  ## test the adapters to libraries for training language models
 $(INTEGRATIONS:%=test-integration-%): test-integration-%:

@@ -1,4 +1,4 @@
-"""Play in the terminal, or by mouse in a window.
+"""Play in the terminal.
 
 Edit the scene until the statement has the target truth value, then stop. Type help for the commands.
 """
@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.files import writable_file
@@ -19,16 +18,11 @@ from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import add_configuration, add_settings, given_settings, split_of
 from lilgym_mp.terminal import shows_colours
 
-if TYPE_CHECKING:
-    from lilgym_mp.cli.session import Session
-    from lilgym_mp.envs.single import LilGymEnv
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?", default="TowerScratch")
     add_task_choice(parser)
     parser.add_argument("--gif", type=Path, metavar="FILE", help="write the session as an animation")
-    parser.add_argument("--window", action="store_true", help="play by mouse in a window (needs the extra human)")
     add_settings(parser)
 
 
@@ -46,38 +40,19 @@ def run(args: argparse.Namespace) -> int:
         writable_file(args.gif)
     settings = Settings(**given_settings(args))
     env = settings.make(split_of(settings, args.split, args.task))
-    session, converse = _windowed(env) if args.window else (Session(env, print, coloured=shows_colours()), _converse)
+    session = Session(env, print, coloured=shows_colours())
     try:
         session.begin(seed=args.seed, task_id=args.task)
-        converse(session)
+        for line in input_lines():
+            session.answer(line)
+            if session.is_over:
+                break
     except KeyboardInterrupt:
         print()
     if args.gif is not None and session.save_film(args.gif):
         print(f"film: {args.gif}")
     print(session.score())
     return 0
-
-
-def _windowed(env: LilGymEnv) -> tuple[Session, Callable[[Session], None]]:
-    """A session that shows its messages in a window, and the function that plays it there."""
-    from lilgym_mp.cli.play_window import ControlPanel, play
-    from lilgym_mp.cli.session import Session
-
-    panel = ControlPanel(env.dynamics.appearance)
-
-    def say(text: str) -> None:
-        if "\n" not in text:  # a hint or an error; the window shows the picture itself
-            panel.message = text
-
-    return Session(env, say, coloured=False), lambda session: play(session, panel)
-
-
-def _converse(session: Session) -> None:
-    """Reads commands until the person quits or the input ends."""
-    for line in input_lines():
-        session.answer(line)
-        if session.is_over:
-            return
 
 
 def input_lines() -> Iterator[str]:

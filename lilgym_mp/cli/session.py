@@ -104,11 +104,6 @@ class Session:
     def _film(self) -> None:
         self._frames.append(frame(self._env.scene, self._lines(), self._env.dynamics.appearance))
 
-    @property
-    def picture(self) -> UInt8Array:
-        """(304, 784, 3) the current scene with its text."""
-        return self._frames[-1]
-
     def _hint(self) -> None:
         from lilgym_mp.solver import Expert
 

@@ -4,7 +4,6 @@ docs/language_models.md explains how to plug in a model.
 """
 
 from lilgym_mp.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
-from lilgym_mp.llm.balrog import BalrogEnv
 from lilgym_mp.llm.episodes import Episode, Failure
 from lilgym_mp.llm.openai_agent import OpenAIAgent
 from lilgym_mp.llm.player import Player, play_all
@@ -14,7 +13,6 @@ __all__ = [
     "AGENTS",
     "AgentError",
     "Answer",
-    "BalrogEnv",
     "Episode",
     "ExpertAgent",
     "Failure",

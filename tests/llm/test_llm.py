@@ -16,7 +16,6 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from PIL import Image
@@ -24,7 +23,7 @@ from PIL import Image
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, read_episodes
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm import BalrogEnv, OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.llm import agents as agents_module
 from lilgym_mp.llm.agents import AgentError, Answer, Message
 from lilgym_mp.render import draw
@@ -423,30 +422,6 @@ def test_command__invalid_arguments_are_reported(
 def test_custom_agent__is_named_by_module_and_class(capsys: pytest.CaptureFixture[str]):
     assert main(["llm", "TowerFlipIt", "--agent", "lilgym_mp.llm.agents:ExpertAgent", "--episodes", "1"]) == 0
     assert "100.0%" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
-def test_balrog__is_played_by_action_names(configuration: str):
-    from lilgym_mp.solver import Expert
-
-    env = BalrogEnv(gym.make(f"lilgym_mp/{configuration}-v0"))
-    shown, _ = env.reset(seed=0)
-    assert set(shown) == {"text", "image"}
-    assert shown["image"].size == (380, 100)
-    assert "STOP" in env.language_action_space
-    assert "Rewards:" in env.get_instruction_prompt()
-    assert env.get_stats()["progression"] == 0
-    assert env.check_action_validity("nonsense") == "STOP"
-    assert env.failed_candidates == ["nonsense"]
-    from lilgym_mp.actions import describe
-
-    expert, ended = Expert(env), False
-    while not ended:
-        name = describe(env.get_wrapper_attr("dynamics").appearance.decode(expert.act()))
-        assert env.check_action_validity(f"I choose {name}") == name
-        _, _, terminated, truncated, _ = env.step(name)
-        ended = terminated or truncated
-    assert env.get_stats() == {"progression": 1.0, "success": True}
 
 
 def tiny_model(directory: Path, chat_template: str | None = None) -> None:
