@@ -35,6 +35,15 @@ def assert_same(ours: Any, theirs: Any, where: str = "") -> None:
         assert ours == theirs, where
 
 
+def equal(one: Any, other: Any) -> bool:
+    """Whether two observations, or whatever holds such, are the same in every part."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
+    if isinstance(one, tuple | list):
+        return len(one) == len(other) and all(map(equal, one, other))
+    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
+
+
 def random_actions(masks: np.ndarray, generator: np.random.Generator) -> np.ndarray:
     """(N,) mostly legal actions for masks (N, actions)."""
     actions: list[int] = []

@@ -25,6 +25,7 @@ from lilgym_mp.render import draw
 from lilgym_mp.render.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import TokenizedStatement
+from tests.envs.alike import equal
 from tests.scenes import B, K, scene, tower
 
 CONFIGURATIONS = {
@@ -46,15 +47,6 @@ def make(name: str, **settings: Any) -> LilGymEnv:
     env = gym.make(name, **settings).unwrapped
     assert isinstance(env, LilGymEnv)
     return env
-
-
-def equal(one: Any, other: Any) -> bool:
-    """Whether two observations, or whatever holds such, are the same in every part."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return len(one) == len(other) and all(map(equal, one, other))
-    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
 
 
 def played(env: LilGymEnv, seed: int, steps: int = 60) -> list[Any]:

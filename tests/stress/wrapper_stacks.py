@@ -43,6 +43,7 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "channels_first": ({},),
     "flat_observation": ({},),
     "grid_planes": ({}, {"keep_image": True}),
+    "image_observation": ({},),
     "multi_discrete_actions": ({}, {"masks": "slots"}),
     "named_actions": ({},),
     "native_image": ({},),
@@ -154,12 +155,16 @@ def _actions(masks: Any, stack: Stack, configuration: str, chance: np.random.Gen
 
 
 def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
-    """Compares the kinds of environments on `count` random stacks. Returns what was compared, and the differences."""
+    """Compares the kinds of environments on every wrapper alone and on `count` random stacks.
+
+    Returns what was compared, and the differences.
+    """
     rng = random.Random(seed)
     compared: Counter[str] = Counter()
     found: list[str] = []
-    for number in range(count):
-        stack, configuration = random_stack(rng), rng.choice(list(CONFIGURATIONS))
+    alone: list[Stack] = [[(name, settings)] for name, each in SETTINGS.items() for settings in each]
+    for number, stack in enumerate([*alone, *(random_stack(rng) for _ in range(count))]):
+        configuration = rng.choice(list(CONFIGURATIONS))
         mode = rng.choice((AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP))
         workers = rng.random() < WORKER_SHARE
         differing = list(differences(configuration, stack, mode, number, workers=workers))

@@ -1,4 +1,4 @@
-"""Stacked wrappers: rebuilding from specs, pickling, and Gymnasium's and SB3's checks."""
+"""Stacked wrappers: rebuilding from specs, pickling, and Gymnasium's check."""
 
 from __future__ import annotations
 
@@ -12,12 +12,18 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp import wrappers
+from lilgym_mp.observation import EMPTY
 from lilgym_mp.wrappers import WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
+from lilgym_mp.wrappers.transformation import EnvState, Transformation
+from tests.envs.alike import equal
 
 Make = Callable[..., gym.Env[Any, Any]]
 Stack = list[tuple[Any, dict[str, Any]]]
@@ -116,21 +122,13 @@ def same_play(one: gym.Env[Any, Any], other: gym.Env[Any, Any]) -> bool:
     one.action_space.seed(0)
     outcomes = [env.reset(seed=3) for env in (one, other)]
     for _ in range(3):
-        if not alike(*outcomes):
+        if not equal(*outcomes):
             return False
         action = one.action_space.sample()
         outcomes = [env.step(action) for env in (one, other)]
         if outcomes[0][2] or outcomes[0][3]:
             break
-    return alike(*outcomes)
-
-
-def alike(one: Any, other: Any) -> bool:
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(alike(one[name], other[name]) for name in one)
-    if isinstance(one, tuple):
-        return len(one) == len(other) and all(map(alike, one, other))
-    return bool(np.array_equal(one, other))
+    return equal(*outcomes)
 
 
 def test_stack__can_be_pickled_in_mid_episode(make: Make):
@@ -140,7 +138,7 @@ def test_stack__can_be_pickled_in_mid_episode(make: Make):
     env.reset(seed=0)
     env.step(1)
     copy = pickle.loads(pickle.dumps(env))
-    assert alike(env.step(2), copy.step(2))
+    assert equal(env.step(2), copy.step(2))
 
 
 @st.composite
@@ -172,12 +170,6 @@ def test_random_stack__stays_within_its_spaces(corpus: Path, stack: Stack, appea
     assert masks.dtype == np.bool_
 
 
-def test_tokens__pass_sb3s_check(make: Make):
-    checker = pytest.importorskip("stable_baselines3.common.env_checker", reason="Stable-Baselines3 is not installed")
-    for configuration in ("TowerFlipIt", "ScatterFlipIt"):
-        checker.check_env(wrappers.TokenizedStatement(make(configuration)))
-
-
 FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.endswith("_v0")}
 
 
@@ -201,3 +193,31 @@ def test_factory__has_the_signature_and_docstring_of_its_class():
     assert "vocabulary" in (factory.__doc__ or "")
     with pytest.raises(TypeError, match="words"):
         factory(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), words=3)  # pyright: ignore[reportCallIssue]
+
+
+class CountedItems(Transformation):
+    """The number of items, by a Transformation that is not a Format."""
+
+    changes_observations = True
+
+    def observation_space(self) -> spaces.Space[Any]:
+        return spaces.Box(0, 100, (1,), np.int64)
+
+    def observations(self, observations: Any, state: EnvState) -> Any:
+        return (state.items[..., -1] != EMPTY).sum(axis=(1, 2))[:, None]
+
+
+class ItemCount(EnvWrapper[CountedItems]):
+    transformation_class = CountedItems
+
+
+def test_batch__final_obs_of_a_wrapper_uses_the_final_scene():
+    make = partial(gym.make, "lilgym_mp/TowerScratch-v0", horizon=3)
+    mode = AutoresetMode.SAME_STEP
+    each = SyncVectorEnv([lambda: ItemCount(make())] * 3, autoreset_mode=mode)
+    batch = factory(ItemCount)(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, horizon=3, autoreset_mode=mode))
+    for env in (each, batch):
+        env.reset(seed=0)
+        for action in (1, 2, 3):
+            *_, infos = env.step(np.full(3, action))
+        assert np.array_equal(np.stack(infos["final_obs"]), [[3], [3], [3]])
