@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import re
 import shlex
 from importlib import import_module
@@ -10,7 +11,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from lilgym_mp.cli import COMMANDS, parse_args
+from lilgym_mp.cli import COMMANDS, main, parse_args
 from lilgym_mp.learning.learners import PACKAGES
 from tests.documents import run_document
 
@@ -32,6 +33,34 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
     namespace = {"__name__": "__main__"}
     for number, text in enumerate(texts, start=1):
         exec(compile(text, f"{name}, block {number}", "exec"), namespace)
+
+
+README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
+    "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --updates 2",
+    "--corpus lilgym --policy expert random-legal": "--configuration TowerScratch --policy random-legal",
+    "--corpus lilgym": "--corpus builtin",
+    "--minutes 10": "--minutes 0.05",
+    "--minutes 4": "--minutes 0.05",
+    "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
+}
+
+
+@pytest.mark.long
+@pytest.mark.filterwarnings("default")
+def test_readme__commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module in ("torch", "matplotlib", "jinja2"):
+        pytest.importorskip(module)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("LILGYM_DATA", raising=False)
+    commands = re.findall(
+        r"^ {4}\$ \S*?lilgym-mp ([^\n]*?)(?:  +#[^\n]*)?$", (ROOT / "README.md").read_text(), re.MULTILINE
+    )
+    assert len(commands) > 3
+    for command in commands:
+        for long, short in README_SHORTER.items():
+            command = command.replace(long, short)
+        monkeypatch.setattr("sys.stdin", io.StringIO("stop\nquit\n"))
+        assert main(shlex.split(command)) == 0, command
 
 
 SHORTER = {  # long-running parts of tutorial commands, and their replacements in tests

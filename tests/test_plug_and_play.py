@@ -33,31 +33,6 @@ def test_arrays__equal_the_text_observations(id: str):
     assert vocabulary.decode(array["statement"]) == words(text["statement"])
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_arrays__of_a_batch_equal_those_of_single_environments(mode: AutoresetMode):
-    count = 5
-    batch = gym.make_vec(TOWER, num_envs=count, observation="arrays", autoreset_mode=mode)
-    makers = [lambda: gym.make(TOWER, observation="arrays")] * count
-    singles = gym.vector.SyncVectorEnv(makers, autoreset_mode=mode)
-    assert batch.single_observation_space == singles.single_observation_space
-    (seen, _), (expected, _) = batch.reset(seed=1), singles.reset(seed=1)
-    generator = np.random.default_rng(0)
-    for _ in range(12):
-        for name, part in expected.items():
-            assert np.array_equal(seen[name], part)
-        actions = generator.integers(13, size=count)
-        seen, _, terminated, truncated, infos = batch.step(actions)
-        expected, _, _, _, expected_infos = singles.step(actions)
-        ended = terminated | truncated
-        if mode is AutoresetMode.SAME_STEP and ended.any():
-            first = int(np.flatnonzero(ended)[0])
-            for name, part in expected_infos["final_obs"][first].items():
-                assert np.array_equal(infos["final_obs"][first][name], part)
-        if mode is AutoresetMode.DISABLED and ended.any():
-            seen, _ = batch.reset(options={"reset_mask": ended})
-            expected, _ = singles.reset(options={"reset_mask": ended})
-
-
 def test_arrays__flatten():
     env = FlatObservation(gym.make(TOWER, observation="arrays", image_size="half"))
     assert env.reset(seed=0)[0] in env.observation_space

@@ -39,7 +39,10 @@ def test_batched__equals_single_environments_bit_for_bit(id: str, mode: Autorese
     assert_alike(batch(id, 5, mode, rules=rules), singles(id, 5, mode, rules=rules), steps=40)
 
 
-@pytest.mark.parametrize("settings", [{"image_size": "native"}, {"grid": (38, 10)}, {"horizon": 3}, {"split": "dev"}])
+@pytest.mark.parametrize(
+    "settings",
+    [{"image_size": "native"}, {"grid": (38, 10)}, {"horizon": 3}, {"split": "dev"}, {"observation": "arrays"}],
+)
 @pytest.mark.parametrize("id", [TOWER, SCATTER])
 def test_batched__equals_single_environments_under_every_setting(id: str, settings: dict[str, object]) -> None:
     mode = AutoresetMode.SAME_STEP

@@ -27,7 +27,7 @@ EPISODES = 8
 MARKUP = "<script>alert(1)</script>"
 ODD_VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 10**30, 1e308, float("nan"), float("inf"), "", MARKUP, "a\x1b[31m\0b", "x" * 20_000, [], {},
-    [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |",
+    [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |", 10**400, "\u202e", "STOP", [[[[[]]]]], [0] * 1_000,
 )  # fmt: skip
 PROGRESS = [{"steps": steps, "accuracy": 0.5, "seconds": 1.0, "loss": 2.0} for steps in (100, 200)]
 RUN = {"learner": "ppo", "environment": {"configuration": "TowerScratch"}, "recipe": {"seed": 0}}
@@ -40,13 +40,15 @@ def _places(value: Any) -> Iterator[tuple[Any, Any]]:
         yield from _places(inner)
 
 
-def _spoil(value: Any, rng: random.Random) -> None:
-    """Replaces or removes a part of the JSON value."""
+def spoil(value: Any, rng: random.Random) -> str:
+    """Replaces or removes a part of the JSON value; returns which."""
     container, key = rng.choice(list(_places(value)))
+    odd = rng.choice(ODD_VALUES)
     if rng.random() < 0.9:
-        container[key] = rng.choice(ODD_VALUES)
+        container[key] = odd
     else:
         del container[key]
+    return f"{key}: {str(odd)[:60]!r}"
 
 
 def recorded(directory: Path) -> tuple[list[Any], Any]:
@@ -74,7 +76,7 @@ def hostile_reports(count: int, seed: int) -> Counter[str]:
         rows, metadata = recorded(Path(base) / "recorded")
         for _ in range(count):
             parts = json.loads(json.dumps({"rows": rows, "metadata": metadata, "progress": PROGRESS, "run": RUN}))
-            _spoil(rng.choice([parts["rows"][0], parts["rows"][rng.randint(1, EPISODES)], parts, *parts.values()]), rng)
+            spoil(rng.choice([parts["rows"][0], parts["rows"][rng.randint(1, EPISODES)], parts, *parts.values()]), rng)
             case = Path(base) / "case"
             shutil.rmtree(case, ignore_errors=True)
             with contextlib.suppress(KeyError, TypeError):

@@ -26,7 +26,7 @@ from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation import CONFIGURATIONS
 
 N = 5
-STEPS = 18
+STEPS = 12
 HORIZON = 4
 WORKER_SHARE = 0.2  # of the stacks that are also put on workers
 Stack = Sequence[tuple[str, dict[str, Any]]]  # names of factories without version, and settings
