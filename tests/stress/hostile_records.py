@@ -27,7 +27,8 @@ EPISODES = 8
 MARKUP = "<script>alert(1)</script>"
 ODD_VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 10**30, 1e308, float("nan"), float("inf"), "", MARKUP, "a\x1b[31m\0b", "x" * 20_000, [], {},
-    [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |", 10**400, "\u202e", "STOP", [[[[[]]]]], [0] * 1_000,
+    [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |",
+    10**400, "\u202e", "STOP", [[[[[]]]]], [0] * 1_000,
 )  # fmt: skip
 PROGRESS = [{"steps": steps, "accuracy": 0.5, "seconds": 1.0, "loss": 2.0} for steps in (100, 200)]
 RUN = {"learner": "ppo", "environment": {"configuration": "TowerScratch"}, "recipe": {"seed": 0}}
