@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import random
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import NamedTuple
 
 from lilgym_mp.appearances import APPEARANCES
@@ -46,13 +47,9 @@ def start_scenes(
     Where such pairs are found, a true scene and the false one after it differ by one item. If the `walks` random walks
     find only one truth value, all scenes have it. Scenes on which the program has no value are skipped.
     """
-    chosen: dict[Scene, bool] = {}
     seen: dict[bool, list[Scene]] = {True: [], False: []}
-    for pair in _near_misses(program, appearance, rng, seen, walks):
-        if not any(start.scene in chosen for start in pair):
-            chosen.update(pair)
-        if len(chosen) >= count:
-            break
+    pairs = near_misses(program, (_walk(appearance, rng) for _ in range(walks)), seen)
+    chosen = dict(start for pair in islice(pairs, -(-count // 2)) for start in pair)
     for value in (True, False) * count:
         others = (scene for scene in seen[value] if scene not in chosen)
         if len(chosen) < count and (scene := next(others, None)) is not None:
@@ -60,24 +57,35 @@ def start_scenes(
     return tuple(LabelledScene(scene, label) for scene, label in chosen.items())[:count]
 
 
-def _near_misses(
-    program: str, appearance: str, rng: random.Random, seen: dict[bool, list[Scene]], walks: int
+def near_misses(
+    program: str, walks: Iterable[Iterable[Scene]], seen: dict[bool, list[Scene]] | None = None
 ) -> Iterator[tuple[LabelledScene, LabelledScene]]:
-    """Pairs of scenes that differ by one item and by truth value; adds the scenes before each change to `seen`."""
-    sampler = SAMPLERS[appearance]
-    for _ in range(walks):
-        scene = sampler.scene(rng)
+    """Pairs of a true scene and a false one that are neighbours in a walk, the first of each walk; none has a scene of
+    an earlier pair. Adds the scenes before each change to `seen`."""
+    used: set[Scene] = set()
+    for walk in walks:
+        scenes = iter(walk)
+        scene = next(scenes)
         value = _value(program, scene)
-        for _ in range(WALK_LENGTH):
+        for after in scenes:
             before, value_before = scene, value
-            scene = sampler.changed(rng, before)
-            value = _value(program, scene)
-            if value_before is not None:
+            scene, value = after, _value(program, after)
+            if value_before is not None and seen is not None:
                 seen[value_before].append(before)
             if None not in (value, value_before) and value != value_before:
-                true, false = (scene, before) if value else (before, scene)
-                yield LabelledScene(true, label=True), LabelledScene(false, label=False)
+                if not used & {scene, before}:
+                    used |= {scene, before}
+                    true, false = (scene, before) if value else (before, scene)
+                    yield LabelledScene(true, label=True), LabelledScene(false, label=False)
                 break
+
+
+def _walk(appearance: str, rng: random.Random) -> Iterator[Scene]:
+    """A random scene, changed by one item at a time."""
+    sampler = SAMPLERS[appearance]
+    yield (scene := sampler.scene(rng))
+    for _ in range(WALK_LENGTH):
+        yield (scene := sampler.changed(rng, scene))
 
 
 def _value(program: str, scene: Scene) -> bool | None:

@@ -1,25 +1,22 @@
-"""Generates statements with programs, in two ways (docs/generators.md).
+"""Generates statements with programs from synchronous templates, whose parts each have words and program text.
 
-`meanings` makes the generated corpora and most of the builtin corpus: tasks with start scenes, in checked wordings.
-`templates`, with `training_pairs`, makes a stream of more varied wordings without scenes.
+`phrases` has quantities, noun phrases and predicates, `conditions` the conditions of boxes, `items` and `boxes`
+statements, `tower` and `scatter` those of one appearance, `pairs` streams of them, `generated_corpus` task sets.
 """
 
-from lilgym_mp.generator.meanings.generated_corpus import CorpusSpec, generated_entries, load_generated
-from lilgym_mp.generator.meanings.sampling import LEVELS, random_meaning
-from lilgym_mp.generator.meanings.start_selection import ScenePool, StartScene
-from lilgym_mp.generator.meanings.validation import Draft, Entry, drafts, realise, validate_draft
+from lilgym_mp.generator.generated_corpus import CorpusSpec, Entry, generated_entries, load_generated, split_of
+from lilgym_mp.generator.pairs import LEVELS, level_of, statements, training_pairs
+from lilgym_mp.generator.phrases import TrainingPair
 
 __all__ = [
     "LEVELS",
     "CorpusSpec",
-    "Draft",
     "Entry",
-    "ScenePool",
-    "StartScene",
-    "drafts",
+    "TrainingPair",
     "generated_entries",
+    "level_of",
     "load_generated",
-    "random_meaning",
-    "realise",
-    "validate_draft",
+    "split_of",
+    "statements",
+    "training_pairs",
 ]

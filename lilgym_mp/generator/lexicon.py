@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -45,10 +44,3 @@ def conjugated(verb: str, plural: bool) -> str:
     if not plural:
         return verb
     return IRREGULAR_PLURALS.get(verb, verb.removesuffix("s"))
-
-
-def listed(parts: Sequence[str], last: str = "and") -> str:
-    """Parts joined by commas and the conjunction `last`."""
-    if len(parts) == 1:
-        return parts[0]
-    return f"{', '.join(parts[:-1])} {last} {parts[-1]}"

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import random
-import re
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from itertools import pairwise
 
 MIN_LETTERS = 4  # shorter words are not misspelt
@@ -35,21 +34,6 @@ SYNONYMS = {
     "image": ("picture",),
     "picture": ("image",),
 }
-_LONG_WORD = re.compile(rf"[a-zA-Z]{{{MIN_LETTERS},}}")
-
-
-def with_typo(statement: str, rng: random.Random, words: Container[str]) -> str:
-    """The statement with one word mistyped: a letter left out, doubled, or swapped with the next.
-
-    The word keeps its first letter and does not turn into one of `words` (lower case).
-    """
-    matches = list(_LONG_WORD.finditer(statement))
-    while matches:
-        match = rng.choice(matches)
-        typo = _typo(match.group(), rng, ("swap", "swap", "drop", "double"))
-        if typo.lower() not in words and typo != match.group():
-            return statement[: match.start()] + typo + statement[match.end() :]
-    return statement
 
 
 def with_noise(statement: str, rng: random.Random) -> str:

@@ -1,4 +1,4 @@
-"""Program source fragments used by both generators (`program_realisation` and the templates)."""
+"""Fragments of program source."""
 
 from __future__ import annotations
 

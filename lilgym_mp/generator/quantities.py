@@ -12,9 +12,6 @@ class Quantity(NamedTuple):
     high: int | None
     vague: bool = False
 
-    def admits(self, count: int) -> bool:
-        return self.low <= count and (self.high is None or count <= self.high)
-
 
 def exactly(count: int) -> Quantity:
     return Quantity(count, count)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from lilgym_mp.actions import describe
 from lilgym_mp.choices import choose
-from lilgym_mp.generator import ScenePool
+from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.llm.summary import progression
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, StepLimitError, bounded_truths, compile_program
 from lilgym_mp.rlvr.answers import NotUnderstood, read_plan, read_program, read_scene, read_truth

@@ -3,79 +3,24 @@
 from __future__ import annotations
 
 import gzip
-import importlib.util
 import json
 import re
-import sys
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import Any
 
 import pytest
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.report.corpus_statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
-from lilgym_mp.scene import Scene
 from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 BUILTIN = DOCS / "corpus.md"
 OFFICIAL = DOCS / "official_data.md"
-
-
-@pytest.fixture(scope="module")
-def report() -> Iterator[ModuleType]:
-    spec = importlib.util.spec_from_file_location("builtin_report", ROOT / "scripts" / "builtin_report.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    yield module
-    del sys.modules[spec.name]
-
-
-@pytest.fixture(scope="module")
-def built(report: ModuleType) -> dict[str, list[Any]]:
-    """The builtin corpus as input of its report, by appearance; steps only where no solver is needed."""
-    return {appearance: list(_built(report, appearance)) for appearance in APPEARANCES}
-
-
-def _built(report: ModuleType, appearance: str) -> Iterator[Any]:
-    for split in SPLITS:
-        tasks = load_tasks("builtin", appearance, "scratch", split)
-        starts: dict[str, list[Any]] = {}
-        for start in load_tasks("builtin", appearance, "flipit", split):
-            starts.setdefault(start.statement, []).append(start)
-        for task in tasks:
-            tags = tasks.tags(task.id)
-            (level,) = [tag.removeprefix("level ") for tag in tags if tag == "hand-written" or tag.startswith("level ")]
-            yield report.SolvedEntry(
-                split,
-                task.statement,
-                task.program,
-                level=0 if level == "hand-written" else int(level),
-                steps=1 if task.truth(Scene.empty()) else 2,
-                steps_proven=True,
-                starts=tuple(starts[task.statement]),
-                start_steps=(),
-                starts_proven=0,
-                mistyped="mistyped" in tags,
-            )
-
-
-@pytest.mark.parametrize("table", ["_sizes", "_overlaps", "_phenomena", "_origins"])
-def test_corpus_page__has_the_statistics_of_the_builtin_corpus(
-    table: str, report: ModuleType, built: Mapping[str, Sequence[Any]]
-):
-    assert getattr(report, table)(built) in BUILTIN.read_text(encoding="utf-8"), "run scripts/build_builtin_corpus.py"
 
 
 @pytest.fixture(scope="module")

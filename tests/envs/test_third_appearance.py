@@ -17,7 +17,7 @@ from lilgym_mp import appearances
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.generator.templates import training_pairs
+from lilgym_mp.generator import training_pairs
 from lilgym_mp.rules import make_dynamics
 from lilgym_mp.solver import Solver
 from tests.envs.lamps import NAME, Lamps

@@ -1,4 +1,4 @@
-"""Endless statement-program pairs: lilgym_mp.generator.templates."""
+"""Endless statement-program pairs: lilgym_mp.generator.pairs."""
 
 from __future__ import annotations
 
@@ -11,11 +11,9 @@ from itertools import islice
 
 import pytest
 
-from lilgym_mp.generator.meanings.interpretation import holds
-from lilgym_mp.generator.meanings.start_selection import ScenePool
-from lilgym_mp.generator.meanings.statement_grammar import parse_statement
+from lilgym_mp.corpus.scene_walks import ScenePool
+from lilgym_mp.generator import LEVELS, TrainingPair, level_of, statements, training_pairs
 from lilgym_mp.generator.noise import with_noise
-from lilgym_mp.generator.templates import TrainingPair, training_pairs
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
@@ -88,21 +86,6 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
     assert varied > 0.55 * len(sample)
 
 
-@pytest.mark.parametrize(("appearance", "least"), [("tower", 25), ("scatter", 40)])
-def test_training_pairs__parsed_statements_agree_with_their_programs(appearance: str, least: int) -> None:
-    """The grammar was written for other wordings and parses few statements; those must agree."""
-    pool = scenes(appearance, 25)
-    agreeing = parsed = 0
-    for pair in pairs(appearance, 500):
-        parses = parse_statement(pair.statement)
-        if parses and not pair.statement.startswith("one of the"):  # exactly one in that grammar
-            parsed += 1
-            truth = compile_program(pair.program)
-            agreeing += any(all(holds(clause, scene) == truth(scene) for scene in pool) for clause in parses)
-    assert parsed >= least
-    assert agreeing > 0.95 * parsed
-
-
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance: str) -> None:
     pool = scenes(appearance, 60)
@@ -142,6 +125,43 @@ def test_with_noise__adds_no_second_full_stop() -> None:
 
 
 def test_training_pairs__are_imported_lazily() -> None:
-    lazy = ("lilgym_mp.generator.templates", "lilgym_mp.corpus.spelling")
+    lazy = ("lilgym_mp.generator", "lilgym_mp.corpus.spelling")
     code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_statements__are_of_the_level_and_typed_without_noise(appearance: str, level: int) -> None:
+    for statement, program in islice(statements(appearance, level, random.Random(2)), 60):
+        assert level_of(program) == level
+        assert re.fullmatch(r"[A-Z0-9][^.]*(\. also [^.]*)?\.", statement), statement
+        assert "atleast" not in statement
+
+
+def test_level_of__grows_with_size_and_needs_words() -> None:
+    levels = {
+        "exist(filter_color(all_items, Color.BLUE))": 1,
+        "exist(filter_obj(all_items, is_top))": 2,
+        "exist(filter_obj(all_items, lambda x: exist(get_touching(x))))": 3,
+        "all_same_attribute(all_boxes, lambda b: count(b.all_items_in_box()))": 4,
+        " and ".join(["exist(all_items)"] * 20): 5,
+        " and ".join(["exist(all_items)"] * 30): None,
+    }
+    assert {program: level_of(program) for program in levels} == levels
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_statements__leave_out_the_wording_that_people_read_in_two_ways(appearance: str) -> None:
+    found = [
+        pair.statement for level in (2, 3) for pair in islice(statements(appearance, level, random.Random(5)), 400)
+    ]
+    assert not [text for text in found if re.match(r"(One|1) (out )?of", text)]
+    assert any(text.startswith(("At least one of the", "Exactly one of the", "Only one of the")) for text in found)
+
+
+def test_statements__unknown_arguments_are_refused() -> None:
+    with pytest.raises(ValueError, match="unknown level 6; choose from 1, 2, 3, 4, 5"):
+        next(statements("tower", 6, random.Random(0)))
+    with pytest.raises(ValueError, match="unknown appearance 'mosaic'; choose from scatter, tower"):
+        next(statements("mosaic", 1, random.Random(0)))

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.generator import ScenePool
+from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, token_arities, tree_from_tokens

@@ -12,7 +12,7 @@ import pytest
 
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.generator.meanings.generated_corpus import split_of
+from lilgym_mp.generator import split_of
 from lilgym_mp.rlvr import (
     BASELINES,
     KINDS,
@@ -74,10 +74,10 @@ def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance: str
         assert solver.solve(row.task).steps == row.steps
 
 
-def test_splits__share_no_program_and_statements_are_not_repeated():
+def test_splits__share_no_meaning_and_statements_are_not_repeated():
     by_split = {split: some("program", count=60, level=2, seed=1, split=split) for split in ("train", "dev", "test")}
     for split, found in by_split.items():
-        assert {split_of(row.task.program) for row in found} == {split}
+        assert {split_of(row.task.program, "tower") for row in found} == {split}
     train = by_split["train"]
     assert len({(row.task.statement, row.task.program) for row in train}) == len(train)
 

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.generator.templates import training_pairs
+from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry

@@ -22,7 +22,7 @@ from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.generator.templates import training_pairs
+from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of

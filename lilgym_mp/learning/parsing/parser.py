@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.spelling import corrections
-from lilgym_mp.generator import ScenePool
 from lilgym_mp.learning.model_file import check_sizes, torch_threads
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import (

@@ -19,7 +19,7 @@ from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statemen
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from lilgym_mp.generator.templates import training_pairs
+from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning.model_file import ModelDescription, select_device
 from lilgym_mp.learning.parsing import batches
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
+from lilgym_mp.generator.boxes import StatementTemplates
+from lilgym_mp.generator.conditions import TWO_COLOURS, ConditionTemplate, WeightedCondition, WeightedTemplate
 from lilgym_mp.generator.lexicon import pluralised
-from lilgym_mp.generator.templates.boxes import StatementTemplates
-from lilgym_mp.generator.templates.conditions import TWO_COLOURS, ConditionTemplate, WeightedCondition, WeightedTemplate
-from lilgym_mp.generator.templates.phrases import (
+from lilgym_mp.generator.phrases import (
     ANYTHING,
     SHAPES,
     AttributeWords,

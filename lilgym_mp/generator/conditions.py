@@ -7,9 +7,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 from lilgym_mp.generator.lexicon import pluralised
-from lilgym_mp.generator.program_text import items_in_box, quantity_test
-from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
-from lilgym_mp.generator.templates.phrases import (
+from lilgym_mp.generator.phrases import (
     ANYTHING,
     COLOURS,
     HOLE,
@@ -23,6 +21,8 @@ from lilgym_mp.generator.templates.phrases import (
     box_items,
     item_set,
 )
+from lilgym_mp.generator.program_text import items_in_box, quantity_test
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 
 ITEMS = items_in_box(HOLE)  # program text: the items of the tested box
 TRIES = 12  # attempts to find compatible conditions

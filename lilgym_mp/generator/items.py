@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from lilgym_mp.generator.conditions import BoxConditionTemplates
 from lilgym_mp.generator.lexicon import Phrase, pluralised
-from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, boxes_where, quantity_test
-from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
-from lilgym_mp.generator.templates.conditions import BoxConditionTemplates
-from lilgym_mp.generator.templates.phrases import (
+from lilgym_mp.generator.phrases import (
     ANYTHING,
     AttributeWords,
     NounTemplate,
@@ -16,6 +14,8 @@ from lilgym_mp.generator.templates.phrases import (
     box_items,
     item_set,
 )
+from lilgym_mp.generator.program_text import ALL_ITEMS, BOX, boxes_where, quantity_test
+from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
 
 
 class ItemTemplates(BoxConditionTemplates):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from lilgym_mp.generator.conditions import BOX_WORDS, ConditionTemplate
+from lilgym_mp.generator.items import ItemTemplates
 from lilgym_mp.generator.lexicon import Phrase, pluralised
+from lilgym_mp.generator.phrases import NounTemplate, TrainingPair, box_items
 from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, quantity_test
 from lilgym_mp.generator.quantities import NONE, SOME, Quantity, at_least, exactly
-from lilgym_mp.generator.templates.conditions import BOX_WORDS, ConditionTemplate
-from lilgym_mp.generator.templates.items import ItemTemplates
-from lilgym_mp.generator.templates.phrases import NounTemplate, TrainingPair, box_items
 
 FIRST_TWO = (
     ((0, 1), ("first two", "two left", "left two", "first 2")),

@@ -1,7 +1,7 @@
 """Synchronous templates for phrases: each part has its words and its program text.
 
-Where `sentence_realisation` has a few careful wordings of each meaning, these templates imitate how many people type
-about pictures. The words may be chosen freely because every part carries its own program text.
+They imitate how many people write about pictures. The words may be chosen freely because every part carries its own
+program text.
 """
 
 from __future__ import annotations

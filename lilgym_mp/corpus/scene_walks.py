@@ -1,15 +1,15 @@
 """Samples scenes to evaluate statements on, in random walks of legal edits.
 
 Each step of a walk is an `Expansion`: a scene and some successors by one ADD that a REMOVE undoes. A scene and its
-successor are one edit apart; two successors of a scene are two edits apart and have the same number of items. These are
-near misses: neither the words of a statement nor the number of items gives its truth value away.
+successor are one edit apart, a near miss where a statement has different truth values in them.
 """
 
 from __future__ import annotations
 
 import random
 from collections.abc import Iterator
-from itertools import combinations
+from dataclasses import dataclass
+from itertools import combinations, islice
 from typing import NamedTuple
 
 from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
@@ -19,7 +19,6 @@ from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Item, Scene
 
 RULES = RULE_SETS["paper"]
-EDIT_LIMIT = RULES.horizon - 1  # the last action is STOP
 SUCCESSORS = 3  # most successors of an expanded scene
 TOUCHING_GAP = 1  # most pixels between two touching items
 NEAR_GAPS = (2, 3, 4)  # pixels: almost touching in the program language
@@ -32,20 +31,48 @@ class Expansion(NamedTuple):
 
     scene: Scene
     successors: tuple[Scene, ...]
-    edits: int | None  # number of edits from the empty scene to `scene`; None if unknown
 
 
 Walk = tuple[Expansion, ...]  # each scene but the first is a successor of the one before
 
 
+@dataclass(frozen=True)
+class ScenePool:
+    """The distinct scenes of many random walks of one appearance."""
+
+    scenes: tuple[Scene, ...]
+    walks: tuple[Walk, ...]
+
+    @classmethod
+    def sample(cls, appearance: str, rng: random.Random, walks: int) -> ScenePool:
+        found = tuple(islice(random_walks(appearance, rng), walks))
+        scenes = dict.fromkeys(
+            scene for walk in found for expansion in walk for scene in (expansion.scene, *expansion.successors)
+        )
+        return cls(tuple(scenes), found)
+
+    def from_empty(self) -> Iterator[Scene]:
+        """The scenes of walks from the empty scene, which legal edits reach within the horizon."""
+        for walk in self.walks:
+            if walk and not any(walk[0].scene.items()):
+                yield from (scene for expansion in walk for scene in (expansion.scene, *expansion.successors))
+
+    def neighbours(self, rng: random.Random) -> Iterator[tuple[Scene, Scene]]:
+        """Pairs of non-empty scenes one edit apart, in random order of the walks."""
+        for walk in rng.sample(self.walks, len(self.walks)):
+            for expansion in walk:
+                if any(expansion.scene.items()):
+                    yield from ((expansion.scene, successor) for successor in expansion.successors)
+
+
 def random_walks(appearance: str, rng: random.Random) -> Iterator[Walk]:
     """Endless walks, alternately from the empty scene and from a random one."""
     while True:
-        yield _random_walk(appearance, Scene.empty(), rng, 0)
-        yield _random_walk(appearance, _random_scene(appearance, rng), rng, None)
+        yield _random_walk(appearance, Scene.empty(), rng, (3, 5, 7, 9))
+        yield _random_walk(appearance, _random_scene(appearance, rng), rng, (1, 2, 3))
 
 
-def is_legible(box: Box) -> bool:
+def _is_legible(box: Box) -> bool:
     """Whether every gap to a wall or between items is visibly touching, almost touching or apart."""
     walls = (gap for item in box.items for gap in _wall_gaps(item))
     pairs = (_gap(one, other) - TOUCHING_GAP for one, other in combinations(box.items, 2))
@@ -71,18 +98,17 @@ def _random_scene(appearance: str, rng: random.Random) -> Scene:
     return scattered(rng, _random_palette(rng), rng.choice((1, 2, 3, 4, 6)), LEGIBLY)
 
 
-def _random_walk(appearance: str, scene: Scene, rng: random.Random, edits: int | None) -> Walk:
+def _random_walk(appearance: str, scene: Scene, rng: random.Random, lengths: tuple[int, ...]) -> Walk:
     expansions: list[Expansion] = []
     palette = _random_palette(rng)
     boxes = rng.sample(range(BOX_COUNT), rng.choice((1, 2, 3, 3)))
-    for _ in range(rng.choice((3, 5, 7, 9)) if edits == 0 else rng.choice((1, 2, 3))):
+    for _ in range(rng.choice(lengths)):
         successors = [_successor(appearance, scene, rng, palette, boxes) for _ in range(SUCCESSORS)]
         distinct = tuple(dict.fromkeys(successor for successor in successors if successor is not None))
         if not distinct:
             break
-        expansions.append(Expansion(scene, distinct, edits))
+        expansions.append(Expansion(scene, distinct))
         scene = rng.choice(distinct)
-        edits = None if edits is None else edits + 1
     return tuple(expansions)
 
 
@@ -131,4 +157,4 @@ def _random_gap(rng: random.Random) -> int:
     return rng.choice((0, 0, 0, rng.choice(NEAR_GAPS)))
 
 
-LEGIBLY = ItemPlacing(TRIES, CLEAR_GAP, _random_gap, is_legible)
+LEGIBLY = ItemPlacing(TRIES, CLEAR_GAP, _random_gap, _is_legible)

@@ -5,18 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 
-from lilgym_mp.generator.lexicon import Phrase, pluralised
-from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
-from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
-from lilgym_mp.generator.templates.boxes import StatementTemplates
-from lilgym_mp.generator.templates.conditions import (
+from lilgym_mp.generator.boxes import StatementTemplates
+from lilgym_mp.generator.conditions import (
     ITEMS,
     TWO_COLOURS,
     ConditionTemplate,
     WeightedCondition,
     WeightedTemplate,
 )
-from lilgym_mp.generator.templates.phrases import (
+from lilgym_mp.generator.lexicon import Phrase, pluralised
+from lilgym_mp.generator.phrases import (
     ANYTHING,
     HOLE,
     AttributeWords,
@@ -27,6 +25,8 @@ from lilgym_mp.generator.templates.phrases import (
     filter_items,
     item_set,
 )
+from lilgym_mp.generator.program_text import BOX, TOWERS, boxes_where, items_in_box, quantity_test
+from lilgym_mp.generator.quantities import NONE, SOME, at_least, at_most, exactly
 
 ON = (
     "on", "on", "on top of", "above", "above", "over", "over", "directly above", "directly on", "right above",
