@@ -97,6 +97,24 @@ def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr("lilgym_mp.corpus.official.FILE_FACTS", facts)
 
 
+THREE_STATEMENTS = {
+    "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
+    "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
+    "There is a tower.": "exist(filter_obj(all_boxes, lambda b: count(b) >= 2))",
+}
+
+
+def write_three_statements(path: Path) -> Path:
+    """Writes three statements without start scenes, the same in train and dev, and returns the path."""
+    entries = [
+        _statement(f"{split}-{index}", "tower", split, statement, program)
+        for split in ("train", "dev")
+        for index, (statement, program) in enumerate(THREE_STATEMENTS.items())
+    ]
+    write_corpus(path, "three", "MIT", entries)
+    return path
+
+
 SPLITS = ("train", "dev", "test")
 COLOURS = {Y: "yellow", K: "black", B: "blue"}
 COLOURS_OF_SPLIT = {"train": (Y, K), "dev": (Y, B), "test": (B,)}

@@ -12,8 +12,6 @@ from tests.stress.broken_rules import ROOT, RULES, first_failure, mutants, repla
 from tests.stress.corrections import corrections
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_reports
-from tests.stress.interrupts import interrupts
-from tests.stress.kills import matrix
 
 
 def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt() -> None:
@@ -35,31 +33,12 @@ def test_hostile_recordings__never_break_the_pages_that_show_them() -> None:
     assert sum(statuses.values()) >= 8 * 3
 
 
-@pytest.mark.long
-@pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
-def test_kills__are_reported_and_leave_no_process_behind() -> None:
-    ends = matrix(count=9, interrupts=1, seed=5)
-    assert set(ends) <= {
-        "SIGKILL: died",
-        "SIGSTOP: hung",
-        "Ctrl-C, fork: 1 traceback",
-        "Ctrl-C, forkserver: 1 traceback",
-        "Ctrl-C, spawn: 1 traceback",
-    } | {"Ctrl-C, forkserver: 2 traceback", "Ctrl-C, forkserver: 3 traceback"}
-    assert sum(ends.values()) == 12
-
-
 def test_corrupt_corpora__are_reported_in_printable_text() -> None:
     found = corrupt_corpora(160, seed=1)
     assert sum(found.values()) == 160
     for corruption in CORRUPTIONS:
         if corruption not in ("gzip", "flip", "odd value"):
             assert f"{corruption}: reported" in found
-
-
-@pytest.mark.long
-def test_interrupts__end_commands_without_traceback() -> None:
-    assert sum(interrupts(4, seed=1).values()) == 4
 
 
 @pytest.mark.long

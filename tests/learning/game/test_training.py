@@ -18,7 +18,6 @@ import pytest
 import torch
 
 from lilgym_mp.cli import main
-from lilgym_mp.corpus import write_corpus
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
     SCRIPTED,
@@ -36,35 +35,16 @@ from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
 from lilgym_mp.learning.game.training import Progress, Run, saved_arguments, train_game
-from lilgym_mp.learning.model_file import load_model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.learning.timed_run import Budget
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
+from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
 JOINT = GameSettings.of(protocol="joint")
-STATEMENTS = {
-    "Some block is blue.": "exist(filter_color(all_items, Color.BLUE))",
-    "Yellow can be seen.": "exist(filter_color(all_items, Color.YELLOW))",
-    "There is a tower.": "exist(filter_obj(all_boxes, lambda b: count(b) >= 2))",
-}
-
-
-@pytest.fixture(scope="module")
-def three(tmp_path_factory: pytest.TempPathFactory) -> str:
-    """A corpus of three statements."""
-    place = tmp_path_factory.mktemp("three") / "three.jsonl"
-    entries = [
-        {"id": f"{split}-{index}", "appearance": "tower", "split": split, "statement": statement, "program": program}
-        | {"starts": []}
-        for split in ("train", "dev")
-        for index, (statement, program) in enumerate(STATEMENTS.items())
-    ]
-    write_corpus(place, "three", "MIT", entries)
-    return str(place)
 
 
 def trained(
@@ -79,15 +59,6 @@ def test_supervision__names_programs_that_exchange_colours(recolour: bool, sourc
     network = make_network(JOINT, recipe, ["blue"], {"width": 16}, JOINT.setup().game)
     supervision = describe(JOINT, recipe, roles, network, {}).supervision
     assert supervision.startswith(f"rewards of the two-agent game{source} (corpus builtin); ")
-
-
-def tensors(path: Path) -> dict[str, torch.Tensor]:
-    return load_model(path / "agent.safetensors")[1]
-
-
-def equal(one: Path, other: Path) -> bool:
-    first, second = tensors(one), tensors(other)
-    return first.keys() == second.keys() and all(torch.equal(first[name], second[name]) for name in first)
 
 
 def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
@@ -291,11 +262,11 @@ def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, m
 
 def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path: Path):
     both = trained(tmp_path / "both")
-    before = tensors(tmp_path / "both")
+    before = weights(tmp_path / "both")
     alone = trained(tmp_path / "alone", partners={Role.PROPOSER: [tmp_path / "both"]}, start_from=tmp_path / "both")
     assert alone.partner(Role.PROPOSER) is None
     assert set(alone.networks) == {Role.VERIFIER}
-    assert all(torch.equal(before[name], tensor) for name, tensor in tensors(tmp_path / "both").items())
+    assert all(torch.equal(before[name], tensor) for name, tensor in weights(tmp_path / "both").items())
     assert both.networks[Role.VERIFIER].vocabulary.words == alone.networks[Role.VERIFIER].vocabulary.words
     with pytest.raises(AgentError, match="no trained proposer_0"):
         trained(tmp_path / "third", partners={Role.PROPOSER: [tmp_path / "alone"]})
