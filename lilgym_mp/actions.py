@@ -27,6 +27,12 @@ class ActionError(ValueError):
     """An action that does not exist: an error of the caller, unlike an invalid action of the MDP."""
 
 
+ARRAY_ADVICE = (
+    "; for actions in the released array form use env.unwrapped.encode_action, or the wrapper MultiDiscreteActions"
+    " (multi_discrete_actions_v0 for batches)"
+)
+
+
 def checked_index(action: object, count: int, agent: str = "") -> int:
     """`action` as an int; `agent`: named in errors. Raises ActionError unless it is a whole number 0 .. `count` - 1."""
     try:
@@ -35,7 +41,9 @@ def checked_index(action: object, count: int, agent: str = "") -> int:
         index = None
     whose = f" of {agent}" if agent else ""
     if index is None:
-        raise ActionError(f"an action{whose} must be a whole number 0 .. {count - 1}, not {action!r}")
+        is_array = hasattr(cast("Any", action), "__len__") and not isinstance(action, str)
+        advice = ARRAY_ADVICE if is_array and not agent else ""
+        raise ActionError(f"an action{whose} must be a whole number 0 .. {count - 1}, not {action!r}{advice}")
     if not 0 <= index < count:
         raise ActionError(f"action {action!r}{whose} is out of range; choose from 0 .. {count - 1}")
     return index

@@ -10,6 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.arrays import Float32Array
+from lilgym_mp.task import Task
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.tokens import STATEMENT
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Format
@@ -42,13 +43,16 @@ class Embedding(Format):
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         indices = state.task_indices
-        for index in indices[~self._is_filled[indices]].tolist():
-            statement = self.env_description.tasks[index].statement
-            if statement not in self._by_statement:
-                self._by_statement[statement] = self._checked(self._encode(statement), statement)
-            self._by_task[index] = self._by_statement[statement]
-            self._is_filled[index] = True
-        return {STATEMENT: self._by_task[indices]}
+        for index in indices[~self._is_filled.take(indices, mode="clip")].tolist():
+            if index < len(self._by_task):
+                self._by_task[index] = self._embedding(self.env_description.tasks[index])
+                self._is_filled[index] = True
+        return {STATEMENT: state.by_task(self._by_task, self._embedding)}
+
+    def _embedding(self, task: Task) -> Float32Array:
+        if task.statement not in self._by_statement:
+            self._by_statement[task.statement] = self._checked(self._encode(task.statement), task.statement)
+        return self._by_statement[task.statement]
 
     def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
         if vector.shape != (self.dimension,):

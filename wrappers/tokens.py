@@ -33,7 +33,7 @@ class Tokens(Format):
         return {STATEMENT: spaces.Box(0, len(self.arrays.vocabulary) - 1, (self.arrays.length,), np.int64)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        return {STATEMENT: self.arrays.rows.take(state.task_indices, axis=0)}
+        return {STATEMENT: state.by_task(self.arrays.rows, lambda task: self.arrays.row(task.statement))}
 
 
 class TokenizedStatement(EnvWrapper[Tokens]):

@@ -19,6 +19,7 @@ SCRATCH, FLIPIT = "scratch", "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
 SPLITS = {split: split for split in ("train", "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
+READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
 
 
@@ -57,7 +58,7 @@ def read_bytes(path: Path) -> bytes:
     Raises CorpusError for any other file, so that devices and pipes cannot block or exhaust memory.
     """
     try:
-        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
+        with open(os.open(path, READ_FLAGS), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise CorpusError(f"{path}: cannot be read: not a regular file")
             data = file.read(MAX_BYTES + 1)

@@ -66,13 +66,19 @@ class StatementArrays:
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks, keeping vocabulary and length. Raises ValueError when a statement is too long."""
-        statements = statements_of(tasks)
-        longest = max(statements, key=lambda statement: len(words(statement)))
-        count = len(words(longest))
+        self._encoded: dict[str, npt.NDArray[np.int64]] = {}
+        longest_first = sorted(statements_of(tasks), key=lambda statement: -len(words(statement)))
+        self._encoded = {statement: self.row(statement) for statement in longest_first}
+        self.rows: npt.NDArray[np.int64] = np.stack([self._encoded[task.statement] for task in tasks])  # (tasks, L)
+
+    def row(self, statement: str) -> npt.NDArray[np.int64]:
+        """(length,) the token ids of a statement. Raises ValueError when it is too long."""
+        if statement in self._encoded:
+            return self._encoded[statement]
+        count = len(words(statement))
         if count > self.length and not self._truncates:
             raise ValueError(
-                f"the statement {longest!r} has {count} words, but length is {self.length}: set length={count} or more,"
-                " or truncate=True to truncate longer statements"
+                f"the statement {statement!r} has {count} words, but length is {self.length}: set length={count} or"
+                " more, or truncate=True to truncate longer statements"
             )
-        encoded = {statement: self.vocabulary.encode(statement, self.length) for statement in statements}
-        self.rows: npt.NDArray[np.int64] = np.stack([encoded[task.statement] for task in tasks])  # (tasks, length)
+        return self.vocabulary.encode(statement, self.length)

@@ -73,6 +73,11 @@ class TaskSet(Sequence[Task]):
             raise ValueError(f"no task {task_id!r} in {self.provenance}; existing ids include {', '.join(close)}")
         return index
 
+    def find(self, task: Task) -> int | None:
+        """The index of `task`, None if it is not one of these tasks, even if one has its id."""
+        index = self._indices.get(task.id)
+        return index if index is not None and self._tasks[index] == task else None
+
     def tags(self, task_id: object) -> tuple[str, ...]:
         """The corpus's annotations of the task's statement, such as "unseen form"."""
         return self._tags.get(self.by_id(task_id).id, ())

@@ -12,15 +12,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import ActionError
+from lilgym_mp.actions import ARRAY_ADVICE, ActionError
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
-from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, ResetRequest
+from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
 from lilgym_mp.envs.rendering import RENDER_FPS, Renderer, caption
+from lilgym_mp.envs.sampling import check_statement, checked_task
+from lilgym_mp.envs.single import SharedInterface
 from lilgym_mp.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
+from lilgym_mp.task import Task
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")
@@ -51,7 +54,7 @@ class ResultTable(NamedTuple):
         return cls(np.array(rewards), np.array(terminated), np.array(truncated), np.array(endings, object), successes)
 
 
-class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
+class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any]):
     """The vector interface shared by `BatchedEnv` and `WorkerVectorEnv`, which steps environments elsewhere too."""
 
     metadata: dict[str, Any] = {
@@ -60,8 +63,6 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
 
-    dynamics: Dynamics
-    tasks: TaskSet
     _engine: Engine  # of the environments in this process
     single_action_space: spaces.Discrete
     single_observation_space: spaces.Dict
@@ -82,7 +83,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._evaluation = settings.evaluation
         self._buffers = buffers
         self._results = ResultTable.of(self.dynamics)
-        self._evaluated = 0
+        self.restorations = 0  # calls of `restore_state`
         self._set_tasks(settings.tasks())
 
     def __reduce__(self) -> NoReturn:
@@ -107,16 +108,24 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def _set_tasks(self, tasks: TaskSet) -> None:
         self.tasks = tasks
-        self._task_ids = np.array(tasks.ids, object)
-        # Statements and targets of observations, by task
-        self._targets = np.array([task.target for task in tasks], np.int64)
+        self._indexed = with_room(tasks, self.num_envs)  # by index, as `_task_ids`, `_statements` and `_targets`
+        self._task_ids = np.array([task.id for task in self._indexed], object)
+        self._targets = np.array([task.target for task in self._indexed], np.int64)
         if self._arrays is None:
-            self._statements = np.array([task.statement for task in tasks], object)
+            self._statements = np.array([task.statement for task in self._indexed], object)
         else:
             self._arrays.set_tasks(tasks)
-            self._statements, self._targets = self._arrays.rows, self._targets[:, None]
+            self._statements = np.stack([self._arrays.row(task.statement) for task in self._indexed])
+            self._targets = self._targets[:, None]
         self._seeds: list[int | None] = [None] * self.num_envs
         self._is_started = False  # whether every environment has been reset
+
+    def _add_tasks(self, results: Sequence[NewTasks | None]) -> None:
+        """Enters the new tasks of each process. Raises ValueError if observations cannot show a statement."""
+        for index, task in (item for tasks in results if tasks for item in tasks.items()):
+            check_statement(task, self.single_observation_space, self._arrays)
+            self._indexed[index], self._task_ids[index], self._targets[index] = task, task.id, task.target
+            self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
@@ -124,20 +133,19 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """Resets every environment, or those where `options["reset_mask"]`, (N,) bool, is true.
 
         `seed`: an int s seeds environment i with s + i, a sequence seeds each, None keeps the generators.
-        `options["task"]`: a task id for all environments, or one for each (None: drawn at random).
-        Raises ValueError for a wrong option, seed or task id, before anything changes.
+        `options["task"]`: a task id or `Task` for all environments, or one for each (None: drawn at random).
+        Raises ValueError for a wrong option, seed or task, before anything changes.
         """
         self._check_open()
         options = checked_options(options, RESET_OPTIONS)
         env_ids = self._chosen(options.get("reset_mask"))
-        tasks = self._task_indices(options.get("task"))
+        tasks = self._chosen_tasks(options.get("task"))
         all_envs = len(env_ids) == self.num_envs
         if not all_envs and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, env_ids)
-        self._evaluated = 0 if all_envs else self._evaluated
         chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids] for column in (seeds, tasks))
-        self._everywhere(Engine.reset, ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs))
+        self._add_tasks(self._everywhere(Engine.reset, ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs)))
         for env_id in env_ids.tolist():
             self._seeds[env_id] = self._seeds[env_id] if seeds[env_id] is None else seeds[env_id]
         self._is_started = True
@@ -152,11 +160,17 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             raise ValueError("reset_mask selects no environment; leave it out to reset all")
         return np.flatnonzero(mask)
 
-    def _task_indices(self, task: object) -> Sequence[int | None]:
-        names = cast("Sequence[Any]", task) if is_list(task) else [task] * self.num_envs
-        if len(names) != self.num_envs:
-            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(names)}")
-        return [None if name is None else self.tasks.index_of(name) for name in names]
+    def _chosen_tasks(self, task: object) -> Sequence[int | Task | None]:
+        choices = cast("Sequence[Any]", task) if is_list(task) else [task] * self.num_envs
+        if len(choices) != self.num_envs:
+            raise ValueError(f"task must be one id or {self.num_envs}, one for each environment, not {len(choices)}")
+        return [choice if choice is None else self._chosen_task(choice) for choice in choices]
+
+    def _chosen_task(self, choice: object) -> int | Task:
+        if not isinstance(choice, Task):
+            return self.tasks.index_of(choice)
+        check_statement(choice, self.single_observation_space, self._arrays)
+        return checked_task(choice, self.dynamics, self._buffers.items.shape[2])
 
     def _fresh_seeds(self, seed: int | Sequence[int | None] | None, env_ids: Int64Array) -> list[int | None]:
         """For each environment the seed of a new generator, or None to keep the old one."""
@@ -188,7 +202,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         """
         self._check_started()  # also checks that the environment is open, before anything is written
         self._buffers.action[:] = self._checked(actions)
-        self._everywhere(Engine.step)
+        self._add_tasks(self._everywhere(Engine.step))
         result = self._buffers.result
         table = self._results
         return (
@@ -208,9 +222,10 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         array = np.asarray(actions)
         count = self.single_action_space.n
         if array.shape != (self.num_envs,) or array.dtype.kind not in "iu":
+            advice = ARRAY_ADVICE if array.ndim > 1 else ""
             raise ActionError(
                 f"actions must be {self.num_envs} whole numbers, one for each environment,"
-                f" not {array.dtype} of shape {array.shape}"
+                f" not {array.dtype} of shape {array.shape}{advice}"
             )
         ended = self._buffers.ended
         if self.autoreset_mode is AutoresetMode.DISABLED and ended.any():
@@ -265,7 +280,6 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
             infos |= {"invalid_reason": _REASON_NAMES[buffers.invalid], "_invalid_reason": invalid}
         if self._evaluation:
             infos |= {"repeated": buffers.repeated & ended, "_repeated": ended.copy()}
-            self._evaluated += int((ended & ~buffers.repeated).sum())
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
             final = np.empty(self.num_envs, object)  # None at first
             for env_id in ended.nonzero()[0].tolist():
@@ -299,26 +313,20 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
     @property
     def evaluation_finished(self) -> bool:
         """With `evaluation=True`: whether every task of the split has been completed since the last reset."""
-        return self._evaluation and self._evaluated >= len(self.tasks)
-
-    def evaluation_tasks(self) -> tuple[str, ...]:
-        """Every task id of the split, in file order."""
-        return self.tasks.ids
+        self._check_open()
+        return self._evaluation and bool(self._buffers.evaluated.sum() >= len(self.tasks))
 
     @property
     def task_indices(self) -> Int64Array:
-        """(N,) a new array: index in `tasks` of each current task."""
+        """(N,) a new array: index in `tasks` of each current task; `len(tasks)` or more for one that is not there."""
+        self._check_open()
         return self._buffers.task.copy()
 
     @property
     def steps(self) -> Int64Array:
         """(N,) a new array: actions taken in each current episode."""
+        self._check_open()
         return self._buffers.steps.copy()
-
-    @property
-    def horizon(self) -> int:
-        """Actions an episode may have."""
-        return self.dynamics.horizon
 
     def action_masks(self) -> BoolArray:
         """(N, actions) a new array: whether each action is valid now."""
@@ -342,10 +350,33 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
         self._check_started()
         return [state for states in self._everywhere(Engine.states) for state in states]
 
+    def save_state(self) -> list[tuple[EnvSnapshot, int | None]]:
+        """A snapshot of each environment, with its random generator. Picklable; nothing changes it."""
+        self._check_started()
+        snapshots = [snapshot for part in self._everywhere(Engine.save) for snapshot in part]
+        return list(zip(snapshots, self._seeds, strict=True))
+
+    def restore_state(self, state: Sequence[tuple[EnvSnapshot, int | None]]) -> None:
+        """Continues from a `save_state()` of a batch of this configuration, or from N of its elements in any order:
+        `[state[0]] * N` puts all environments into the state of the first.
+
+        Raises ValueError unless there are N, and for tasks that do not fit this batch.
+        """
+        self._check_open()
+        if len(state) != self.num_envs:
+            raise ValueError(f"state must have {self.num_envs} elements, one for each environment, not {len(state)}")
+        snapshots, self._seeds = (list(column) for column in zip(*state, strict=True))
+        for snapshot in snapshots:
+            self._chosen_task(snapshot.state.task)
+        self._add_tasks(self._everywhere(Engine.restore, snapshots))
+        self.restorations += 1
+        self._is_started = True
+
     def last_states(self, env_ids: Int64Array) -> list[State]:
         """The final states of the episodes that ended last in environments (k,) (autoreset mode SAME_STEP)."""
+        self._check_open()
         buffers = self._buffers
-        tasks = [self.tasks[task] for task in buffers.last_task[env_ids].tolist()]
+        tasks = [self._indexed[task] for task in buffers.last_task[env_ids].tolist()]
         columns = zip(
             tasks, map(scene_of, buffers.last_items[env_ids]), buffers.last_steps[env_ids].tolist(), strict=True
         )
@@ -353,6 +384,7 @@ class LilGymVectorEnv(VectorEnv[Observations, Int64Array, Any]):
 
     def render(self) -> tuple[UInt8Array | str, ...] | None:
         """A frame (304, 784, 3) or text for each environment, by render mode."""
+        self._check_open()
         if self.render_mode is None:
             return None
         states = enumerate(self.states())
@@ -378,7 +410,7 @@ class BatchedEnv(LilGymVectorEnv):
         environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        checked = BatchSettings.of(num_envs, **settings)
+        checked = BatchSettings.of(BatchedEnv, num_envs, **settings)
         buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)

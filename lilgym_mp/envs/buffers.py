@@ -44,6 +44,7 @@ class Buffers:
     ended: BoolArray  # (N,) the last action ended the episode
     started: BoolArray  # (N,) the last call started an episode
     repeated: BoolArray  # (N,) in evaluation: the task of the ended episode had been evaluated before
+    evaluated: Int64Array  # (N,) in evaluation: tasks completed
     last_image: UInt8Array  # (N, height, width, 3) final image of the episode that ended (SAME_STEP)
     last_task: Int64Array  # (N,) likewise
     last_steps: Int64Array  # (N,) likewise
@@ -90,6 +91,7 @@ def buffer_specs(
         "ended": flags,
         "started": flags,
         "repeated": flags,
+        "evaluated": numbers,
         "last_image": ArraySpec((kept, *images[1:]), np.uint8),
         "last_task": numbers,
         "last_steps": numbers,

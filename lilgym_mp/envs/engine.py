@@ -6,8 +6,9 @@ It is the same in one process and in many: an environment's results depend only 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,9 +23,11 @@ from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
 from lilgym_mp.envs.checks import check_keywords, checked_count, checked_flag
 from lilgym_mp.envs.cores import make_core
+from lilgym_mp.envs.sampling import Sampler, checked_sampler, checked_task
 from lilgym_mp.envs.single import next_draws
 from lilgym_mp.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
+from lilgym_mp.task import Task
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action
@@ -48,19 +51,22 @@ class BatchSettings:
     observation: str = TEXT  # "text" or "arrays"
     vocabulary: VocabularyOrPath | None = None  # of the form "arrays"; None: the train split's
     length: int | None = None
+    sampler: Sampler | None = None  # chooses the tasks of episodes
 
     @classmethod
-    def of(cls, num_envs: int, **given: Any) -> BatchSettings:
-        """The settings `given`; the autoreset mode may also be a name.
+    def of(cls, maker: Callable[..., Any], num_envs: int, **given: Any) -> BatchSettings:
+        """The settings `given`; the autoreset mode may also be a name. `maker`: whose parameters errors name too.
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        check_keywords(given.keys() - {each.name for each in fields(cls)})
+        check_keywords(given.keys() - {each.name for each in fields(cls)}, cls, maker)
         mode = given.get("autoreset_mode", AutoresetMode.NEXT_STEP)
         if not isinstance(mode, AutoresetMode):
             given["autoreset_mode"] = choose("autoreset_mode", mode, AUTORESET_MODES)
         given["corpus"] = os.fspath(given.get("corpus", "builtin"))
         settings = cls(num_envs=checked_count("num_envs", num_envs), **given)
+        if checked_sampler(settings.sampler) and checked_flag("evaluation", settings.evaluation):
+            raise ValueError("evaluation=True plays every task of the split once; leave out sampler")
         checked_flag("evaluation", settings.evaluation)
         choose("observation", settings.observation, FORMS)
         settings.array_specs()
@@ -81,12 +87,33 @@ class BatchSettings:
         )
 
 
+NewTasks = dict[int, Task]  # tasks that are not of the batch's TaskSet, by the index they got
+# Columns of `Buffers` that snapshots hold
+SAVED = ("action", "steps", "result", "invalid", "ended", "started", "repeated", "evaluated")
+
+
+class EnvSnapshot(NamedTuple):
+    """One environment of a batch at one time. Picklable."""
+
+    state: State
+    row: Mapping[str, Any]  # of SAVED
+    generator: np.random.Generator | None
+    drawn: tuple[int, ...]
+    episodes: int
+    repeats: bool
+
+
+def with_room(tasks: TaskSet, num_envs: int) -> list[Task]:
+    """The tasks, and room for two new ones for each environment."""
+    return [*tasks, *([tasks[0]] * (2 * num_envs))]
+
+
 class ResetRequest(NamedTuple):
     """Which environments to reset, and how."""
 
     env_ids: Int64Array  # (k,) environments, ascending
     seeds: Sequence[int | None]  # (k,) None: keep the generator
-    tasks: Sequence[int | None]  # (k,) task indices; None: the next task
+    tasks: Sequence[int | Task | None]  # (k,) task indices, or tasks of the caller; None: the next task
     all_envs: bool  # whether the whole batch is reset, which restarts an evaluation
 
     def part(self, first: int, stop: int) -> ResetRequest:
@@ -102,26 +129,32 @@ class Engine:
         self.dynamics = settings.dynamics()
         self.buffers = buffers
         self._image_size = settings.image_size
-        self.set_tasks(settings.tasks())
-        self._autoreset = settings.autoreset_mode
         self._first = first
         self._stride = settings.num_envs
+        self.set_tasks(settings.tasks())
+        self._autoreset = settings.autoreset_mode
         self._evaluation = settings.evaluation
+        self._sampler = settings.sampler
         count = len(buffers.action)
         self._ends = np.array([*(result.ends for result in self.dynamics.step_results), False])  # by `Buffers.result`
         self._generators: list[np.random.Generator | None] = [None] * count
         self._drawn: list[list[int]] = [[] for _ in range(count)]  # indices of the next tasks, in reverse
         self._episodes = np.zeros(count, np.int64)  # number of tasks started in the evaluation
         self._repeats = np.zeros(count, np.bool_)  # whether the current episode's task was evaluated before
+        self._use_second = np.zeros(count, np.bool_)  # which of its two indices an environment uses next for a new task
 
     def set_tasks(self, tasks: TaskSet) -> None:
         """Replaces the tasks; all environments must be reset next."""
         self.tasks = tasks
         self._task_count = len(tasks)
-        self.core = make_core(self.dynamics, tasks, self.buffers, self._image_size)
+        self._new_tasks: NewTasks = {}  # in this call
+        self.core = make_core(self.dynamics, with_room(tasks, self._stride), self.buffers, self._image_size)
 
-    def reset(self, request: ResetRequest) -> None:
-        """Starts episodes in some environments of the batch; the others keep their state."""
+    def reset(self, request: ResetRequest) -> NewTasks | None:
+        """Starts episodes in some environments of the batch; the others keep their state.
+
+        This and `step` return the tasks that came from callers or a sampler, None if there can be none.
+        """
         buffers = self.buffers
         env_ids, seeds, tasks, all_envs = request.part(self._first, self._first + len(buffers.action))
         buffers.started[:] = False
@@ -130,17 +163,18 @@ class Engine:
                 self._generators[env_id] = seeding.np_random(seed)[0]
                 self._drawn[env_id].clear()
         if all_envs:
-            self._episodes[:] = 0
+            self._episodes[:] = buffers.evaluated[:] = 0
         task_indices = [
-            self._next_task(env_id) if task is None else task
+            self._next_task(env_id) if task is None else self._index(env_id, task)
             for env_id, task in zip(env_ids.tolist(), tasks, strict=True)
         ]
         self._start_episodes(env_ids, task_indices)
         buffers.result[env_ids] = NO_ACTION
         buffers.invalid[env_ids] = NO_REASON
         buffers.ended[env_ids] = False
+        return self._taken_tasks(always=any(isinstance(task, Task) for task in request.tasks))
 
-    def step(self) -> None:
+    def step(self) -> NewTasks | None:
         """Takes `buffers.action` in every environment, and resets as the autoreset mode says."""
         buffers = self.buffers
         buffers.started[:] = False
@@ -155,6 +189,7 @@ class Engine:
         self._ends.take(buffers.result, out=buffers.ended)
         if self._evaluation:
             np.logical_and(buffers.ended, self._repeats, out=buffers.repeated)
+            buffers.evaluated += buffers.ended & ~self._repeats
         ended = buffers.ended.nonzero()[0]
         if self._autoreset is AutoresetMode.SAME_STEP and len(ended):
             for env_id in ended.tolist():  # fancy indexing would copy each image twice
@@ -164,6 +199,11 @@ class Engine:
             self.core.write_items()
             buffers.last_items[ended] = buffers.items[ended]
             self._start_next_episodes(ended)
+        return self._taken_tasks(always=False)
+
+    def _taken_tasks(self, *, always: bool) -> NewTasks | None:
+        taken, self._new_tasks = self._new_tasks, {}
+        return taken if always or self._sampler is not None else None
 
     def _start_next_episodes(self, env_ids: Int64Array) -> None:
         self._start_episodes(env_ids, [self._next_task(env_id) for env_id in env_ids.tolist()])
@@ -173,19 +213,39 @@ class Engine:
         self.buffers.started[env_ids] = True
 
     def _next_task(self, env_id: int) -> int:
-        """A random task; in evaluation tasks `g`, `g + stride`, ... for environment `g` of the batch."""
+        """The sampler's, or a random task; in evaluation tasks `g`, `g + stride`, ... for environment `g` of the batch,
+        the last of them for the last environments, as Stable-Baselines3 counts."""
+        global_id = self._first + env_id
         if not self._evaluation:
-            drawn = self._drawn[env_id]
+            generator, drawn = self._generators[env_id], self._drawn[env_id]
+            assert generator is not None
+            if self._sampler is not None and (choice := self._sampler(generator, global_id)) is not None:
+                is_new = isinstance(choice, Task)
+                return self._index(env_id, self._checked(choice) if is_new else self.tasks.index_of(choice))
             if not drawn:
-                generator = self._generators[env_id]
-                assert generator is not None
                 drawn.extend(next_draws(generator, self._task_count))
             return drawn.pop()
-        global_id = self._first + env_id
-        task = global_id + self._stride * int(self._episodes[env_id])
+        left = self._task_count - self._stride * int(self._episodes[env_id])
         self._episodes[env_id] += 1
-        self._repeats[env_id] = task >= len(self.tasks)
-        return task if task < len(self.tasks) else global_id % len(self.tasks)
+        self._repeats[env_id] = global_id < self._stride - left
+        if self._repeats[env_id]:
+            return global_id % self._task_count
+        return global_id + self._task_count - max(left, self._stride)
+
+    def _checked(self, task: Task) -> Task:
+        return checked_task(task, self.dynamics, self.buffers.items.shape[2])
+
+    def _index(self, env_id: int, task: int | Task) -> int:
+        """The index of a task; a new one gets one of the environment's two: the other may be its last episode's."""
+        if not isinstance(task, Task):
+            return task
+        if (index := self.tasks.find(task)) is not None:
+            return index
+        index = self._task_count + 2 * (self._first + env_id) + int(self._use_second[env_id])
+        self._use_second[env_id] ^= True
+        self.core.set_task(index, task)
+        self._new_tasks[index] = task
+        return index
 
     def write_masks(self) -> None:
         self.core.write_masks()
@@ -195,6 +255,36 @@ class Engine:
 
     def write_items(self) -> None:
         self.core.write_items()
+
+    def save(self) -> list[EnvSnapshot]:
+        """A snapshot of each environment, which does not change."""
+        columns = {name: getattr(self.buffers, name).tolist() for name in SAVED}
+        return [
+            EnvSnapshot(
+                state,
+                {name: column[env_id] for name, column in columns.items()},
+                deepcopy(self._generators[env_id]),
+                tuple(self._drawn[env_id]),
+                int(self._episodes[env_id]),
+                bool(self._repeats[env_id]),
+            )
+            for env_id, state in enumerate(self.states())
+        ]
+
+    def restore(self, snapshots: Sequence[EnvSnapshot]) -> NewTasks | None:
+        """Continues from snapshots (stride,), one for each environment of the batch."""
+        buffers = self.buffers
+        for env_id in range(len(buffers.action)):
+            state, row, generator, drawn, episodes, repeats = snapshots[self._first + env_id]
+            # A task that starts in the scene, for the core; then the task itself.
+            start = self._index(env_id, replace(state.task, start=state.scene))
+            self.core.start(np.array([env_id]), np.array([start]))
+            buffers.task[env_id] = self._index(env_id, state.task)
+            for name in SAVED:
+                getattr(buffers, name)[env_id] = row[name]
+            self._generators[env_id], self._drawn[env_id] = deepcopy(generator), list(drawn)
+            self._episodes[env_id], self._repeats[env_id] = episodes, repeats
+        return self._taken_tasks(always=True)
 
     def states(self) -> list[State]:
         """The current state of each environment."""

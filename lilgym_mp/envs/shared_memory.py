@@ -5,8 +5,11 @@ from __future__ import annotations
 import mmap
 import os
 import tempfile
-from multiprocessing.reduction import DupFd
+from contextlib import suppress
+from multiprocessing import reduction
 from typing import Any
+
+ZEROS = bytes(1 << 20)  # written at a time
 
 
 class SharedMemoryError(MemoryError):
@@ -29,7 +32,7 @@ class SharedMemory:
         self.memory = memoryview(mmap.mmap(self._fd, size))
 
     def __reduce__(self) -> tuple[Any, tuple[Any, int]]:
-        return _attached, (DupFd(self._fd), self._size)
+        return _attached, (reduction.DupFd(self._fd), self._size)  # pyright: ignore[reportAttributeAccessIssue]
 
     def has_room_for(self, descriptors: int) -> bool:
         """Whether this process can open this many more files."""
@@ -56,21 +59,24 @@ class SharedMemory:
 
 def _anonymous_file(size: int) -> int:
     """The descriptor of an unlinked file of `size` bytes."""
-    available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if size > available:
-        raise SharedMemoryError(f"cannot share {_megabytes(size)}: this machine has {_megabytes(available)} of memory")
+    with suppress(AttributeError, ValueError, OSError):  # not every system says how much memory it has
+        available = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        if size > available:
+            raise SharedMemoryError(
+                f"cannot share {_megabytes(size)}: this machine has {_megabytes(available)} of memory"
+            )
     try:
         if hasattr(os, "memfd_create"):
             fd = os.memfd_create("lilgym_mp", os.MFD_CLOEXEC)
         else:
-            with tempfile.TemporaryFile() as file:
+            with tempfile.TemporaryFile(buffering=0) as file:
+                for start in range(0, size, len(ZEROS)):  # reports a full disk now instead of by a signal later
+                    file.write(ZEROS[: size - start])
                 fd = os.dup(file.fileno())
     except OSError as fault:
         raise SharedMemoryError(f"cannot create a file of {_megabytes(size)} to share: {fault.strerror}") from None
     try:
         os.ftruncate(fd, size)
-        if not hasattr(os, "memfd_create"):
-            os.posix_fallocate(fd, 0, size)  # reports a full disk now instead of by a signal later
     except OSError as fault:
         os.close(fd)
         raise SharedMemoryError(f"no space for {_megabytes(size)} to share: {fault.strerror}") from None

@@ -17,9 +17,10 @@ from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
+from lilgym_mp.envs.sampling import Sampler, check_statement, checked_sampler, checked_task
 from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.render import Canvas
-from lilgym_mp.rules import Outcome, State, Transition, make_dynamics
+from lilgym_mp.rules import Dynamics, Outcome, State, Transition, make_dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
@@ -28,7 +29,34 @@ DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn s
 UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
 
 
-class LilGymEnv(gym.Env[Observation, int]):
+class SharedInterface:
+    """What single environments and batches have in common beyond Gymnasium's interface."""
+
+    dynamics: Dynamics
+    tasks: TaskSet
+
+    @property
+    def horizon(self) -> int:
+        """Actions per episode. `spec.max_episode_steps` is None because the environment itself ends the episode;
+        `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
+        return self.dynamics.horizon
+
+    def encode_action(self, action: Sequence[int]) -> int:
+        """The index of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
+        colour, size] for scatter; unused slots are ignored. Raises ActionError."""
+        return self.dynamics.appearance.encode(self.dynamics.appearance.from_array(action))
+
+    def decode_action(self, index: int) -> list[int]:
+        """The released array form of an action, -1 in unused slots. Raises ActionError."""
+        appearance = self.dynamics.appearance
+        return appearance.to_array(appearance.decode(checked_index(index, appearance.action_count)))
+
+    def evaluation_tasks(self) -> tuple[str, ...]:
+        """Every task id of the split, in file order."""
+        return self.tasks.ids
+
+
+class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
     """Add and remove items until the statement has the target value, then STOP.
 
     Observation space: {"image": uint8 (50, 190, 3) or (100, 380, 3), "statement": str, "target": 0 or 1}.
@@ -59,6 +87,7 @@ class LilGymEnv(gym.Env[Observation, int]):
         render_cells: bool = False,
         vocabulary: VocabularyOrPath | None = None,
         length: int | None = None,
+        sampler: Sampler | None = None,
         **unknown: Any,
     ) -> None:
         """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
@@ -66,10 +95,11 @@ class LilGymEnv(gym.Env[Observation, int]):
         learners without text support: "statement" as token ids, int64 (L,), and "target" as int64 (1,), with the words
         of `vocabulary` (a Vocabulary or a saved one's path; None: those of the corpus's train split) and L = `length`.
         `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
+        `sampler`: chooses the task of every reset without the option "task" (`envs.sampling.Sampler`).
 
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        check_keywords(unknown)
+        check_keywords(unknown, LilGymEnv)
         self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
         marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
         self._renderer = Renderer(render_mode, marked=marked)
@@ -85,24 +115,35 @@ class LilGymEnv(gym.Env[Observation, int]):
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._closed = False
+        self._sampler = checked_sampler(sampler)
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
+        self._unseeded: np.random.Generator | None = None  # a generator that was made without a seed
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies of an environment that was never seeded draw tasks on their own."""
+        state = vars(self).copy()
+        if self._unseeded is not None and self._unseeded is self._np_random:
+            state |= {"_np_random": None, "_np_random_seed": None, "_unseeded": None, "_draws": []}
+        return state
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Starts an episode of a uniformly drawn task, or of `options={"task": id}`.
+        """Starts an episode of a uniformly drawn task, or of `options={"task": task}`: an id, or a `Task` whose
+        statement fits the observation space.
 
-        Raises ValueError for an unknown id or option or an invalid seed, ClosedEnvironmentError after `close`.
+        Raises ValueError for an unknown id or option or an invalid task or seed, ClosedEnvironmentError after `close`.
         """
         check_open(closed=self._closed)
-        chosen = None
-        if options is not None and "task" in checked_options(options, RESET_OPTIONS):
-            chosen = self.tasks.by_id(options["task"])
+        choice = None if options is None else checked_options(options, RESET_OPTIONS).get("task")
+        chosen = None if choice is None else self._task(choice)
         if seed is not None:
             super().reset(seed=checked_seed(seed))
         task = self._drawn_task() if chosen is None else chosen
+        if self._arrays is not None:
+            self._row = self._arrays.row(task.statement)
         self._state = self.dynamics.start(task)
         self._last = None
         self._ended = False
@@ -110,8 +151,18 @@ class LilGymEnv(gym.Env[Observation, int]):
             self.render()
         return self._observe(self._state), {"task": task.id}
 
+    def _task(self, choice: object) -> Task:
+        if not isinstance(choice, Task):
+            return self.tasks.by_id(choice)
+        check_statement(choice, self.observation_space, self._arrays)
+        return checked_task(choice, self.dynamics)
+
     def _drawn_task(self) -> Task:
+        if self._np_random is None:
+            self._unseeded = self.np_random
         generator = self.np_random
+        if self._sampler is not None and (choice := self._sampler(generator, 0)) is not None:
+            return self._task(choice)
         if not self._draws or generator is not self._draws_by:
             self._draws, self._draws_by = next_draws(generator, len(self.tasks)), generator
         return self.tasks[self._draws.pop()]
@@ -140,20 +191,14 @@ class LilGymEnv(gym.Env[Observation, int]):
         image = self._canvas.show(state.scene).copy()
         if self._arrays is None:
             return {"image": image, "statement": task.statement, "target": 1 if task.target else 0}  # faster than int()
-        statement = self._arrays.rows[self.tasks.index_of(task.id)].copy()
-        arrays: Any = {"image": image, "statement": statement, "target": np.array([task.target], np.int64)}
+        arrays: Any = {"image": image, "statement": self._row.copy(), "target": np.array([task.target], np.int64)}
         return arrays
 
     @property
-    def horizon(self) -> int:
-        """Actions per episode. `spec.max_episode_steps` is None because the environment itself ends the episode;
-        `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
-        return self.dynamics.horizon
-
-    @property
     def state(self) -> State:
-        """The current state. Raises ResetNeeded before the first reset."""
+        """The current state. Raises ResetNeeded before the first reset, ClosedEnvironmentError after `close`."""
         if self._state is None:
+            check_open(closed=self._closed)
             raise gym.error.ResetNeeded("there is no state before the first reset; call reset first")
         return self._state
 
@@ -165,6 +210,11 @@ class LilGymEnv(gym.Env[Observation, int]):
     def task(self) -> Task:
         return self.state.task
 
+    @property
+    def steps(self) -> int:
+        """Actions taken in the episode."""
+        return self.state.steps
+
     def action_masks(self) -> BoolArray:
         """(actions,) bool, a new array: element i is True iff action i is valid now."""
         return self.dynamics.legal_mask(self.state)
@@ -173,35 +223,24 @@ class LilGymEnv(gym.Env[Observation, int]):
         """Whether STOP would be rewarded +1 now."""
         return self.dynamics.goal_reached(self.state)
 
-    def encode_action(self, action: Sequence[int]) -> int:
-        """The index of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
-        colour, size] for scatter; unused slots are ignored. Raises ActionError."""
-        return self.dynamics.appearance.encode(self.dynamics.appearance.from_array(action))
-
-    def decode_action(self, index: int) -> list[int]:
-        """The released array form of an action, -1 in unused slots. Raises ActionError."""
-        return self.dynamics.appearance.to_array(self._decode(checked_index(index, self._action_count)))
-
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on.
 
         The observation space does not change, so that statements and numbers of items must fit it.
         """
+        check_open(closed=self._closed)
         self.tasks = change(self.tasks)
         self._draws = []
         if self._arrays is not None:
             self._arrays.set_tasks(self.tasks)
-
-    def evaluation_tasks(self) -> tuple[str, ...]:
-        """Every task id of the split, in file order."""
-        return self.tasks.ids
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
         return self._renderer.render(self.scene, caption(self.state, self.dynamics, self._last))
 
     def close(self) -> None:
-        self._closed = self._ended = True
+        self._closed = True
+        self._state = self._last = None
         self._renderer.close()
 
 

@@ -15,13 +15,15 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import forkserver, resource_tracker
+from functools import partial
+from multiprocessing import reduction
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from numbers import Real
@@ -52,16 +54,18 @@ LONGEST_WAIT = 1e6  # seconds; the longest wait that the system accepts
 DESCRIPTORS = 12  # file descriptors that starting a worker takes; Python leaks some if they run out half-way
 
 WRITERS = (Engine.write_masks, Engine.write_goals, Engine.write_items)
-METHODS: tuple[Callable[..., Any], ...] = (Engine.step, Engine.reset, Engine.set_tasks, Engine.states, *WRITERS)
+TAKING_ARGUMENTS = (Engine.reset, Engine.set_tasks, Engine.restore)
+METHODS: tuple[Callable[..., Any], ...] = (Engine.step, Engine.states, Engine.save, *TAKING_ARGUMENTS, *WRITERS)
 INDICES: Mapping[object, int] = {method: index for index, method in enumerate(METHODS)}
 CLOSE = len(METHODS)  # instead of a method's index: the worker is to exit
 COPYING = (Engine.step, Engine.reset)  # methods after which the images are copied to a page
-TAKING_ARGUMENTS = (Engine.reset, Engine.set_tasks)
 
 LINE = ALIGNMENT // 8  # 64-bit fields of a cache line
 # Held while workers are started and by any fork: no process is forked while another thread imports something here.
 _starting = threading.RLock()
-os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(before=_starting.acquire, after_in_parent=_starting.release, after_in_child=_starting.release)
+_yield = getattr(os, "sched_yield", partial(time.sleep, 0))
 
 
 class WorkerError(RuntimeError):
@@ -104,7 +108,7 @@ class Counter:
             pass
         end += YIELD_SECONDS
         while line[0] < count and perf_counter() < end:
-            os.sched_yield()
+            _yield()
         while line[0] < count:
             line[1] = True
             self._fence()
@@ -278,7 +282,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
         self._finalizer: weakref.finalize[Any, Any] | None = None  # set when there are processes or memory to release
-        checked = BatchSettings.of(num_envs, **{**gym.spec(id).kwargs, **settings})
+        checked = BatchSettings.of(WorkerVectorEnv, num_envs, **{**gym.spec(id).kwargs, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)
@@ -409,6 +413,8 @@ def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> N
 
 def _check_room(workers: int, shared: SharedMemory) -> None:
     """Raises WorkerError if this process cannot start this many workers."""
+    if workers and not (hasattr(reduction, "DupFd") and hasattr(signal, "pthread_sigmask")):
+        raise WorkerError("workers need Linux or macOS; use num_workers=1, or gymnasium.make_vec")
     if workers and multiprocessing.current_process().daemon:
         raise WorkerError("a daemonic process cannot start workers; use num_workers=1, or gymnasium.make_vec")
     if not shared.has_room_for(workers * DESCRIPTORS):
@@ -424,7 +430,7 @@ def _warm_up(settings: BatchSettings) -> None:
     A process forked while another thread imports a module could wait for that module forever.
     """
     few = min(settings.num_envs, FEWEST_COMPILED)
-    settings = replace(settings, num_envs=few)
+    settings = replace(settings, num_envs=few, sampler=None)
     engine = Engine(settings, Buffers.new(settings.array_specs()))
     engine.reset(ResetRequest(np.arange(few), [0] * few, [None] * few, all_envs=True))
     engine.step()
@@ -463,8 +469,12 @@ def _compiler_lock_held() -> AbstractContextManager[object]:
 def _interrupts_blocked(context: Any) -> Iterator[None]:
     """Blocks SIGINT while a process starts, so that Ctrl-C never reaches it; the caller receives it afterwards."""
     if context.get_start_method() != "fork":  # these helper processes must not inherit the block
+        from multiprocessing import resource_tracker
+
         resource_tracker.ensure_running()
     if context.get_start_method() == "forkserver":
+        from multiprocessing import forkserver
+
         forkserver.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -180,7 +180,7 @@ def test_a_worker_that_hangs__is_named_after_the_timeout(workers: WorkerVectorEn
 
 def test_a_worker_that_raises__passes_on_its_traceback(workers: WorkerVectorEnv) -> None:
     pids = workers.worker_pids
-    no_such_task = len(workers.tasks)
+    no_such_task = len(workers._indexed)
     workers._buffers.action[:] = 0
     with pytest.raises(WorkerError, match=r"(?s)worker 2 raised:.*Traceback.*IndexError"):
         workers._everywhere(Engine.reset, ResetRequest(np.arange(8), [0] * 8, [0] * 7 + [no_such_task], True))

@@ -7,16 +7,16 @@ with numba; they are imported, and numba with them, when a batch first needs the
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 
 from lilgym_mp.appearances import Appearance, Scatter, Tower
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.scalar import ScalarCore
 from lilgym_mp.rules import Dynamics
+from lilgym_mp.task import Task
 
 __all__ = ["FEWEST_COMPILED", "Core", "ScalarCore", "make_core"]
 
@@ -28,7 +28,7 @@ _COMPILED: Mapping[type[Appearance], tuple[str, str]] = {
 }
 
 
-def make_core(dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> Core:
+def make_core(dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> Core:
     """The fastest core for the appearance and the number of environments."""
     appearance = type(dynamics.appearance)
     compiled = _compiled(appearance) if len(buffers.action) >= FEWEST_COMPILED else None
@@ -36,7 +36,7 @@ def make_core(dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: 
 
 
 @cache
-def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, TaskSet, Buffers, str], Core] | None:
+def _compiled(appearance: type[Appearance]) -> Callable[[Dynamics, Sequence[Task], Buffers, str], Core] | None:
     """The compiled core of an appearance; None if it has none or, with a warning, if numba cannot be imported."""
     if appearance not in _COMPILED:
         return None

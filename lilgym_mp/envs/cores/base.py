@@ -8,10 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, Buffers
 from lilgym_mp.rules import ActionStatus, Dynamics, State, result_index
 from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
 
 # Plain ints for arrays: with enum members NumPy runs Python code, which takes microseconds and can swallow a Ctrl-C.
 CORRECT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(status) for status in ActionStatus)
@@ -25,13 +25,17 @@ class Core(ABC):
     `engine.Engine` decides when episodes start, and records starts and ends. Step counts are kept in the buffers.
     """
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers) -> None:
         self.dynamics = dynamics
-        self._tasks = tasks
+        self._tasks = list(tasks)
         self._buffers = buffers
         self._all_env_ids = np.arange(len(buffers.action))
         results = dynamics.step_results
         self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
+
+    def set_task(self, index: int, task: Task) -> None:
+        """Replaces a task that no environment plays."""
+        self._tasks[index] = task
 
     def start(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         """Starts episodes of tasks (k,), by index, in environments (k,)."""

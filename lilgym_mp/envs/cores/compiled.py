@@ -11,7 +11,6 @@ import numpy as np
 
 from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import Core
@@ -23,6 +22,7 @@ from lilgym_mp.render.canvas import LARGEST_PATCH
 from lilgym_mp.render.drawing import palette, stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
+from lilgym_mp.task import Task
 
 NO_VERSION = -2  # older than any version by more than one added item
 _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
@@ -31,7 +31,7 @@ _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 class CompiledCore(Core):
     """A core whose scenes are `kernels.Scenes`; subclasses implement the edits of an appearance."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
         rows, capacity = BOX_COUNT * len(buffers.action), buffers.items.shape[2]
         side = BOX_SIDE // shrink_of(image_size)
@@ -52,13 +52,19 @@ class CompiledCore(Core):
         self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
         self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
         self._stacks = np.zeros(rows, np.int64)  # Tower: stack index by row
-        self._evaluator = ArrayProgramEvaluator(tasks, self._lowering())
+        self._evaluator = ArrayProgramEvaluator(self._tasks, self._lowering())
         self._targets = np.array([task.target for task in tasks], np.int64)
         none = self._all_env_ids[:0]
         with compiling(kernels.start_episodes):
             kernels.start_episodes(self._drawing, self._current, self._starts, none, none)
         with compiling(kernels.evaluate_programs):
             self._evaluator.evaluate(self._current, self._stacks, none, none, none)
+
+    def set_task(self, index: int, task: Task) -> None:
+        super().set_task(index, task)
+        self._has_start[index] = False
+        self._targets[index] = task.target
+        self._evaluator.forget(index)
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for task in tasks.tolist():
@@ -69,6 +75,7 @@ class CompiledCore(Core):
     def _add_start(self, task: int) -> None:
         for row, box in enumerate(self._start_scene(task).boxes, BOX_COUNT * task):
             self._starts.counts[row] = len(box.items)
+            self._starts.items[row] = NO_ITEM
             self._starts.items[row, : len(box.items)] = [item_code(item) for item in box.items]
         self._has_start[task] = True
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.arrays import Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
 from lilgym_mp.fast.box_functions import BoxFunction, ItemTest, item_test
@@ -17,6 +16,7 @@ from lilgym_mp.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
+from lilgym_mp.task import Task
 
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 
@@ -37,13 +37,23 @@ class BoxLowering(ABC):
 class ArrayProgramEvaluator:
     """Evaluates the programs of tasks; compiles each to instructions on first use."""
 
-    def __init__(self, tasks: TaskSet, boxes: BoxLowering) -> None:
+    def __init__(self, tasks: Sequence[Task], boxes: BoxLowering) -> None:
         self._tasks = tasks
         self._boxes = boxes
-        self._by_task = np.full(len(tasks), NOT_COMPILED)  # indices of programs
-        self._by_source: dict[str, int] = {}
         self._values = np.empty(MAX_INSTRUCTIONS, np.int64)
+        self._forget_all()
+
+    def _forget_all(self) -> None:
+        boxes = self._boxes
+        self._by_task = np.full(len(self._tasks), NOT_COMPILED)  # indices of programs
+        self._by_source: dict[str, int] = {}
         self._programs = Programs(np.empty((0, 3), np.int64), np.zeros(1, np.int64), boxes.places, boxes.tables)
+
+    def forget(self, task: int) -> None:
+        """Must be called when a task has been replaced."""
+        self._by_task[task] = NOT_COMPILED
+        if len(self._by_source) > 2 * len(self._tasks):  # mostly of replaced tasks
+            self._forget_all()
 
     def evaluate(
         self, scenes: Scenes, stacks: Int64Array, env_ids: Int64Array, tasks: Int64Array, truths: Int64Array

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
+from lilgym_mp.task import Task
 
 
 class ScalarCore(Core):
     """A scene and a canvas for each environment, for any appearance."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
         self._scenes = [tasks[0].start] * len(buffers.action)
         self._canvases = [Canvas(image_size, image) for image in buffers.image]

@@ -6,6 +6,7 @@ to the scalar rules: kept as a `Scene`, edited by `Scatter.apply` and drawn by a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import cast
 
@@ -15,7 +16,6 @@ from lilgym_mp.appearances import Scatter
 from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
 from lilgym_mp.appearances.placement import fits_box
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.cell_places import cell_places
@@ -28,6 +28,7 @@ from lilgym_mp.render import Canvas
 from lilgym_mp.render.drawing import stamp
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
+from lilgym_mp.task import Task
 
 MAX_CACHED_ITEMS = 16_384
 
@@ -35,7 +36,7 @@ MAX_CACHED_ITEMS = 16_384
 class ScatterCore(CompiledCore):
     """`Scene` objects are made only on demand, and only for boxes that changed since the last one."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers, image_size)
         count = len(buffers.action)
         self._appearance = cast(Scatter, dynamics.appearance)

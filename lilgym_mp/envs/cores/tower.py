@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from lilgym_mp.appearances.tower import EDIT_REASONS, tower_tables
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.compiled import CompiledCore, item_code
@@ -14,12 +15,13 @@ from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
 from lilgym_mp.envs.cores.program_evaluator import StackBoxLowering
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
+from lilgym_mp.task import Task
 
 
 class TowerCore(CompiledCore):
     """A core that keeps the stack index of each box, and takes `Scene` objects from the appearance's shared boxes."""
 
-    def __init__(self, dynamics: Dynamics, tasks: TaskSet, buffers: Buffers, image_size: str) -> None:
+    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         tables = self._tables = tower_tables()
         super().__init__(dynamics, tasks, buffers, image_size)
         self._edits = TowerEdits(
@@ -31,9 +33,16 @@ class TowerCore(CompiledCore):
             reasons=np.array([REASON_INDICES[reason] for reason in EDIT_REASONS]),
         )
         self._by_env = self._stacks.reshape(-1, BOX_COUNT)
-        self._start_stacks = np.array([[tables.indices[box.items] for box in task.start.boxes] for task in tasks])
+        self._start_stacks = np.array([self._stacks_of(task.start) for task in tasks])
         with compiling(kernels.edit_tower_scenes):
             self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
+
+    def _stacks_of(self, scene: Scene) -> list[int]:
+        return [self._tables.indices[box.items] for box in scene.boxes]
+
+    def set_task(self, index: int, task: Task) -> None:
+        super().set_task(index, task)
+        self._start_stacks[index] = self._stacks_of(task.start)
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         super()._start_episodes(env_ids, tasks)

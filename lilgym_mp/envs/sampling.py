@@ -1,0 +1,61 @@
+"""Tasks that callers choose: `Task`s given to `reset`, and samplers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, cast
+
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.corpus.statement_arrays import StatementArrays
+from lilgym_mp.observation import item_capacity
+from lilgym_mp.programs import compile_program
+from lilgym_mp.rules import Dynamics
+from lilgym_mp.task import Task
+
+# Called at the start of every episode whose task the caller of `reset` did not choose, automatic resets included, with
+# the environment's random generator and its index in the batch (0 for a single environment). Returns a `Task` or the id
+# of one of the environment's, or None for a uniformly drawn one. Workers have copies, so there it must be picklable.
+Sampler = Callable[[np.random.Generator, int], "Task | str | None"]
+
+
+def checked_sampler(sampler: Any) -> Sampler | None:
+    """Raises ValueError unless `sampler` can be called, or is None."""
+    if sampler is not None and not callable(sampler):
+        raise ValueError(f"sampler must be a function of a random generator and an index, or None, not {sampler!r}")
+    return cast("Sampler | None", sampler)
+
+
+def checked_task(task: Task, dynamics: Dynamics, capacity: int | None = None) -> Task:
+    """`task`, if it can be played. `capacity`: items that fit a box's arrays.
+
+    Raises ValueError for an unsuitable start or program, or too many items.
+    """
+    with _naming(task):
+        dynamics.appearance.check_scene(task.start)
+        compile_program(task.program)
+        if capacity is not None and (needed := item_capacity((task,), dynamics)) > capacity:
+            raise ValueError(
+                f"a box can come to have {needed} items, but this batch has room for {capacity}; use a single"
+                " environment, a shorter horizon, or a configuration whose starts have as many"
+            )
+    return task
+
+
+def check_statement(task: Task, space: spaces.Space[Any], arrays: StatementArrays | None) -> None:
+    """Raises ValueError unless observations of `space` can show the task's statement."""
+    with _naming(task):
+        if arrays is not None:
+            arrays.row(task.statement)
+        elif not space["statement"].contains(task.statement):  # pyright: ignore[reportIndexIssue]
+            raise ValueError(f"its statement is not in {space['statement']}")  # pyright: ignore[reportIndexIssue]
+
+
+@contextmanager
+def _naming(task: Task) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as fault:
+        raise ValueError(f"task {task.id!r} cannot be played here: {fault}") from None
