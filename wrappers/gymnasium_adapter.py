@@ -24,6 +24,7 @@ from lilgym_mp.wrappers.transformation import (
     Transformation,
     WrongEnvironment,
     change_tasks,
+    description_of,
     stacked,
     to_python,
     unstacked,
@@ -44,7 +45,7 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         """`settings`: recorded in the spec and passed to the transformation."""
         RecordConstructorArgs.__init__(self, **settings)
         gym.Wrapper.__init__(self, env)
-        description = _description_of(env, type(self).__name__)
+        description = description_of(env, type(self).__name__)
         self.transformation = cast("TransformationT", type(self).transformation_class(description, **settings))
         change_tasks(env, self.transformation)
         self.observation_space = self.transformation.observation_space()
@@ -66,13 +67,20 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
         observation, reward, terminated, truncated, info = self.env.step(action)
         if self.transformation.changes_rewards:
             entries = {**entries, UNCHANGED_REWARD: (reward,)}
-            reward = self._transformed_reward(float(reward), ended=terminated or truncated)
+        if entries:
+            ended, started = terminated or truncated, self._state.states()[0].steps == 0  # by this step, in a wrapper
+            acted = ended or not started
+            if self.transformation.changes_rewards:
+                changed = self._transformed_reward(float(reward), ended=ended, started=started)
+                reward = changed if acted else reward
+            entries = entries if acted else {}
         return self._transformed(observation), reward, terminated, truncated, self._extended_info(info, entries)
 
-    def _transformed_reward(self, reward: float, *, ended: bool) -> float:
+    def _transformed_reward(self, reward: float, *, ended: bool, started: bool) -> float:
         before, transformation = self._potentials, self.transformation
-        self._potentials = np.zeros(1) if ended else transformation.potentials(self._state.states())
-        return transformation.rewards(np.array([reward]), before, self._potentials).item()
+        if started or not ended:
+            self._potentials = transformation.potentials(self._state.states())
+        return transformation.rewards(np.array([reward]), before, np.zeros(1) if ended else self._potentials).item()
 
     def action_masks(self) -> BoolArray:
         """(actions,) bool, a new array: the legal actions after this wrapper and the wrapped ones."""
@@ -104,18 +112,6 @@ class SingleEnvState(EnvState):
         return action_masks(self._env)[None]
 
 
-def _description_of(env: gym.Env[Any, Any], wrapper: str) -> EnvDescription:
-    """Raises WrongEnvironment for another package's environment."""
-    base = env.unwrapped if isinstance(env, gym.Env) else env
-    tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
-    if not isinstance(env, gym.Env) or tasks is None or dynamics is None:
-        raise WrongEnvironment(
-            f"{wrapper} wraps Gymnasium environments of this package, such as"
-            f' gymnasium.make("lilgym_mp/TowerScratch-v0"), not {env!r}'
-        )
-    return EnvDescription(wrapper, tasks, dynamics, env.observation_space, env.action_space)
-
-
 def factory(
     wrapper: Callable[Concatenate[gym.Env[Any, Any], Settings], EnvWrapper[Any]],
 ) -> Callable[Concatenate[AnyEnv, Settings], AnyEnv]:
@@ -132,7 +128,7 @@ def factory(
         del settings["env"]
         settings |= settings.pop("settings", {})  # of a wrapper that defines none
         if isinstance(env, gym.vector.VectorEnv):
-            return VectorEnvWrapper(env, wrapper.__name__, wrapper.transformation_class, settings)
+            return VectorEnvWrapper(env, wrapper, settings)
         if "pettingzoo" in sys.modules and hasattr(env, "possible_agents"):
             from lilgym_mp.wrappers.pettingzoo_adapter import is_game, wrap_game
 

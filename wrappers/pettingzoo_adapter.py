@@ -79,17 +79,22 @@ class TransformedAgent:
 
     def rewards(self, rewards: Sequence[float]) -> list[float]:
         """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
-        state = self._engine.state
-        is_over = not state.movers
-        if self._mdp is None or (state.mdp is self._mdp and not is_over):
+        state, mdp, before = self._engine.state, self._mdp, self._potential
+        is_over = self.has_restarted or not state.movers
+        if self.has_restarted:
+            self.reset()
+        elif mdp is not None and (is_over or state.mdp is not mdp):
+            self._mdp = None if is_over else state.mdp
+            self._potential = np.zeros(1) if is_over else self.transformation.potentials([state.mdp])
+        if mdp is None or (state.mdp is mdp and not is_over):
             return list(rewards)
-        before = self._potential
-        self._mdp = None if is_over else state.mdp
-        self._potential = np.zeros(1) if is_over else self.transformation.potentials([state.mdp])
-        ones = np.ones(len(rewards))
-        return self.transformation.rewards(
-            np.array(rewards, np.float64), before * ones, self._potential * ones
-        ).tolist()
+        after, ones = 0.0 if is_over else self._potential, np.ones(len(rewards))
+        return self.transformation.rewards(np.array(rewards, np.float64), before * ones, after * ones).tolist()
+
+    @property
+    def has_restarted(self) -> bool:
+        """Whether no turn of the game has been played: after a step, a wrapper such as MultiEpisodeEnv has reset it."""
+        return self._engine.last_step is None
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         parts, mask = observation[PARTS], observation[MASK]
@@ -195,7 +200,10 @@ class AECGameWrapper(GameWrapper, BaseWrapper[str, Any, Any]):
         self._cumulative_change[actor] = 0.0
         for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
             self._reward_change[agent] = self.adapters[agent].rewards(rewards)[role] - reward
-            self._cumulative_change[agent] += self._reward_change[agent]
+            is_new = self.adapters[agent].has_restarted
+            self._cumulative_change[agent] = (
+                0.0 if is_new else self._cumulative_change[agent] + self._reward_change[agent]
+            )
 
     @property
     def rewards(self) -> dict[str, float]:

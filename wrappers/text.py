@@ -19,7 +19,7 @@ from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
 from lilgym_mp.appearances import Appearance, Grid
 from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
-from lilgym_mp.observation import statement_space
+from lilgym_mp.observation import StatementSpace, statement_space
 from lilgym_mp.render import draw
 from lilgym_mp.render import text as drawing
 from lilgym_mp.render.characters import ruled
@@ -100,7 +100,7 @@ class TextFormat(Transformation):
         items = BOX_COUNT * self.env_description.item_capacity * ITEM_LENGTH
         actions = LISTED_LENGTH + (count * LEGAL_LENGTH if count <= MAX_DESCRIBED else 0)
         length = FIXED_LENGTH + self._statements.max_length + items + actions
-        return spaces.Text(
+        return StatementSpace(
             length, min_length=0, charset="".join(sorted(self._statements.character_set.union(string.printable)))
         )
 

@@ -11,14 +11,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector import VectorEnv
+from numpy.typing import NDArray
 
 from lilgym_mp.actions import STOP
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.observation import item_array, item_capacity
 from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.task import Task
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
@@ -83,6 +87,21 @@ class EnvDescription:
         )
 
 
+def description_of(env: Any, wrapper: str) -> EnvDescription:
+    """The description of `env` for `wrapper`. Raises WrongEnvironment for another package's environment."""
+    base = env.unwrapped if isinstance(env, gym.Env | VectorEnv) else None
+    tasks, dynamics = getattr(base, "tasks", None), getattr(base, "dynamics", None)
+    if tasks is None or dynamics is None:
+        raise WrongEnvironment(
+            f"{wrapper} wraps Gymnasium environments of this package, such as gymnasium.make(id), and batches, such as"
+            f" gymnasium.make_vec(id, num_envs=64), not {env!r}; for others, wrap each environment:"
+            f' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[{wrapper}], ...)'
+        )
+    single = "single_" if isinstance(env, VectorEnv) else ""
+    observation_space, action_space = (getattr(env, f"{single}{kind}_space") for kind in ("observation", "action"))
+    return EnvDescription(wrapper, tasks, dynamics, observation_space, action_space)
+
+
 class EnvState:
     """The current state of B environments: computed from `states()`, and with the full masks, unless overridden."""
 
@@ -96,8 +115,18 @@ class EnvState:
 
     @property
     def task_indices(self) -> Int64Array:
-        """(B,) indices of the current tasks in the description's TaskSet."""
-        return np.array([self._description.tasks.index_of(state.task.id) for state in self.states()], np.int64)
+        """(B,) indices of the current tasks in the description's TaskSet, its length or more for others."""
+        tasks = self._description.tasks
+        found = [tasks.find(state.task) for state in self.states()]
+        return np.array([len(tasks) if index is None else index for index in found], np.int64)
+
+    def by_task(self, rows: NDArray[Any], make: Callable[[Task], Any]) -> NDArray[Any]:
+        """(B, ...) the row of each current task; `rows` are those of the description's tasks, others are made."""
+        indices = self.task_indices
+        found = rows.take(indices, axis=0, mode="clip")
+        for row in (indices >= len(rows)).nonzero()[0].tolist():
+            found[row] = make(self.states()[row].task)
+        return found
 
     @property
     def steps(self) -> Int64Array:

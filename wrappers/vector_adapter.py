@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.envs.batched import batched
-from lilgym_mp.envs.masks import action_masks
+from lilgym_mp.envs.masks import action_masks, layers
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
 from lilgym_mp.wrappers.transformation import (
@@ -19,8 +19,8 @@ from lilgym_mp.wrappers.transformation import (
     EnvDescription,
     EnvState,
     Transformation,
-    WrongEnvironment,
     change_tasks,
+    description_of,
     stacked,
     unstacked,
 )
@@ -40,15 +40,15 @@ class VectorEnvWrapper(AnyVectorWrapper):
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
-        name: str,
-        transformation_class: Callable[..., Transformation],
+        wrapper_class: Any,
         settings: Mapping[str, Any],
     ) -> None:
-        """`transformation_class`: called with an EnvDescription and the settings. `name`: the wrapper's name."""
+        """`wrapper_class`: of single environments; its transformation is called with an EnvDescription and settings."""
         super().__init__(env)
-        self.name = name
-        description = _description_of(env, name)
-        self.transformation = transformation_class(description, **settings)
+        self.name = wrapper_class.__name__
+        self.wrapper_class = wrapper_class
+        description = description_of(env, self.name)
+        self.transformation: Transformation = wrapper_class.transformation_class(description, **settings)
         change_tasks(env, self.transformation)
         if self.transformation.changes_observations:
             self.single_observation_space = self.transformation.observation_space()
@@ -57,8 +57,9 @@ class VectorEnvWrapper(AnyVectorWrapper):
             self.single_action_space = self.transformation.action_space()
             self.action_space = batch_space(self.single_action_space, env.num_envs)
         self._state = VectorEnvState(description, env)
-        self._restarting = np.zeros(env.num_envs, np.bool_)  # (N,) where the next step ignores the action and resets
+        self._base: Any = env.unwrapped
         self._potentials = np.zeros(env.num_envs)  # (N,) potentials of the current states, if rewards are changed
+        self._restorations = 0  # of states, as of `_potentials`
         self.autoreset_mode: AutoresetMode = self.metadata["autoreset_mode"]
 
     def __del__(self) -> None:
@@ -68,27 +69,28 @@ class VectorEnvWrapper(AnyVectorWrapper):
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         observations, infos = self.env.reset(seed=seed, options=options)  # pyright: ignore[reportArgumentType]
-        is_reset = (options or {}).get("reset_mask", slice(None))
-        self._restarting[is_reset] = False
         if self.transformation.changes_rewards:
-            self._update_potentials(np.arange(self.num_envs)[is_reset])
+            self._update_potentials(self._base.steps == 0)
         return self._transformed(observations), self._extended_infos(infos)
 
     def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
         entries: Mapping[str, Batch] = {}
+        if self.transformation.changes_rewards and self._restorations != self._base.restorations:
+            self._update_potentials(np.ones(self.num_envs, np.bool_))
+            self._restorations = self._base.restorations
         if self.transformation.changes_actions:
             actions, entries = self.transformation.actions(actions, self._state)
         observations, rewards, terminated, truncated, infos = self.env.step(actions)
-        ended = np.logical_or(terminated, truncated)
-        if self.transformation.changes_rewards:
-            entries = {**entries, UNCHANGED_REWARD: rewards}
-            rewards = self._transformed_rewards(rewards, ended)
-        if entries:
-            infos = self._with_entries(infos, entries, ended)
+        if entries or self.transformation.changes_rewards:
+            ended = np.logical_or(terminated, truncated)
+            started = self._base.steps == 0  # by this step, in whatever layer
+            acted = ended | ~started
+            if self.transformation.changes_rewards:
+                entries = {**entries, UNCHANGED_REWARD: rewards}
+                rewards = np.where(acted, self._transformed_rewards(rewards, ended, started), rewards)
+            infos = self._with_entries(infos, entries, acted, ended)
         if FINAL_OBS in infos:
             infos = self._with_transformed_finals(infos)
-        if self.autoreset_mode is AutoresetMode.NEXT_STEP:
-            self._restarting = ended
         return self._transformed(observations), rewards, terminated, truncated, self._extended_infos(infos)
 
     def action_masks(self) -> BoolArray:
@@ -99,16 +101,14 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """(N,) bool: whether STOP would succeed now."""
         return self._state.goal_reached()
 
-    def _transformed_rewards(self, rewards: Float64Array, ended: BoolArray) -> Float64Array:
-        """(N,) the transformed rewards, except of steps that only reset; updates the potentials."""
+    def _transformed_rewards(self, rewards: Float64Array, ended: BoolArray, started: BoolArray) -> Float64Array:
+        """(N,) the transformed rewards; updates the potentials."""
         before = self._potentials.copy()
-        same_step = self.autoreset_mode is AutoresetMode.SAME_STEP
-        self._update_potentials(np.arange(self.num_envs) if same_step else (~ended).nonzero()[0])
-        changed = self.transformation.rewards(rewards, before, np.where(ended, 0.0, self._potentials))
-        return np.where(self._restarting, rewards, changed)
+        self._update_potentials(started | ~ended)
+        return self.transformation.rewards(rewards, before, np.where(ended, 0.0, self._potentials))
 
-    def _update_potentials(self, env_ids: Int64Array) -> None:
-        states = self._state.states()
+    def _update_potentials(self, where: BoolArray) -> None:
+        states, env_ids = self._state.states(), where.nonzero()[0]
         self._potentials[env_ids] = self.transformation.potentials([states[env_id] for env_id in env_ids.tolist()])
 
     def _transformed(self, observations: Batch) -> Batch:
@@ -143,9 +143,11 @@ class VectorEnvWrapper(AnyVectorWrapper):
                 changed[FINAL_INFO] |= {name: column, f"_{name}": ended.copy()}
         return {**infos, **changed}
 
-    def _with_entries(self, infos: dict[str, Any], entries: Mapping[str, Batch], ended: BoolArray) -> dict[str, Any]:
-        """The infos with this step's entries; those of ended episodes go to "final_info" in mode SAME_STEP."""
-        acted = ~self._restarting
+    def _with_entries(
+        self, infos: dict[str, Any], entries: Mapping[str, Batch], acted: BoolArray, ended: BoolArray
+    ) -> dict[str, Any]:
+        """The infos with the entries of this step's actions; in mode SAME_STEP those of ended episodes go to
+        "final_info"."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             return infos | _columns(entries, acted)
         infos = infos | _columns(entries, acted & ~ended)
@@ -195,10 +197,8 @@ class FinalEnvState(EnvState):
         self._env, self._env_ids = env, env_ids
 
     def action_masks(self) -> BoolArray:
-        inner = self._env
-        while isinstance(inner, VectorWrapper) and not isinstance(inner, VectorEnvWrapper):
-            inner = inner.env
-        if not isinstance(inner, VectorEnvWrapper):
+        inner = next((layer for layer in layers(self._env) if isinstance(layer, VectorEnvWrapper)), None)
+        if inner is None:
             return super().action_masks()
         return inner.transformation.action_masks(FinalEnvState(self._description, inner.env, self._env_ids))
 
@@ -209,14 +209,3 @@ def _columns(entries: Mapping[str, Batch], where: BoolArray) -> dict[str, Any]:
         return {}
     values = {name: value * where for name, value in entries.items()}
     return values | {f"_{name}": where.copy() for name in entries}
-
-
-def _description_of(env: VectorEnv[Any, Any, Any], name: str) -> EnvDescription:
-    """The description of `env` for the wrapper `name`. Raises WrongEnvironment for another package's environment."""
-    base: Any = env.unwrapped
-    if not hasattr(base, "scene_array"):
-        raise WrongEnvironment(
-            f"{name} wraps vector environments of this package, such as gymnasium.make_vec(id, num_envs=64),"
-            f" not {env!r}; for others, wrap each environment: gymnasium.make_vec(id, wrappers=[{name}], ...)"
-        )
-    return EnvDescription(name, base.tasks, base.dynamics, env.single_observation_space, env.single_action_space)

@@ -1,0 +1,177 @@
+"""Shaped rewards and forced stops around wrappers that reset environments themselves."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import Autoreset
+from gymnasium.wrappers import vector as vector_wrappers
+
+from lilgym_mp.wrappers import PotentialShaping, StopForcing, potential_shaping_v0, stop_forcing_v0
+
+TOWER = "lilgym_mp/TowerFlipIt-v0"
+N = 4
+
+
+def shaped_returns(rewards: np.ndarray, ended: np.ndarray) -> list[float]:
+    """The sums of rewards of episodes, each without the step that only resets."""
+    returns, total = [], 0.0
+    for reward, end in zip(rewards, ended, strict=True):
+        total += reward
+        if end:
+            returns.append(round(total, 6))
+            total = 0.0
+    return returns
+
+
+def expected_returns(seed: int, actions: list[int]) -> list[float]:
+    """Of the same actions with a reset by hand after every episode."""
+    env = PotentialShaping(gym.make(TOWER))
+    env.reset(seed=seed)
+    rewards, ends, resets = [], [], False
+    for action in actions:
+        if resets:
+            env.reset()
+            resets = False
+            continue
+        _, reward, terminated, truncated, _ = env.step(action)
+        rewards.append(reward)
+        ends.append(terminated or truncated)
+        resets = ends[-1]
+    return shaped_returns(np.array(rewards), np.array(ends))
+
+
+class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
+    """Resets in the step that ends an episode, as some wrappers of other libraries do."""
+
+    def step(self, action: Any) -> Any:
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        if terminated or truncated:
+            observation, _ = self.env.reset()
+        return observation, reward, terminated, truncated, info
+
+
+def test_shaping__leaves_steps_alone_that_only_reset() -> None:
+    actions = np.random.default_rng(0).integers(13, size=60).tolist()
+    env = PotentialShaping(Autoreset(gym.make(TOWER)))
+    env.reset(seed=2)
+    rewards, ends, was_over = [], [], False
+    for action in actions:
+        _, reward, terminated, truncated, info = env.step(action)
+        if was_over:
+            assert reward == 0
+            assert "unshaped_reward" not in info
+        else:
+            rewards.append(reward)
+            ends.append(terminated or truncated)
+        was_over = terminated or truncated
+    assert shaped_returns(np.array(rewards), np.array(ends)) == expected_returns(2, actions)
+
+
+def test_shaping__starts_anew_when_a_wrapper_resets_at_once() -> None:
+    actions = np.random.default_rng(0).integers(13, size=60).tolist()
+    by_hand, env = PotentialShaping(gym.make(TOWER)), PotentialShaping(ResetAtOnce(gym.make(TOWER)))
+    by_hand.reset(seed=2)
+    env.reset(seed=2)
+    for action in actions:
+        _, reward, terminated, truncated, _ = by_hand.step(action)
+        if terminated or truncated:
+            by_hand.reset()
+        assert env.step(action)[1] == pytest.approx(reward)
+
+
+def test_forcing__forces_nothing_in_steps_that_only_reset() -> None:
+    env = StopForcing(Autoreset(gym.make("lilgym_mp/TowerScratch-v0")), mode="replace")
+    env.reset(seed=0)
+    was_over = False
+    for action in np.random.default_rng(0).integers(13, size=80).tolist():
+        _, _, terminated, truncated, info = env.step(action)
+        assert ("forced_stop" in info) == (not was_over)
+        was_over = terminated or truncated
+
+
+@pytest.mark.parametrize("wrap", [potential_shaping_v0, stop_forcing_v0], ids=["shaping", "forcing"])
+@pytest.mark.parametrize("inner", [lambda envs: envs, vector_wrappers.RecordEpisodeStatistics])
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.DISABLED])
+def test_partial_resets__equal_those_of_the_batch_itself(wrap: Any, inner: Any, mode: AutoresetMode) -> None:
+    """RecordEpisodeStatistics takes `reset_mask` out of the options it is given."""
+    settings = {"mode": "replace"} if wrap is stop_forcing_v0 else {}
+    outer = wrap(inner(gym.make_vec(TOWER, num_envs=N, autoreset_mode=mode)), **settings)
+    plain = wrap(gym.make_vec(TOWER, num_envs=N, autoreset_mode=mode), **settings)
+    assert [env.reset(seed=1)[1]["task"].tolist() for env in (outer, plain)].count(None) == 0
+    generator = np.random.default_rng(3)
+    ended = np.zeros(N, np.bool_)
+    for _ in range(40):
+        if ended.any():
+            mask = ended.copy()
+            if mode is AutoresetMode.NEXT_STEP:  # the others reset themselves
+                mask[np.flatnonzero(ended)[1:]] = False
+            for env in (outer, plain):
+                env.reset(options={"reset_mask": mask.copy()})
+        actions = generator.integers(13, size=N)
+        (_, rewards, over, cut, infos), (_, expected, *_, expected_infos) = outer.step(actions), plain.step(actions)
+        assert np.allclose(rewards, expected)
+        key = "unshaped_reward" if wrap is potential_shaping_v0 else "forced_stop"
+        assert np.array_equal(infos.get(f"_{key}", ()), expected_infos.get(f"_{key}", ()))
+        if mode is AutoresetMode.NEXT_STEP and ended.sum() > 1:
+            only_reset = np.flatnonzero(ended)[1:]
+            assert not rewards[only_reset].any()
+        ended = over | cut
+
+
+def test_partial_resets__leave_potentials_of_other_environments_alone() -> None:
+    class ResetsAtOnce(gym.vector.VectorWrapper):
+        def step(self, actions: Any) -> Any:
+            result = self.env.step(actions)
+            if (ended := result[2] | result[3]).any():
+                self.env.reset(options={"reset_mask": ended})
+            return result
+
+    disabled = gym.make_vec(TOWER, num_envs=N, autoreset_mode=AutoresetMode.DISABLED)
+    outer = potential_shaping_v0(ResetsAtOnce(disabled))
+    plain = potential_shaping_v0(gym.make_vec(TOWER, num_envs=N, autoreset_mode=AutoresetMode.SAME_STEP))
+    for env in (outer, plain):
+        env.reset(seed=1)
+    generator = np.random.default_rng(3)
+    for _ in range(40):
+        actions = generator.integers(13, size=N)
+        assert np.allclose(outer.step(actions)[1], plain.step(actions)[1])
+
+
+@pytest.mark.parametrize("kind", ["aec", "parallel"])
+def test_shaping__of_games_that_a_wrapper_resets(kind: str) -> None:
+    """Each game's shaped return is its own return less the potential of its start."""
+    pytest.importorskip("pettingzoo")
+    from pettingzoo.utils.wrappers import MultiEpisodeEnv, MultiEpisodeParallelEnv
+
+    from lilgym_mp.envs import proposer_verifier
+
+    make, wrap = {
+        "aec": (proposer_verifier.env, MultiEpisodeEnv),
+        "parallel": (proposer_verifier.parallel_env, MultiEpisodeParallelEnv),
+    }[kind]
+    totals = []
+    for stack in (
+        lambda: wrap(potential_shaping_v0(make()), num_episodes=4),
+        lambda: potential_shaping_v0(wrap(make(), num_episodes=4)),
+    ):
+        env: Any = stack()
+        env.reset(seed=3)
+        generator = np.random.default_rng(0)
+        rewards: list[Any] = []
+        while env.agents and len(rewards) < 200:
+            if kind == "parallel":
+                actions = {agent: int(generator.integers(env.action_space(agent).n)) for agent in env.agents}
+                rewards.append(sorted(env.step(actions)[1].items()))
+            else:
+                _, reward, terminated, truncated, _ = env.last()
+                rewards.append((env.agent_selection, reward))
+                count = env.action_space(env.agent_selection).n
+                env.step(None if terminated or truncated else int(generator.integers(count)))
+        totals.append(rewards)
+    assert len(totals[0]) > 8
+    assert totals[0] == totals[1]
