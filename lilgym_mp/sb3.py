@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -22,20 +22,22 @@ except ModuleNotFoundError as missing:
     message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
     raise ModuleNotFoundError(message, name=missing.name) from missing
 
-from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs import preload
-from lilgym_mp.envs.checks import checked_count
-from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.envs.checks import INSTEAD, checked_count, checked_options
+from lilgym_mp.envs.masks import attribute, layers
+from lilgym_mp.envs.single import RESET_OPTIONS
 from lilgym_mp.observation import ARRAYS
 from lilgym_mp.terminal import note_after
 
 # Imported by a fork server, once, for all its processes.
 PRELOADED = ["__main__", "lilgym_mp.envs.preload", "stable_baselines3.common.vec_env.subproc_vec_env"]
-VECTOR_METHODS = ("action_masks", "goal_reached")  # return one row per environment
+OF_STATES = ("state", "scene", "task")
+SINGLE_NAMES = {name: f"single_{name}" for name in ("action_space", "observation_space")}  # names in the batch
+METHODS_OF_EACH = ("action_masks", "goal_reached", "render")  # the batch's return one row per environment
+SHARED_METHODS = ("encode_action", "decode_action", "evaluation_tasks")  # return the same for every environment
 
-Infos = Mapping[str, Any]  # Gymnasium's vector infos: arrays (N, ...), each with a mask `_name`
 Wrap = Callable[[Any], Any]  # such as a factory of `lilgym_mp.wrappers`
 
 
@@ -56,11 +58,14 @@ class BatchVecEnv(VecEnv):
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
     def reset(self) -> VecEnvObs:
-        tasks = [options.get("task") for options in self._options]
+        """The option "task" holds for the next episode. Raises ValueError for other options."""
+        if len(self._options) != self.num_envs:
+            raise ValueError(f"options must be one dict or {self.num_envs}, not {len(self._options)}")
+        tasks = [checked_options(options, RESET_OPTIONS).get("task") for options in self._options]
         seeds: Any = list(self._seeds)
-        observations, infos = self.venv.reset(seed=seeds, options={"task": tasks} if any(tasks) else None)
-        self.reset_infos = [{} for _ in range(self.num_envs)]
-        _split_infos(infos, self.reset_infos)
+        has_tasks = any(task is not None for task in tasks)
+        observations, infos = self.venv.reset(seed=seeds, options={"task": tasks} if has_tasks else None)
+        self.reset_infos = _rows(infos, self.num_envs)
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -70,26 +75,17 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         observations, rewards, terminated, truncated, infos = self.venv.step(self._actions)
-        dones = terminated | truncated
-        step_infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
-        if infos:
-            self._convert_infos(infos, step_infos, dones, truncated & ~terminated)
-        return observations, rewards.astype(np.float32), dones, step_infos
-
-    def _convert_infos(
-        self, infos: dict[str, Any], step_infos: list[dict[str, Any]], dones: BoolArray, only_truncated: BoolArray
-    ) -> None:
-        """Fills `step_infos` (N) from this step's infos, and `reset_infos` of environments that were reset."""
-        final_info, final_obs = infos.pop("final_info", {}), infos.pop("final_obs", None)
-        ended = dones.nonzero()[0].tolist()
-        current = step_infos.copy()
-        for env_id in ended:
-            current[env_id] = self.reset_infos[env_id] = {}
-        _split_infos(infos, current)
-        _split_infos(final_info, step_infos)
-        for env_id in ended:
-            step_infos[env_id]["terminal_observation"] = final_obs[env_id]
-            step_infos[env_id]["TimeLimit.truncated"] = only_truncated.item(env_id)
+        dones = np.asarray(terminated) | np.asarray(truncated)
+        step_infos = _rows(infos, self.num_envs)
+        for env_id in dones.nonzero()[0].tolist():
+            new = step_infos[env_id]
+            final = new.pop("final_info", {})
+            end = {"terminal_observation": new.pop("final_obs"), "TimeLimit.truncated": not terminated[env_id]}
+            # Of the new episode are the task and what the batch also reports of the last one; the rest is of a wrapper.
+            self.reset_infos[env_id] = {name: value for name, value in new.items() if name == "task" or name in final}
+            step_infos[env_id] = {**new, **final, **end}
+            step_infos[env_id].pop("task", None)
+        return observations, np.asarray(rewards, np.float32), dones, step_infos
 
     def close(self) -> None:
         self.venv.close()
@@ -99,36 +95,82 @@ class BatchVecEnv(VecEnv):
         return list(frames) if frames is not None else [None] * self.num_envs  # pyright: ignore[reportReturnType]
 
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
-        """The vector environment's attribute, repeated for each environment."""
-        return [getattr(self.venv, attr_name)] * len(list(self._get_indices(indices)))
+        """Each environment's attribute, under the names of single environments, from whichever wrapper has it."""
+        values = self._values(attr_name)
+        return [values[env_id] for env_id in self._get_indices(indices)]
+
+    def _values(self, name: str) -> Sequence[Any]:
+        """(N,) the attribute of each environment. Raises AttributeError."""
+        if name in OF_STATES:
+            states = attribute(self.venv, "states")()
+            return states if name == "state" else [getattr(state, name) for state in states]
+        value = attribute(self.venv, SINGLE_NAMES.get(name, name))
+        if name in METHODS_OF_EACH:
+            return [partial(self._call_one, name, env_id) for env_id in range(self.num_envs)]
+        if name == "np_random_seed" or (isinstance(value, np.ndarray) and value.shape[:1] == (self.num_envs,)):
+            return list(value)
+        return [value] * self.num_envs
+
+    def _call_one(self, name: str, env_id: int, *args: Any, **kwargs: Any) -> Any:
+        return self._call_all(name, *args, **kwargs)[env_id]
+
+    def _call_all(self, name: str, *args: Any, **kwargs: Any) -> Any:
+        """(N, ...) or a sequence (N,): what a method of the batch returns for each environment."""
+        rows = attribute(self.venv, name)(*args, **kwargs)
+        return [None] * self.num_envs if rows is None else rows
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; pass it when making the batch")
+        """Sets an attribute of the outermost wrapper that has it, for all environments.
+
+        Raises AttributeError for some environments alone, and for attributes of the batch itself.
+        """
+        *wrappers, batch = layers(self.venv)
+        if len(set(self._get_indices(indices))) < self.num_envs:
+            raise AttributeError(f"cannot set {attr_name!r} of some environments in a batch alone; leave out indices")
+        owner = next((wrapper for wrapper in wrappers if hasattr(wrapper, attr_name)), None)
+        if owner is None or hasattr(batch, attr_name):
+            raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; pass it when making the batch")
+        setattr(owner, attr_name, value)
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: VecEnvIndices = None, **method_kwargs: Any
     ) -> Any:
-        """Supports "action_masks" and "goal_reached"; returns an array with one row per environment."""
-        if method_name not in VECTOR_METHODS:
-            raise AttributeError(
-                f"environments in a batch have no method {method_name!r}; choose from {', '.join(VECTOR_METHODS)}"
-            )
-        rows = getattr(self.venv, method_name)(*method_args, **method_kwargs)
-        return rows if indices is None else rows[list(self._get_indices(indices))]
+        """What each environment's method returns; "action_masks" and "goal_reached": an array with one row per
+        environment. Raises AttributeError naming the methods for others."""
+        if method_name in METHODS_OF_EACH:
+            rows = self._call_all(method_name, *method_args, **method_kwargs)
+            if indices is None:
+                return rows
+            chosen = list(self._get_indices(indices))
+            return rows[chosen] if isinstance(rows, np.ndarray) else [rows[env_id] for env_id in chosen]
+        if method_name in SHARED_METHODS:
+            methods = self.get_attr(method_name, indices)
+            return [method(*method_args, **method_kwargs) for method in methods]
+        names = ", ".join((*METHODS_OF_EACH, *SHARED_METHODS))
+        raise AttributeError(f"environments in a batch have no method {method_name!r}; choose from {names}")
 
     def env_is_wrapped(self, wrapper_class: type[gym.Wrapper], indices: VecEnvIndices = None) -> list[bool]:
-        """False, since wrappers are applied to the whole batch."""
-        return [False for _ in self._get_indices(indices)]
+        """Whether the batch is wrapped in it, or by the factory of that class."""
+        found = any(
+            wrapper_class in (type(layer), getattr(layer, "wrapper_class", None)) for layer in layers(self.venv)
+        )
+        return [found for _ in self._get_indices(indices)]
 
 
-def _split_infos(infos: Infos, rows: Sequence[dict[str, Any]]) -> None:
-    """Splits vector infos into one dict per environment, converting NumPy scalars to Python numbers."""
+def _rows(infos: Any, count: int) -> list[dict[str, Any]]:
+    """Vector infos, nested or not, as one dict per environment with Python numbers; lists are returned unchanged."""
+    if isinstance(infos, list):  # by Gymnasium's DictInfoToList
+        return infos
+    rows: list[dict[str, Any]] = [{} for _ in range(count)]
     for name, column in infos.items():
-        if (mask := infos.get(f"_{name}")) is None:
+        if name.startswith("_"):
             continue
-        value = column.item if column.ndim == 1 else column.__getitem__
-        for env_id in mask.nonzero()[0].tolist():
+        has = infos.get(f"_{name}")
+        values: Any = _rows(column, count) if isinstance(column, dict) else column
+        value = values.item if getattr(values, "ndim", 0) == 1 else values.__getitem__
+        for env_id in range(count) if has is None else has.nonzero()[0].tolist():
             rows[env_id][name] = value(env_id)
+    return rows
 
 
 def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
@@ -136,6 +178,8 @@ def _batched(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
 
 
 def _workers(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwargs: Mapping[str, Any]) -> VecEnv:
+    from lilgym_mp.envs.workers import WorkerVectorEnv
+
     return _adapted(WorkerVectorEnv(id, n_envs, autoreset_mode=AutoresetMode.SAME_STEP, **options, **kwargs), wrap)
 
 
@@ -152,7 +196,12 @@ def _wrapped(venv: VectorEnv[Any, Any, Any], wrap: Wrap) -> VectorEnv[Any, Any, 
     """Raises ValueError naming the remedies for a wrapper of single environments."""
     try:
         wrapped = wrap(venv)
-    except (AssertionError, TypeError) as error:
+    except (AssertionError, TypeError, ValueError) as error:
+        if "autoreset_mode" in str(error):
+            raise ValueError(
+                f"{error}: SB3 needs mode SAME_STEP, which this wrapper does not support; use a factory of"
+                ' lilgym_mp.wrappers, SB3\'s own wrappers such as VecNormalize, or backend="dummy"'
+            ) from None
         if "gymnasium.Env" not in str(error):  # the message of Gymnasium's own wrappers
             raise
         wrapped = None
@@ -173,7 +222,8 @@ def _subproc(id: str, n_envs: int, wrap: Wrap, options: Mapping[str, Any], kwarg
     if method == "fork":
         return SubprocVecEnv(makers, start_method=method)
     os.environ[preload.VARIABLE] = json.dumps([origin.corpus, origin.appearance, origin.start, origin.split])
-    multiprocessing.set_forkserver_preload(PRELOADED)
+    if "forkserver" in multiprocessing.get_all_start_methods():
+        multiprocessing.set_forkserver_preload(PRELOADED)
     with note_after(f'starting {n_envs} processes; backend="batched" needs none'):
         return SubprocVecEnv(makers, start_method=method)
 
@@ -195,6 +245,30 @@ BACKEND_OPTIONS: Mapping[str, tuple[str, ...]] = {
     "subproc": ("start_method",),
     "dummy": (),
 }
+SB3_INSTEAD = {  # of keywords of SB3's own `make_vec_env`, and of those with which its `VecEnv`s cannot work
+    "env_id": "use id",
+    "env_kwargs": "give its entries as keywords, such as split=..., horizon=...",
+    "wrapper_class": "use wrap=WRAPPER",
+    "wrapper_kwargs": "use wrap=functools.partial(WRAPPER, ...)",
+    "vec_env_cls": 'use backend="dummy" or backend="subproc"',
+    "vec_env_kwargs": "use start_method=... or num_workers=...",
+    "monitor_dir": "use monitor=False, and VecMonitor(make_vec_env(...), filename=PATH)",
+    "monitor_kwargs": "use monitor=False, and VecMonitor(make_vec_env(...), ...)",
+    "start_index": "use seed=SEED + START_INDEX",
+    "autoreset_mode": "leave it out: SB3 needs SAME_STEP, which is used",
+    "max_episode_steps": f"use {INSTEAD['max_episode_steps']}",
+}
+
+
+def _check_keywords(backend: str, keywords: Iterable[str]) -> None:
+    """Raises TypeError naming what to use instead, for keywords of SB3's own function and of other backends."""
+    for name in keywords:
+        backends = [f'backend="{other}"' for other, names in BACKEND_OPTIONS.items() if name in names]
+        if name in SB3_INSTEAD or (backends and name not in BACKEND_OPTIONS[backend]):
+            advice = SB3_INSTEAD.get(name) or f"it belongs to {' or '.join(backends)}"
+            raise TypeError(f"unknown keyword {name!r}; {advice}")
+    if backend in ("subproc", "dummy") and "evaluation" in keywords:
+        raise TypeError('evaluation=True belongs to batches; use backend="batched" or backend="workers"')
 
 
 def make_vec_env(
@@ -218,9 +292,10 @@ def make_vec_env(
     `wrap`: a wrapper to apply, such as `lilgym_mp.wrappers.stop_forcing_v0`, to the batch, or to each environment with
     SB3's own backends. `vocabulary`, `length`: as for `gym.make`. `monitor`: report episode returns and
     lengths, as SB3's `make_vec_env` does. Other keywords are those of `gymnasium.make`.
-    Raises ValueError naming the value and the choices.
+    Raises ValueError naming the value and the choices, TypeError naming what replaces a keyword of SB3's own function.
     """
     build = choose("backend", backend, BACKENDS)
+    _check_keywords(backend, kwargs)
     options = {name: kwargs.pop(name) for name in BACKEND_OPTIONS[backend] if name in kwargs}
     count = checked_count("n_envs", n_envs)
     kwargs = {"observation": ARRAYS, "vocabulary": vocabulary, "length": length, **kwargs}

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as vector_wrappers
 
 pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
 pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
@@ -32,10 +34,12 @@ from stable_baselines3.common.vec_env import (
     VecNormalize,
 )
 
-from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus import Vocabulary, write_corpus
 from lilgym_mp.envs.preload import VARIABLE
 from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
 from lilgym_mp.wrappers import (
+    ActionMask,
+    StopForcing,
     action_mask_v0,
     flat_observation_v0,
     image_observation_v0,
@@ -153,15 +157,145 @@ def test_masks__of_a_batch_cost_one_call(made: Any, monkeypatch: pytest.MonkeyPa
     assert len(calls) == 1
 
 
-def test_env_method__returns_rows_of_the_given_indices(made: Any) -> None:
-    env = made(SCATTER, "batched", seed=1, monitor=False)
+ATTRIBUTES = ("steps", "state", "scene", "task", "tasks", "horizon", "dynamics", "render_mode")
+SPACES = ("action_space", "observation_space")
+
+
+@pytest.mark.parametrize("wrap", [None, vector_wrappers.NormalizeReward, stop_forcing_v0])
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+def test_attributes__are_those_of_single_environments(made: Any, backend: str, wrap: Any) -> None:
+    ours, theirs = made(SCATTER, backend, seed=1, wrap=wrap), made(SCATTER, "dummy", seed=1)
+    for env in (ours, theirs):
+        env.reset()
+        env.step(np.array([0, 1, 2, 3]))
+    for name in (*ATTRIBUTES, *SPACES):
+        for indices in (None, [1, 3], 2):
+            values = ours.get_attr(name, indices)
+            assert type(values) is list
+            assert values == theirs.get_attr(name, indices)
+    assert ours.get_attr("np_random_seed", indices=2) == theirs.get_attr("np_random_seed", indices=2)
+    for name, arguments in {"encode_action": ([0] * 6,), "decode_action": (7,), "evaluation_tasks": ()}.items():
+        assert ours.env_method(name, *arguments) == theirs.env_method(name, *arguments)
+    for name in ("goal_reached", "render") if wrap is None else ("goal_reached",):
+        assert list(ours.env_method(name, indices=[2, 0])) == theirs.env_method(name, indices=[2, 0])
+    masks = ours.env_method("action_masks", indices=[2])
+    assert np.array_equal(masks, [ours.get_attr("action_masks")[2]()])
+    assert ours.has_attr("steps")
+    assert not ours.has_attr("nothing")
+    with pytest.raises(AttributeError, match=r"no method 'explode'; choose from action_masks, goal_reached, render"):
+        ours.env_method("explode")
+
+
+def test_attributes__of_wrappers_can_be_read_and_set_for_all_environments(made: Any) -> None:
+    wrap = lambda envs: vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(envs))  # noqa: E731
+    env = made(TOWER, "batched", seed=0, wrap=wrap)
     env.reset()
-    assert np.array_equal(env.env_method("action_masks", indices=[2]), env.env_method("action_masks")[2:3])
-    assert env.get_attr("render_mode", indices=[0, 1]) == [None, None]
-    with pytest.raises(AttributeError, match="no method 'explode'; choose from action_masks"):
-        env.env_method("explode")
-    with pytest.raises(AttributeError, match="cannot set 'copy'"):
-        env.set_attr("copy", False)
+    env.step(np.ones(COUNT, np.int64))
+    assert env.get_attr("gamma") == [0.99] * COUNT
+    assert env.get_attr("episode_lengths", indices=[1]) == [1]
+    env.set_attr("gamma", 0.5)
+    assert env.get_attr("gamma") == [0.5] * COUNT
+    with pytest.raises(AttributeError, match="cannot set 'gamma' of some environments in a batch alone"):
+        env.set_attr("gamma", 0.5, indices=[0])
+    for name in ("copy", "steps", "tasks"):
+        with pytest.raises(AttributeError, match=f"cannot set '{name}' of environments in a batch; pass it when"):
+            env.set_attr(name, False)
+
+
+def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
+    for backend in ("batched", "dummy"):
+        env = made(TOWER, backend, wrap=stop_forcing_v0)
+        assert env.env_is_wrapped(StopForcing) == [True] * COUNT
+        assert env.env_is_wrapped(ActionMask, indices=[0]) == [False]
+
+
+@pytest.mark.parametrize("mode", ["ansi", "rgb_array"])
+def test_render__works_in_every_mode(made: Any, mode: str) -> None:
+    ours, theirs = (made(TOWER, backend, seed=1, render_mode=mode) for backend in ("batched", "dummy"))
+    for env in (ours, theirs):
+        env.reset()
+    assert_same(ours.render(), theirs.render())
+    assert_same(list(ours.env_method("render")), theirs.env_method("render"))
+
+
+VECTOR_WRAPPERS = {
+    "rewards": vector_wrappers.NormalizeReward,
+    "statistics": vector_wrappers.RecordEpisodeStatistics,
+    "own key": lambda envs: vector_wrappers.RecordEpisodeStatistics(action_mask_v0(envs), stats_key="mine"),
+    "lists": vector_wrappers.DictInfoToList,
+    "inside": lambda envs: stop_forcing_v0(vector_wrappers.RecordEpisodeStatistics(envs)),
+}
+
+
+@pytest.mark.parametrize("wrap", VECTOR_WRAPPERS.values(), ids=VECTOR_WRAPPERS)
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+def test_gymnasiums_vector_wrappers__train_with_masks(made: Any, backend: str, wrap: Any) -> None:
+    env, plain = made(TOWER, backend, seed=0, wrap=wrap), made(TOWER, backend, seed=0)
+    model = MaskablePPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0, policy_kwargs=SMALL)
+    model.learn(total_timesteps=64)
+    env.seed(1)
+    plain.seed(1)
+    env.reset()
+    plain.reset()
+    for action in (1, 0):
+        *_, infos = env.step(np.full(COUNT, action))
+        *_, expected = plain.step(np.full(COUNT, action))
+    for info, other in zip(infos, expected, strict=True):
+        for name in ("outcome", "is_success", "TimeLimit.truncated"):
+            assert info[name] == other[name]
+        assert_same(info["terminal_observation"], other["terminal_observation"])
+        assert info.get("mine", info["episode"])["l"] == 2
+    assert env.unwrapped.reset_infos[0]["task"] == plain.unwrapped.reset_infos[0]["task"]
+
+
+def test_gymnasiums_vector_wrappers__that_cannot_serve_sb3_are_refused(made: Any) -> None:
+    wrap = lambda envs: vector_wrappers.TransformObservation(envs, lambda observations: observations)  # noqa: E731
+    with pytest.raises(ValueError, match="SB3 needs mode SAME_STEP, which this wrapper does not support"):
+        made(TOWER, "batched", wrap=wrap)
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers", "dummy"])
+def test_options__are_alike_in_all_backends(made: Any, backend: str, own_ids: str) -> None:
+    env = made(TOWER, backend, corpus=own_ids)
+    env.set_options({"task": 0})
+    env.reset()
+    assert [info["task"] for info in env.unwrapped.reset_infos] == ["0"] * COUNT
+    env.set_options({"tsk": "0"})
+    with pytest.raises(ValueError, match=r"unknown reset options \['tsk'\]; choose from task"):
+        env.reset()
+    task = replace(env.get_attr("tasks")[0][0], id="mine", statement="It is mine.")
+    env.set_options([{"task": task}, {}, {}, {"task": "1"}])
+    env.reset()
+    assert [env.unwrapped.reset_infos[env_id]["task"] for env_id in (0, 3)] == ["mine", "1"]
+
+
+@pytest.fixture
+def own_ids(tmp_path: Path) -> str:
+    """A corpus whose tasks have the ids "0" and "1"."""
+    starts = [{"id": str(number), "label": False, "scene": [[], [], []]} for number in range(2)]
+    entry = {"id": "s", "appearance": "tower", "split": "train", "statement": "Blue is here.", "starts": starts}
+    path = tmp_path / "own.jsonl"
+    write_corpus(path, "own", "MIT", [{**entry, "program": "exist(filter_color(all_items, Color.BLUE))"}])
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("settings", "advice"),
+    [
+        ({"max_episode_steps": 5}, "use horizon=N"),
+        ({"autoreset_mode": "SameStep"}, "leave it out: SB3 needs SAME_STEP"),
+        ({"env_kwargs": {"split": "dev"}}, "give its entries as keywords"),
+        ({"wrapper_class": StopForcing}, "use wrap=WRAPPER"),
+        ({"vec_env_cls": DummyVecEnv}, 'use backend="dummy" or backend="subproc"'),
+        ({"monitor_dir": "logs"}, r"VecMonitor\(make_vec_env\(...\), filename=PATH\)"),
+        ({"backend": "dummy", "num_workers": 2}, 'it belongs to backend="workers"'),
+        ({"backend": "dummy", "evaluation": True}, 'use backend="batched" or backend="workers"'),
+        ({"nonsense": 1}, "choose from corpus, .* sampler, render_mode, copy"),
+    ],
+)
+def test_make__says_what_replaces_keywords_of_sb3(settings: dict[str, Any], advice: str) -> None:
+    with pytest.raises(TypeError, match=advice):
+        make_vec_env(TOWER, 2, **settings)
 
 
 def test_options__set_each_environments_task(made: Any) -> None:
@@ -295,21 +429,29 @@ def test_model__loads_across_backends_and_names_both_spaces_otherwise(made: Any,
     assert single.observation_space == other.observation_space
 
 
-def test_evaluation__plays_every_task_once(made: Any) -> None:
+@pytest.mark.parametrize("count", [1, 7, 8, 149, 151])
+def test_evaluation__counts_every_task_once(count: int) -> None:
+    env = make_vec_env(TOWER, count, split="dev", evaluation=True)
+    playing: list[str] = []  # by environment
+    counted: list[str] = []
+
     class Stopping:
         """A model that always takes STOP."""
 
         def predict(self, observations: Any, **_: Any) -> tuple[np.ndarray, None]:
-            return np.zeros(1, np.int64), None
+            playing[:] = [info["task"] for info in env.unwrapped.reset_infos]
+            return np.zeros(count, np.int64), None
 
-    env = make_vec_env(TOWER, split="dev", evaluation=True)
+    def note(variables: dict[str, Any], _: Any) -> None:
+        counted.append(playing[variables["i"]])
+
     tasks = env.get_attr("tasks")[0]
-    rewards, lengths = evaluate_policy(Stopping(), env, len(tasks), return_episode_rewards=True)  # pyright: ignore[reportArgumentType]
-    assert len(lengths) == len(tasks)
-    single = gym.make(TOWER, split="dev")
-    for task, reward in list(zip(tasks.ids, rewards, strict=True))[::17]:
-        single.reset(options={"task": task})
-        assert single.step(0)[1] == reward
+    rewards, lengths = evaluate_policy(Stopping(), env, len(tasks), callback=note, return_episode_rewards=True)  # pyright: ignore[reportArgumentType]
+    assert lengths == [1] * len(tasks)
+    assert sorted(counted) == sorted(tasks.ids)
+    assert dict(zip(counted, rewards, strict=True)) == {
+        task.id: 1 if task.solved_by(task.start) else -1 for task in tasks
+    }
     env.close()
 
 
