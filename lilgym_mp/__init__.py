@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
@@ -19,6 +21,13 @@ from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
 
 register_all()
+
+
+def __getattr__(name: str) -> Any:
+    """Imports a part on first use, such as `lilgym_mp.sb3` after `import lilgym_mp`."""
+    if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return import_module(f"{__name__}.{name}")
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:

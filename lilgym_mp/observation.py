@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterable
-from typing import TypedDict
+from typing import Any, NoReturn, TypedDict
 
 import numpy as np
 from gymnasium import spaces
+from gymnasium.vector.utils import create_shared_memory  # pyright: ignore[reportUnknownVariableType]
 
 from lilgym_mp.arrays import Int16Array, UInt8Array
 from lilgym_mp.choices import choose
@@ -35,12 +36,25 @@ def image_space(image_size: str) -> spaces.Box:
     return spaces.Box(0, 255, image_shape(image_size), np.uint8)
 
 
+class StatementSpace(spaces.Text):
+    """A space of texts which Gymnasium's AsyncVectorEnv refuses to put into shared memory."""
+
+
+@create_shared_memory.register(StatementSpace)
+def _refuse_shared_memory(space: StatementSpace, *_: Any, **__: Any) -> NoReturn:
+    raise ValueError(
+        "Gymnasium's AsyncVectorEnv reads texts in shared memory only once, so that every statement would be blank; use"
+        ' vector_kwargs={"shared_memory": False}, or observation="arrays" without text, or the batch that'
+        " gymnasium.make_vec(id, num_envs=N) makes"
+    )
+
+
 def statement_space(tasks: Iterable[Task]) -> spaces.Text:
     """A space of every statement of `tasks`; the same for all corpora of plain English."""
     statements = {task.statement for task in tasks}
     characters = PLAIN_CHARACTERS.union(*statements)
     longest = max(map(len, statements), default=0)
-    return spaces.Text(max(MAX_STATEMENT_LENGTH, longest), min_length=0, charset="".join(sorted(characters)))
+    return StatementSpace(max(MAX_STATEMENT_LENGTH, longest), min_length=0, charset="".join(sorted(characters)))
 
 
 def observation_space(image_size: str, tasks: Iterable[Task], arrays: StatementArrays | None = None) -> spaces.Dict:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any, NoReturn
+
 import gymnasium as gym
 
 from lilgym_mp.appearances import APPEARANCES
@@ -19,8 +21,14 @@ def environment_id(appearance: str, start: str) -> str:
     return f"lilgym_mp/{configuration_name(appearance, start)}-v0"
 
 
+def refuse_old_id(new_id: str, **_: Any) -> NoReturn:
+    """Raises NameNotFound naming the id that replaces one of the release."""
+    raise gym.error.NameNotFound(f"this environment's id is {new_id!r}; the ids of the release are not used")
+
+
 def register_all() -> None:
-    """Makes every configuration known to `gymnasium.make`; does nothing the second time."""
+    """Makes every configuration known to `gymnasium.make`, and the new id of each of the release's; does nothing the
+    second time."""
     for appearance in APPEARANCES:
         for start in START_TITLES:
             name = environment_id(appearance, start)
@@ -35,3 +43,6 @@ def register_all() -> None:
                     order_enforce=False,
                     disable_env_checker=True,
                 )
+                refuse = f"{__name__}:refuse_old_id"
+                old_id = f"{configuration_name(appearance, start)}-v0"
+                gym.register(old_id, refuse, vector_entry_point=refuse, kwargs={"new_id": name})

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
+from weakref import WeakSet
 
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
@@ -69,7 +70,9 @@ class Renderer:
 
 
 class Window:
-    """Shows frames, one every 1 / `fps` seconds."""
+    """Shows frames, one every 1 / `fps` seconds. pygame has one window, in which all environments show theirs."""
+
+    _shown: ClassVar[WeakSet[Window]] = WeakSet()  # that have not been closed
 
     def __init__(self, fps: int) -> None:
         """Raises DependencyNotInstalled without pygame."""
@@ -89,17 +92,20 @@ class Window:
 
     def show(self, frame: UInt8Array) -> None:
         pygame = self._pygame
-        if self._surface is None:
+        size = (frame.shape[1], frame.shape[0])
+        self._surface = pygame.display.get_surface()
+        if self._surface is None or self._surface.get_size() != size:
             pygame.display.init()
             pygame.display.set_caption("lilgym_mp")
-            self._surface = pygame.display.set_mode((frame.shape[1], frame.shape[0]))
-            self._clock = pygame.time.Clock()
+            self._surface = pygame.display.set_mode(size)
+        self._clock = self._clock or pygame.time.Clock()
+        self._shown.add(self)
         pygame.surfarray.blit_array(self._surface, np.ascontiguousarray(frame.transpose(1, 0, 2)))
         pygame.event.pump()
         pygame.display.flip()
         self._clock.tick(self._fps)
 
     def close(self) -> None:
-        if self._surface is not None:
+        self._shown.discard(self)
+        if not self._shown:
             self._pygame.display.quit()
-            self._surface = None

@@ -1,0 +1,153 @@
+"""Closing environments, copying them, and finding their methods through wrappers."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import vector as vector_wrappers
+
+import lilgym_mp
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.wrappers import ActionMask, StructuredObservation, TextObservation, potential_shaping_v0
+
+TOWER = "lilgym_mp/TowerFlipIt-v0"
+MAKERS: dict[str, Callable[..., Any]] = {
+    "single": lambda: gym.make(TOWER, render_mode="rgb_array"),
+    "batch": lambda: gym.make_vec(TOWER, num_envs=2, render_mode="rgb_array"),
+    "batch without rendering": lambda: gym.make_vec(TOWER, num_envs=2),
+    "workers": lambda: WorkerVectorEnv(TOWER, 2, num_workers=2),
+}
+ARGUMENTS: dict[str, tuple[Any, ...]] = {
+    "step": (0,),
+    "restore_state": ([],),
+    "change_tasks": (lambda tasks: tasks,),
+    "last_states": (np.zeros(1, np.int64),),
+}
+EPISODE = ("reset", "step", "render", "action_masks", "goal_reached", "steps", "state", "scene", "task", "states")
+BATCH = ("scene_array", "task_indices", "evaluation_finished", "save_state", "restore_state", "last_states")
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+@pytest.mark.parametrize("is_reset", [False, True])
+def test_after_close__everything_raises(kind: str, is_reset: bool) -> None:
+    env = MAKERS[kind]()
+    if is_reset:
+        env.reset(seed=0)
+    env.close()
+    env.close()
+    base = env.unwrapped
+    for name in (*EPISODE, *BATCH, "change_tasks"):
+        if hasattr(type(base), name):
+            with pytest.raises(gym.error.ClosedEnvironmentError, match="this environment is closed; make a new one"):
+                getattr(base, name)(*ARGUMENTS.get(name, ()))
+
+
+def test_windows__of_two_environments_are_closed_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame: Any = pytest.importorskip("pygame")
+    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
+    first, second = (gym.make(TOWER, render_mode="human") for _ in range(2))
+    for env in (first, second):
+        env.reset(seed=0)
+    second.close()
+    first.step(1)
+    assert pygame.display.get_surface() is not None
+    with pytest.raises(gym.error.ClosedEnvironmentError):
+        second.render()
+    first.close()
+    assert pygame.display.get_surface() is None
+
+
+def tasks_of(env: Any, count: int = 12) -> list[str]:
+    return [env.reset()[1]["task"] for _ in range(count)]
+
+
+@pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+@pytest.mark.parametrize("wrap", [lambda env: env, ActionMask])
+def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(duplicate: Any, wrap: Any) -> None:
+    env = wrap(gym.make(TOWER))
+    for _ in range(2):  # before the first reset, and after it
+        copies = [duplicate(env) for _ in range(3)]
+        assert len({tuple(tasks_of(each)) for each in copies}) == 3
+        env.reset()
+    env.reset(seed=3)
+    assert len({tuple(tasks_of(duplicate(env))) for _ in range(3)}) == 1
+    assert tasks_of(duplicate(env)) == tasks_of(env)
+
+
+@pytest.mark.parametrize("wrappers", [[], [TextObservation], [StructuredObservation, ActionMask]])
+def test_async__refuses_shared_memory_for_texts_but_works_without(wrappers: list[Any]) -> None:
+    make = lambda **settings: gym.make_vec(TOWER, num_envs=2, wrappers=wrappers, **settings)  # noqa: E731
+    with pytest.raises(ValueError, match=r'vector_kwargs={"shared_memory": False}, or observation="arrays"'):
+        make(vectorization_mode="async")
+    each = make(vectorization_mode="async", vector_kwargs={"shared_memory": False})
+    expected = make(vectorization_mode="sync").reset(seed=1)[0]
+    observations = each.reset(seed=1)[0]
+    each.close()
+    if wrappers == [TextObservation]:
+        assert observations == expected
+    else:
+        assert observations["statement"] == expected["statement"]
+
+
+def test_async__shares_arrays() -> None:
+    make = lambda mode: gym.make_vec(TOWER, num_envs=2, vectorization_mode=mode, observation="arrays")  # noqa: E731
+    each, expected = make("async"), make("sync")
+    assert np.array_equal(each.reset(seed=1)[0]["statement"], expected.reset(seed=1)[0]["statement"])
+    each.close()
+
+
+WRAPPERS: list[Callable[..., Any]] = [
+    vector_wrappers.NormalizeReward,
+    vector_wrappers.RecordEpisodeStatistics,
+    vector_wrappers.DictInfoToList,
+    lambda envs: vector_wrappers.TransformReward(envs, lambda reward: 2 * reward),
+    lambda envs: vector_wrappers.TransformObservation(potential_shaping_v0(envs), lambda observation: observation),
+]
+
+
+@pytest.mark.parametrize("wrap", WRAPPERS)
+def test_masks__pass_through_gymnasiums_vector_wrappers(wrap: Any) -> None:
+    envs = gym.make_vec(TOWER, num_envs=3)
+    wrapped = wrap(envs)
+    wrapped.reset(seed=0)
+    assert np.array_equal(wrapped.action_masks(), envs.action_masks())
+    assert np.array_equal(lilgym_mp.action_masks(wrapped), envs.action_masks())
+    assert np.array_equal(wrapped.goal_reached(), envs.goal_reached())
+
+
+def test_masks__other_environments_have_none() -> None:
+    envs = vector_wrappers.NormalizeReward(gym.make_vec("CartPole-v1", num_envs=2))
+    assert not hasattr(envs, "action_masks")
+    with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):
+        lilgym_mp.action_masks(envs)
+
+
+@pytest.mark.parametrize("make", [gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)])
+def test_ids_of_the_release__name_the_new_one(make: Any) -> None:
+    with pytest.raises(gym.error.NameNotFound, match="this environment's id is 'lilgym_mp/ScatterFlipIt-v0'"):
+        make("ScatterFlipIt-v0", data_path="data")
+
+
+def test_actions__in_array_form_name_what_takes_them() -> None:
+    single, envs = gym.make(TOWER), gym.make_vec(TOWER, num_envs=3)
+    for action in ([1, 0, 2], (0,), np.array([1, 0, 2])):
+        single.reset()
+        with pytest.raises(ValueError, match=r"env\.unwrapped\.encode_action, or the wrapper MultiDiscreteActions"):
+            single.step(action)
+    envs.reset()
+    with pytest.raises(ValueError, match="multi_discrete_actions_v0 for batches"):
+        envs.step([[1, 0, 2]] * 3)
+    assert envs.unwrapped.encode_action([1, 0, 2]) == single.unwrapped.encode_action([1, 0, 2])
+
+
+def test_parts__are_imported_on_first_use() -> None:
+    assert lilgym_mp.wrappers.ActionMask is ActionMask
+    assert lilgym_mp.envs.workers.WorkerVectorEnv is WorkerVectorEnv
+    with pytest.raises(AttributeError, match="module 'lilgym_mp' has no attribute 'nothing'"):
+        _ = lilgym_mp.nothing
