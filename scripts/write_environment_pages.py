@@ -56,7 +56,7 @@ KEYWORDS = {
     "vocabulary": 'with `observation="arrays"`: a `Vocabulary` or the path of a saved one; `None`: the words of the '
     "train split",
     "length": 'with `observation="arrays"`: number of token ids; `None`: that of the longest statement',
-    "sampler": "chooses the tasks of episodes ([choosing tasks](../vectorised.md#choosing-tasks)); `None`: uniform draws",
+    "sampler": "chooses the tasks ([choosing tasks](../vectorised.md#choosing-tasks)); `None`: uniform draws",
     "render_cells": "rendered frames show the grid with column and row numbers; in Tower, box names",
     "num_envs": "number of environments",
     "copy": "`False`: images are not copied, and valid only until the next call",
