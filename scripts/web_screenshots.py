@@ -1,8 +1,9 @@
-"""Takes the screenshots of docs/web.md: starts a server, creates example data, and opens every page.
+"""Takes the screenshots of docs/web.md: starts a server with recordings of shipped agents, and opens every page.
 
     python scripts/web_screenshots.py [--out docs/pictures/web] [--all]
 
-Needs the extras `web` and `browser`, and Chromium. --all takes each page in light and dark, 1200 and 360 pixels wide.
+Needs the extras `web` and `browser`, and Chromium. --all takes each page in light and dark, 1280, 768 and 360 pixels
+wide.
 """
 
 from __future__ import annotations
@@ -27,11 +28,8 @@ from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportM
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli import main as command
-from lilgym_mp.corpus import load_tasks, write_corpus
-from lilgym_mp.corpus.jsonlines import flipit_entries
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.web.app import ServeOptions, create_app
-from lilgym_mp.web.authentication import add_person, issue_token
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
@@ -56,12 +54,11 @@ class Theme(NamedTuple):
     dark: bool
 
 
-THEMES = (
-    Theme("", 1200, 900, False),
-    Theme("-dark", 1200, 900, True),
-    Theme("-narrow", 360, 740, False),
-    Theme("-narrow-dark", 360, 740, True),
-)
+THEMES = [
+    Theme(f"{'' if width == 1280 else f'-{width}'}{'-dark' * dark}", width, height, dark)
+    for width, height in ((1280, 900), (768, 1024), (360, 740))
+    for dark in (False, True)
+]
 
 
 class Shot(NamedTuple):
@@ -70,7 +67,6 @@ class Shot(NamedTuple):
     name: str
     path: str
     prepare: Callable[[Page], None] | None = None
-    person: str = "Ada"
 
 
 def _begin(page: Page, configuration: str, task_id: str) -> None:
@@ -100,20 +96,7 @@ def _play_to_the_end(page: Page) -> None:
 
 
 def _write_a_program(page: Page) -> None:
-    page.wait_for_selector("#work:not([aria-busy])")
-    page.fill("#program", "exist(filter_obj(all_items, lambda x: is_bl(x)))")
-    page.wait_for_selector("#program-marks mark")
-    page.press("#program", "Control+End")
-    for _ in range(5):
-        page.press("#program", "ArrowLeft")
-    page.keyboard.type("e")
-    page.keyboard.press("Backspace")
-    page.wait_for_selector("#completions li")
-    page.wait_for_selector("#program-marks mark")
-
-
-def _run_a_program(page: Page) -> None:
-    page.wait_for_selector("#work:not([aria-busy])")
+    page.fill("[name=name]", "Ada")
     page.fill("#program", "exist(filter_obj(all_items, lambda x: is_blue(x)))")
     page.wait_for_selector("#program-fault:empty")
     page.click("#run")
@@ -168,12 +151,7 @@ SHOTS = (
     Shot("game-verifier", "/game", _sit({"configuration": "TowerFlipIt", "proposer": "helpful", "verifier": "person"})),
     Shot("play", "/play", _show_legal("ScatterFlipIt", SCATTER_TASK)),
     Shot("play-end", "/play", _play_to_the_end),
-    Shot("annotate", "/annotate", _wait_for("#work li")),
-    Shot("annotate-editor", "/annotate/{assignment}", _write_a_program),
-    Shot("annotate-run", "/annotate/{assignment}", _run_a_program),
-    Shot("tutorial", "/annotate/tutorial", _wait_for("#tasks li")),
-    Shot("guidelines", "/annotate/guidelines"),
-    Shot("organise", "/annotate/organise", _wait_for("#people tr"), "Olga"),
+    Shot("annotate", "/annotate?statement_id=tower-dev-001", _write_a_program),
     Shot("explore", "/explore", _wait_for("#results li")),
     Shot("explore-statement", "/explore", None),
     Shot("error", "/nowhere"),
@@ -195,10 +173,9 @@ def record_agents(directory: Path) -> Path:
 
 
 @contextmanager
-def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
-    """Runs a server with a new database; yields its URL and application."""
-    options = ServeOptions(database=f"sqlite:///{directory / 'web.sqlite3'}", runs=runs, requests_per_second=None)
-    app = create_app(options)
+def serving(directory: Path, runs: Path | None) -> Iterator[str]:
+    """Runs a server with a new database; yields its URL."""
+    app = create_app(ServeOptions(database=directory / "web.sqlite3", runs=runs))
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="warning"))
     thread = threading.Thread(target=server.run, daemon=True)
     thread.start()
@@ -206,63 +183,14 @@ def serving(directory: Path, runs: Path | None) -> Iterator[tuple[str, Any]]:
         time.sleep(0.05)
     port = server.servers[0].sockets[0].getsockname()[1]
     try:
-        yield f"http://127.0.0.1:{port}", app
+        yield f"http://127.0.0.1:{port}"
     finally:
         server.should_exit = True
         thread.join(10)
 
 
-class ExampleData(NamedTuple):
-    """Login tokens by name, and the id of an open assignment of Ada's."""
-
-    tokens: dict[str, str]
-    assignment: int
-
-
-def create_example_data(page: Page, url: str, app: Any, directory: Path) -> ExampleData:
-    """Imports statements and creates an organiser and two annotators with some submissions."""
-    with app.state.services.database.write_session() as session:
-        tokens = {
-            name: issue_token(add_person(session, name, role))
-            for name, role in (("Olga", "organiser"), ("Ada", "annotator"), ("Bob", "annotator"))
-        }
-    entries = list(flipit_entries(load_tasks("builtin", "tower", "flipit", "dev")))[:8]
-    write_corpus(directory / "some.jsonl", "some statements", "CC0-1.0", entries)
-    page.goto(f"{url}/login?token={tokens['Olga']}")
-    page.goto(f"{url}/annotate/organise")
-    page.set_input_files("[name=file]", str(directory / "some.jsonl"))
-    page.click("text=Import >> nth=-1")
-    page.wait_for_selector("text=8 statements read")
-    for name in ("Ada", "Bob"):
-        page.check(f"[aria-label='Select {name}']")
-    page.fill("#batch [name=name]", "first batch")
-    page.fill("#batch [name=statements]", "6")
-    page.fill("#batch [name=annotators_each]", "2")
-    page.click("#batch [name=new]")
-    page.wait_for_selector("text=12 assignments created")
-    programs = {str(entry["statement"]): str(entry["program"]) for entry in entries}
-    script = """async ([path, program]) => {
-      await request("GET", path);
-      await request("POST", `${path}/submissions`, {key: "one", program, confidence: 4, comment: "Read as it stands."});
-    }"""
-    open_assignment = 0
-    for name in ("Bob", "Ada"):
-        page.goto(f"{url}/login?token={tokens[name]}")
-        page.wait_for_selector("#work li")
-        lines = page.evaluate("request('GET', '/api/annotate/assignments')")
-        for line in lines[:3]:
-            page.evaluate(script, [f"/api/annotate/assignments/{line['id']}", programs[line["statement"]]])
-        page.evaluate(
-            "path => request('POST', path, {key: 's', reason: 'ambiguous', question: 'Is a single block a tower?'})",
-            f"/api/annotate/assignments/{lines[3]['id']}/skip",
-        )
-        open_assignment = lines[4]["id"]
-    return ExampleData(tokens, open_assignment)
-
-
-def take(page: Page, url: str, shot: Shot, path: Path, data: ExampleData) -> None:
-    page.goto(f"{url}/login?token={data.tokens[shot.person]}")
-    page.goto(url + shot.path.format(assignment=data.assignment), wait_until="networkidle")
+def take(page: Page, url: str, shot: Shot, path: Path) -> None:
+    page.goto(url + shot.path, wait_until="networkidle")
     if shot.name == "explore-statement":
         page.wait_for_selector("#results a")
         page.goto(url + str(page.locator("#results a").first.get_attribute("href")), wait_until="networkidle")
@@ -318,7 +246,7 @@ def violations(page: Page, axe: Path) -> list[str]:
 def main() -> int:
     parser = argparse.ArgumentParser(description="Takes the screenshots of docs/web.md.")
     parser.add_argument("--out", type=Path, default=PICTURES)
-    parser.add_argument("--all", action="store_true", help="in light and dark, 1200 and 360 pixels wide")
+    parser.add_argument("--all", action="store_true", help="in light and dark, 1280, 768 and 360 pixels wide")
     parser.add_argument(
         "--only",
         nargs="+",
@@ -336,10 +264,9 @@ def main() -> int:
     too_wide = 0
     with tempfile.TemporaryDirectory() as name, sync_playwright() as web, ExitStack() as stack:
         runs = args.runs or record_agents(Path(name) / "runs")
-        url, app = stack.enter_context(serving(Path(name), runs))
+        url = stack.enter_context(serving(Path(name), runs))
         browser = web.chromium.launch(executable_path=program, args=list(FLAGS), timeout=120_000)
         first = browser.new_context(viewport={"width": THEMES[0].width, "height": THEMES[0].height}).new_page()
-        data = create_example_data(first, url, app, Path(name))
         if not args.only or FILM in args.only:
             film(first, url, args.out / f"{FILM}.gif")
         for theme in THEMES if args.all else THEMES[:1]:
@@ -356,7 +283,7 @@ def main() -> int:
                 if args.only and shot.name not in args.only:
                     continue
                 file = args.out / f"{shot.name}{theme.suffix}.png"
-                take(page, url, shot, file, data)
+                take(page, url, shot, file)
                 excess = overflow(page)
                 too_wide += excess > 0
                 for violation in violations(page, args.axe) if args.axe else ():

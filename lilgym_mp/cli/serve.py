@@ -9,6 +9,8 @@ from __future__ import annotations
 import argparse
 import errno
 import ipaddress
+import re
+import secrets
 import socket
 import sys
 import threading
@@ -21,26 +23,26 @@ from lilgym_mp.extras import install
 from lilgym_mp.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
-    import uvicorn
     from fastapi import FastAPI
 
-PORT, DATABASE = 8000, "lilgym-web.sqlite3"
-WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "alembic", "pydantic", "anyio")
+PORT, DATABASE = 8000, Path("lilgym-web.sqlite3")
+WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "pydantic", "anyio")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--host",
         default="127.0.0.1",
-        help="address to listen on (default: %(default)s); other than loopback, visitors need a token",
+        help="address to listen on (default: %(default)s); other than loopback, visitors need the token",
     )
     parser.add_argument("--port", type=int, default=PORT, help="port, 0 for any free one (default: %(default)s)")
     add_corpus(parser)
     parser.add_argument(
         "--database",
+        type=Path,
         default=DATABASE,
-        metavar="FILE_OR_URL",
-        help="SQLite file, or URL of a PostgreSQL database (default: %(default)s)",
+        metavar="FILE",
+        help="SQLite file with played episodes and annotations (default: %(default)s)",
     )
     parser.add_argument(
         "--runs",
@@ -49,11 +51,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help=f"directory with training runs and recorded episodes (default: {RUNS}, if it exists)",
     )
     parser.add_argument(
-        "--trusted-proxy",
-        action="append",
-        default=[],
-        metavar="ADDRESS",
-        help="reverse proxy whose X-Forwarded-For and X-Forwarded-Proto are believed; every visitor then needs a token",
+        "--token",
+        help="token that visitors need, part of the printed link (default: a random one beyond loopback, else none)",
     )
     parser.add_argument("--open", action="store_true", help="open the page in a browser")
 
@@ -61,7 +60,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     try:
         from lilgym_mp.web.app import create_app
-        from lilgym_mp.web.app_services import LOOPBACK_HOSTS, ServeOptions, database_url
+        from lilgym_mp.web.app_services import LOOPBACK_HOSTS, ServeOptions
     except ModuleNotFoundError as error:
         if error.name not in WEB_PACKAGES:
             raise
@@ -69,18 +68,15 @@ def run(args: argparse.Namespace) -> int:
     if args.runs is not None and not args.runs.is_dir():
         raise CommandError(f"--runs {args.runs}: there is no such directory")
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
-    listening = _listen(args.host, args.port)
-    with listening:
-        is_local = ipaddress.ip_address(listening.getsockname()[0]).is_loopback and not args.trusted_proxy
-        options = ServeOptions(
-            corpus=args.corpus,
-            database=database_url(args.database),
-            runs=runs,
-            requires_tokens=not is_local,
-            hosts=(*LOOPBACK_HOSTS, args.host) if is_local else None,
-        )
-        url = _url(args.host, listening.getsockname()[1])
-        _serve(create_app(options), listening, url=url, is_local=is_local, args=args)
+    if args.token is not None and not re.fullmatch(r"[\w-]{8,200}", args.token, re.ASCII):
+        raise CommandError("--token must be 8 to 200 letters, digits, '-' and '_'; leave it out for a random one")
+    with _listen(args.host, args.port) as listening:
+        address, port = listening.getsockname()[:2]
+        is_local = ipaddress.ip_address(address).is_loopback
+        token = args.token or (None if is_local else secrets.token_urlsafe(24))
+        hosts = (*LOOPBACK_HOSTS, args.host) if is_local else None
+        app = create_app(ServeOptions(args.corpus, args.database, runs, token, hosts))
+        _serve(app, listening, link=_link(args.host, port, token), opens=args.open)
     return 0
 
 
@@ -101,49 +97,44 @@ def _listen(host: str, port: int) -> socket.socket:
         raise CommandError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
 
 
-def _url(host: str, port: int) -> str:
-    name = host if host not in ("0.0.0.0", "::") else socket.gethostname()
-    return f"http://{f'[{name}]' if ':' in name else name}:{port}"
+def _link(host: str, port: int, token: str | None) -> str:
+    name = _own_address() if host in ("", "0.0.0.0", "::") else host
+    query = "" if token is None else f"/?token={token}"
+    return f"http://{f'[{name}]' if ':' in name else name}:{port}{query}"
 
 
-def server_config(app: FastAPI, proxies: list[str]) -> uvicorn.Config:
-    """`proxies`: addresses of the reverse proxies whose headers are believed."""
+def _own_address() -> str:
+    """The address by which other machines reach this one; loopback if it has no network."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))  # reserved for documentation; connecting a datagram socket sends nothing
+            return probe.getsockname()[0]
+        except OSError:
+            return "127.0.0.1"
+
+
+def _serve(app: FastAPI, listening: socket.socket, *, link: str, opens: bool) -> None:
+    """Serves until Ctrl-C or SIGTERM."""
     import uvicorn
 
-    from lilgym_mp.web.security import TimedProtocol
+    class Server(uvicorn.Server):
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            print(f"serving at {link}\nCtrl-C stops it", flush=True)
+            if opens:
+                threading.Thread(target=webbrowser.open, args=[link]).start()
 
-    return uvicorn.Config(
+    # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
+    threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
+    config = uvicorn.Config(
         app,
-        http=TimedProtocol,
-        proxy_headers=bool(proxies),
-        forwarded_allow_ips=proxies,
+        proxy_headers=False,
         log_level="warning",
         access_log=False,
         server_header=False,
         timeout_graceful_shutdown=3,
         timeout_keep_alive=30,
     )
-
-
-def _serve(app: FastAPI, listening: socket.socket, *, url: str, is_local: bool, args: argparse.Namespace) -> None:
-    """Serves until Ctrl-C or SIGTERM."""
-    import uvicorn
-
-    from lilgym_mp.web.authentication import issue_operator_token
-
-    with app.state.services.database.write_session() as session:
-        token = issue_operator_token(session)
-    organiser_url = f"{url}/login?token={token}"
-
-    class Server(uvicorn.Server):
-        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-            await super().startup(sockets)
-            print(f"serving at        {url}\norganiser's link  {organiser_url}\nCtrl-C stops it", flush=True)
-            if args.open:
-                threading.Thread(target=webbrowser.open, args=[url if is_local else organiser_url]).start()
-
-    # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
-    threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
     with suppress(KeyboardInterrupt):  # raised again by uvicorn once all connections are closed
-        Server(server_config(app, args.trusted_proxy)).run(sockets=[listening])
+        Server(config).run(sockets=[listening])
     print("stopped", file=sys.stderr)

@@ -11,19 +11,16 @@ from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
 from lilgym_mp.web.app_services import AppServices, ServeOptions
-from lilgym_mp.web.authentication import CookieSigner
 from lilgym_mp.web.errors import ERROR_RESPONSES, add_error_handlers
 from lilgym_mp.web.routes import ROUTERS
 from lilgym_mp.web.security import Guard
-from lilgym_mp.web.store.database import COOKIE_KEY, open_database
 
 ASSETS = Path(__file__).parent / "assets"
 
 
 def create_app(options: ServeOptions) -> FastAPI:
     """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus."""
-    database = open_database(options.database)
-    services = AppServices(options, database)
+    services = AppServices(options)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
@@ -45,5 +42,5 @@ def create_app(options: ServeOptions) -> FastAPI:
         app.include_router(router)
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
-    app.add_middleware(Guard, database, CookieSigner(database.secret(COOKIE_KEY)), options)
+    app.add_middleware(Guard, options)
     return app

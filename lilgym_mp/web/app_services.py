@@ -15,10 +15,10 @@ from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.solver import Solver
+from lilgym_mp.web.database import Database
 from lilgym_mp.web.live_games import LiveGames
 from lilgym_mp.web.program_evaluator import ProgramEvaluator
 from lilgym_mp.web.run_directory import RunDirectory
-from lilgym_mp.web.store.database import Database
 from lilgym_mp.web.trained_partners import TrainedPartners
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")
@@ -29,18 +29,12 @@ class ServeOptions:
     """Corpus, data locations, access control and limits."""
 
     corpus: str = "builtin"
-    database: str = "sqlite:///lilgym-web.sqlite3"  # SQLAlchemy URL
+    database: Path = Path("lilgym-web.sqlite3")
     runs: Path | None = None  # directory with training runs and recorded episodes
-    requires_tokens: bool = False  # every page needs a login; true beyond loopback
+    token: str | None = None  # needed for every page; None: no token is needed
     hosts: tuple[str, ...] | None = (*LOOPBACK_HOSTS, "testserver")  # accepted Host headers; None: any
-    requests_per_second: float | None = 40.0  # sustained rate limit per visitor; None: unlimited
     program_seconds: float = 5.0  # time limit for evaluating one program
     program_processes: int = 2  # worker processes that evaluate programs
-
-
-def database_url(location: str) -> str:
-    """`location` itself if it is a URL, else the URL of the SQLite file at that path."""
-    return location if "://" in location else f"sqlite:///{location}"
 
 
 class Catalogue:
@@ -80,10 +74,10 @@ class Catalogue:
 class AppServices:
     """Options, database, caches and worker processes of one server."""
 
-    def __init__(self, options: ServeOptions, database: Database) -> None:
-        """Raises CorpusError if the corpus cannot be loaded."""
+    def __init__(self, options: ServeOptions) -> None:
+        """Raises DatabaseError for an unusable database, CorpusError if the corpus cannot be loaded."""
         self.options = options
-        self.database = database
+        self.database = Database(options.database)
         self.catalogue = Catalogue(options.corpus)
         self.run_directory = RunDirectory(options.runs)
         self.evaluator = ProgramEvaluator(options.program_processes, options.program_seconds)

@@ -9,7 +9,7 @@ import queue
 import signal
 import sys
 import threading
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from multiprocessing.connection import Connection
@@ -21,17 +21,16 @@ from lilgym_mp.scene import Scene
 
 START_SECONDS = 60.0  # timeout for a new worker's imports on a busy machine
 WAIT_SECONDS = 20.0  # timeout for a free worker, beyond the start and the limit of the one that evaluates
-MAX_REQUESTS = 4  # of one person, running and waiting; one runs at a time
 NICENESS = 10  # workers leave the processor to the server, which answers everybody else
 MAX_MEMORY = 2 << 30  # bytes of address space
 
 
-class ProgramEvaluation(NamedTuple):
-    """Truth values of a program on a list of scenes."""
+class SceneValue(NamedTuple):
+    """A program's value on a scene."""
 
-    truths: list[bool | None]  # None: evaluating the program on this scene failed
-    fault: str | None  # first error message
-    parts: list[TraceEntry]  # trace of the program on the first scene; empty unless requested
+    truth: bool | None  # None: evaluating the program failed
+    fault: str | None  # why
+    parts: list[TraceEntry]  # empty unless requested
 
 
 class ProgramEvaluationError(Exception):
@@ -42,22 +41,18 @@ class EvaluatorBusy(Exception):
     """No worker became free in time."""
 
 
-class QuotaExceeded(Exception):
-    """MAX_REQUESTS of this person are running or waiting already."""
-
-
-def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> ProgramEvaluation:
+def evaluate(source: str, scenes: Sequence[Scene], *, traced: bool) -> list[SceneValue]:
     """Evaluates in this process. Raises ProgramError if the source is not a valid program."""
     program = compile_program(source)
-    truths: list[bool | None] = []
-    first_fault: str | None = None
+    values: list[SceneValue] = []
     for scene in scenes:
+        truth, fault = None, None
         try:
-            truths.append(program.evaluate(scene))
-        except ProgramRuntimeError as fault:
-            truths.append(None)
-            first_fault = first_fault or str(fault)
-    return ProgramEvaluation(truths, first_fault, trace(source, scenes[0]) if traced and scenes else [])
+            truth = program.evaluate(scene)
+        except ProgramRuntimeError as error:
+            fault = str(error)
+        values.append(SceneValue(truth, fault, trace(source, scene) if traced else []))
+    return values
 
 
 def _worker_main(connection: Connection) -> None:
@@ -71,7 +66,7 @@ def _worker_main(connection: Connection) -> None:
             source, scenes, traced = connection.recv()
         except (EOFError, OSError):
             return
-        reply: ProgramEvaluation | str
+        reply: list[SceneValue] | str
         try:
             reply = evaluate(source, scenes, traced=traced)
         except ProgramError as fault:
@@ -105,9 +100,7 @@ class _Worker:
         self._process: Any = None
         self._connection: Connection | None = None
 
-    def evaluate(
-        self, source: str, scenes: Sequence[Scene], seconds: float, *, traced: bool
-    ) -> ProgramEvaluation | str:
+    def evaluate(self, source: str, scenes: Sequence[Scene], seconds: float, *, traced: bool) -> list[SceneValue] | str:
         """The evaluation, or an error message. Raises ProgramEvaluationError if the process is killed or crashes."""
         try:
             connection = self._connection or self._start()
@@ -141,16 +134,8 @@ class _Worker:
             process.join(5)
 
 
-class _Person:
-    """A person's requests: how many there are, and the lock held by the one that runs."""
-
-    def __init__(self) -> None:
-        self.requests = 0
-        self.running = asyncio.Lock()
-
-
 class ProgramEvaluator:
-    """Evaluates programs in worker processes, in order of arrival, for each person one at a time.
+    """Evaluates programs in worker processes, in order of arrival.
 
     Waiting occupies no thread of the pool that serves pages.
     """
@@ -162,37 +147,28 @@ class ProgramEvaluator:
         for worker in self._workers:
             self._free.put(worker)
         self._threads = ThreadPoolExecutor(processes, "lilgym-mp programs")
-        self._people: dict[Hashable, _Person] = {}
 
-    async def evaluate(
-        self, person_id: Hashable, source: str, scenes: Sequence[Scene], *, traced: bool = False
-    ) -> ProgramEvaluation:
-        """Evaluates the program on the scenes; `traced` adds the value of each part on the first scene.
+    async def evaluate(self, source: str, scenes: Sequence[Scene], *, traced: bool = False) -> list[SceneValue]:
+        """Evaluates the program on each scene; `traced` adds the value of each part.
 
-        Raises ProgramEvaluationError for an invalid program or one that exceeds a limit, QuotaExceeded, EvaluatorBusy.
+        Raises ProgramEvaluationError for an invalid program or one that exceeds a limit, EvaluatorBusy.
         """
-        person = self._people.setdefault(person_id, _Person())
-        if person.requests >= MAX_REQUESTS:
-            raise QuotaExceeded
-        person.requests += 1
         try:
-            async with asyncio.timeout(WAIT_SECONDS + START_SECONDS + self._seconds), person.running:
+            async with asyncio.timeout(WAIT_SECONDS + START_SECONDS + self._seconds):
                 loop = asyncio.get_running_loop()
                 reply = await loop.run_in_executor(self._threads, self._evaluate, source, scenes, traced)
         except TimeoutError:
             raise EvaluatorBusy from None
-        finally:
-            person.requests -= 1
-            if not person.requests:
-                del self._people[person_id]
         if isinstance(reply, str):
             raise ProgramEvaluationError(reply)
         return reply
 
-    def _evaluate(self, source: str, scenes: Sequence[Scene], traced: bool) -> ProgramEvaluation | str:
+    def _evaluate(self, source: str, scenes: Sequence[Scene], traced: bool) -> list[SceneValue] | str:
         worker = self._free.get()  # there are as many workers as threads
         try:
             return worker.evaluate(source, scenes, self._seconds, traced=traced)
+        except ProgramEvaluationError as fault:
+            return str(fault)
         finally:
             self._free.put(worker)
 

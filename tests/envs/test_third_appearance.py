@@ -167,7 +167,7 @@ import warnings
 warnings.simplefilter("ignore")
 from starlette.testclient import TestClient
 from lilgym_mp.web.app import ServeOptions, create_app
-app = create_app(ServeOptions(database=f"sqlite:///{place / 'web.sqlite3'}", runs=place, corpus=corpus))
+app = create_app(ServeOptions(database=place / "web.sqlite3", runs=place, corpus=corpus))
 browser = TestClient(app)
 recordings = browser.get("/api/watch/recordings").json()["recordings"]
 assert len(recordings) == 2

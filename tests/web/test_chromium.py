@@ -17,7 +17,8 @@ import pytest
 from PIL import Image
 
 from tests.browser import Watched, axe_script, chromium, watched_page
-from tests.web.web_app import Browser, login_token, server
+from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
+from tests.web.web_app import server
 
 uvicorn = pytest.importorskip("uvicorn", reason="the browser suite needs the extra `web`")
 
@@ -27,7 +28,6 @@ PAGES = (
     "/watch",
     "/game",
     "/annotate",
-    "/annotate/guidelines",
     "/explore",
     "/explore/tower/dev/tower-dev-001",
     "/nowhere",
@@ -148,41 +148,62 @@ def test_play__opens_with_a_task_and_shows_the_item_under_the_pointer(browser: A
         assert ghost["y"] == pytest.approx(cell["y"], abs=1)
 
 
-@pytest.mark.parametrize("size", SIZES)
-def test_annotate__the_verdict_is_in_view_after_submit_and_old_results_vanish(
-    browser: Any, tmp_path: Path, size: tuple[int, int]
-):
-    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
+def _annotate(page: Any, url: str) -> None:
+    page.goto(f"{url}/annotate?appearance=tower&split=dev&statement_id={STATEMENT_ID}")
+    page.wait_for_selector("#work:not([aria-busy])")
+    page.wait_for_selector("#scenes img")
 
-    with served(tmp_path) as (url, app), watched_page(browser, *size) as watched:
-        organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, nlvr_file(2))
-        assigned(organiser, "Ada", statements=2)
+
+@pytest.mark.parametrize("size", SIZES)
+def test_annotate__a_program_is_run_submitted_and_downloaded(browser: Any, tmp_path: Path, size: tuple[int, int]):
+    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
         page = watched.page
-        page.goto(f"{url}/login?token={login_token(app, 'Ada')}")
-        page.click("#work a")
-        page.wait_for_selector("#work:not([aria-busy])")
-        page.fill("#program", BLUE)
+        page.set_default_timeout(60_000)
+        _annotate(page, url)
+        shown = page.locator("#scenes img").count()
+        program = scenes_of()[0].program
+        page.fill("#program", f"NOT({program})")
         page.click("#run")
-        page.wait_for_selector("#result li")
-        assert _in_viewport(page, "#messages .notice")
-        page.wait_for_selector("#saved:has-text('Saved')")  # takes no room of the verdict's
-        assert _in_viewport(page, "#messages .notice")
-        page.fill("#program", f"NOT(NOT({BLUE}))")
+        page.wait_for_selector("#messages .error:has-text('does not have the statement')")
+        assert page.is_disabled("#submit")
+        page.fill("#program", overfitted(shown))
         assert page.locator("#result li").count() == page.locator("#messages .notice").count() == 0
         page.click("#run")
         page.wait_for_selector("#submit:not([disabled])")
+        assert _in_viewport(page, "#messages .success")
+        page.click("#submit")  # without a name
+        assert page.evaluate("document.activeElement.name") == "name"
+        page.fill("[name=name]", "Ada")
         page.click("#submit")
-        page.wait_for_selector("#messages .success:has-text('Accepted')")
-        assert _in_viewport(page, "#messages .notice")
+        page.wait_for_selector("#messages .error:has-text('in every hidden scene')")
+        page.fill("#program", program)
+        page.click("#run")
+        page.wait_for_selector("#submit:not([disabled])")
+        page.click("#submit")
+        page.wait_for_selector("#messages .success:has-text('hidden ones included')")
+        assert _in_viewport(page, "#messages .success")
+        assert page.inner_text("#progress").startswith("1 of ")
+        with page.expect_download() as download:
+            page.click("text=Download all annotations")
+        assert len(Path(download.value.path()).read_text().splitlines()) == 2
         page.click("text=Next statement")
         page.wait_for_selector("#work:not([aria-busy])")
-        page.goto(f"{url}/annotate/tutorial")
-        page.wait_for_selector("#tasks li")
-        page.fill("#program", BLUE)
-        page.click("#submit")
-        page.wait_for_selector("#messages .success")
-        assert _in_viewport(page, "#messages .notice")
+        assert page.input_value("#program") == ""
+
+
+def test_annotate__the_text_and_the_name_survive_a_reload(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        _annotate(page, url)
+        page.fill("[name=name]", "Ada")
+        page.fill("#program", "exist(all_items")
+        page.wait_for_selector("#program-fault:not(:empty)")
+        page.reload()
+        page.wait_for_selector("#scenes img")
+        page.wait_for_selector("#work:not([aria-busy])")
+        assert page.input_value("#program") == "exist(all_items"
+        assert page.input_value("[name=name]") == "Ada"
+        _assert_clean(watched, url)
 
 
 def test_watch__the_heat_map_leaves_items_alone(browser: Any, tmp_path: Path, runs: Path):
@@ -281,13 +302,12 @@ RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'bes
 def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, width: int):
     script = axe_script()
     with (
-        served(tmp_path, runs=runs) as (url, app),
+        served(tmp_path, runs=runs) as (url, _),
         watched_page(browser, width, dark=dark, bypass_csp=True) as watched,
     ):
         page = watched.page
-        page.goto(f"{url}/login?token={login_token(app, 'Olga', 'organiser')}")
         found: list[str] = []
-        for path in (*PAGES, "/annotate/tutorial", "/annotate/organise"):
+        for path in PAGES:
             page.goto(url + path, wait_until="networkidle")
             if path in ("/play", "/game"):
                 page.click("#setup [type=submit]")
@@ -310,23 +330,16 @@ def _barriers(page: Any, script: str, where: str) -> list[str]:
 @pytest.mark.parametrize("width", [360, 1280])
 def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Path, dark: bool, width: int):
     """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
-    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
-
     script = axe_script()
-    with served(tmp_path) as (url, app), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
         page, found = watched.page, list[str]()
         page.set_default_timeout(60_000)
-        organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, nlvr_file(1))
-        assigned(organiser, "Ada")
-        page.goto(f"{url}/login?token={login_token(app, 'Ada')}")
-        page.click("#work a")
-        page.wait_for_selector("#work:not([aria-busy])")
+        _annotate(page, url)
         found += _barriers(page, script, "editor")
         page.fill("#program", "exist(")
         page.wait_for_selector("#program-fault:not(:empty)")
         found += _barriers(page, script, "editor with an error")
-        page.fill("#program", BLUE)
+        page.fill("#program", scenes_of()[0].program)
         page.click("#run")
         page.wait_for_selector("#submit:not([disabled])")
         found += _barriers(page, script, "editor with an agreeing program")
@@ -344,33 +357,6 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
         _play_out(page)
         found += _barriers(page, script, "end of a game")
         assert found == []
-
-
-def test_annotate__a_draft_survives_an_unreachable_server(browser: Any, tmp_path: Path):
-    from tests.web.test_annotate import BLUE, assigned, imported, nlvr_file
-
-    with served(tmp_path) as (url, app), watched_page(browser) as watched:
-        organiser = Browser(app).log_in("Olga", "organiser")
-        imported(organiser, nlvr_file(1))
-        assigned(organiser, "Ada")
-        path = f"/login?token={login_token(app, 'Ada')}"
-        page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(url + path)
-        page.click("#work a")
-        page.wait_for_selector("#work:not([aria-busy])")
-        page.route("**/draft", lambda route: route.abort())
-        page.fill("#program", BLUE)
-        page.wait_for_selector("#saved:has-text('Not saved')")
-        page.unroute("**/draft")
-        page.reload()
-        page.wait_for_selector("#work:not([aria-busy])")
-        page.wait_for_selector("text=has been restored")
-        assert page.input_value("#program") == BLUE
-        page.click("#run")
-        page.wait_for_selector("#submit:not([disabled])")
-        page.click("#submit")
-        page.wait_for_selector("text=Accepted")
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import sqlite3
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,6 @@ import pytest
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.solver import Solver
 from lilgym_mp.web.bodies import png
 from tests.web.web_app import Browser, server
 
@@ -151,27 +152,15 @@ def test_episode__survives_a_restart(tmp_path: Path):
         assert again.get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
-def test_leaderboard__excludes_episodes_whose_solution_was_shown(browser: Browser):
-    for looks_up in (True, False):
-        episode = begin(browser, configuration="TowerScratch")
-        task = load_tasks("builtin", "tower", "scratch", "dev").by_id(episode["task_id"])
-        if looks_up:
-            browser.post(f"{EPISODES}/{episode['id']}/solution")
-        for action in Solver(Settings("TowerScratch").dynamics()).solve(task).actions:
-            from lilgym_mp.actions import describe
-
-            episode = act(browser, episode, describe(action)).json()
-        assert episode["outcome"] == "success"
-    assert browser.send("PUT", "/api/play/nickname", {"nickname": "Ada L."}).status_code == 204
-    (line,) = browser.get("/api/play/best").json()
-    assert (line["player"], line["successes"], line["you"]) == ("Ada L.", 1, True)
-    (own,) = browser.get("/api/play/progress").json()["configurations"]
-    assert (own["episodes"], own["successes"]) == (1, 1)
-
-
-@pytest.mark.parametrize("nickname", ["<b>", "", "x" * 41, "a\nb"])
-def test_nickname__must_be_plain_text(browser: Browser, nickname: str):
-    assert browser.send("PUT", "/api/play/nickname", {"nickname": nickname}).status_code == 422
+def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp_path: Path, app: Any):
+    browser = Browser(app)
+    shown, unaided = begin(browser, player="7"), begin(browser, player="7", strict=True)
+    browser.post(f"{EPISODES}/{shown['id']}/solution")
+    act(browser, unaided, "STOP")
+    browser.post(f"{EPISODES}/{unaided['id']}/solution")
+    with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as database:
+        rows = database.execute("SELECT id, player, strict, shown_solution, outcome FROM played_episodes").fetchall()
+    assert sorted(rows) == sorted([(shown["id"], "7", 0, 1, None), (unaided["id"], "7", 1, 0, "wrong_stop")])
 
 
 def test_tasks__can_be_searched_and_unknown_ids_are_refused(browser: Browser):

@@ -19,20 +19,8 @@ with warnings.catch_warnings():
     from starlette.testclient import TestClient
 
 from anyio.from_thread import start_blocking_portal
-from sqlalchemy import select
 
 from lilgym_mp.web.app import ServeOptions, create_app
-from lilgym_mp.web.authentication import add_person, issue_token
-from lilgym_mp.web.store.models import Person
-
-UNLIMITED: dict[str, Any] = {"requests_per_second": None}
-
-
-def login_token(app: Any, name: str, role: str = "annotator") -> str:
-    """A new login token of the person, who is added if missing."""
-    with app.state.services.database.write_session() as session:
-        person = session.scalar(select(Person).where(Person.name == name)) or add_person(session, name, role)
-        return issue_token(person)
 
 
 class Browser:
@@ -61,19 +49,11 @@ class Browser:
     def post(self, path: str, body: Any = None, **options: Any) -> Any:
         return self.send("POST", path, body, **options)
 
-    def log_in(self, name: str, role: str = "annotator") -> Browser:
-        """Logs in as a person, created if missing."""
-        token = login_token(self.app, name, role)
-        assert self.client.get("/login", params={"token": token}, follow_redirects=False).status_code == 303
-        self._token = None
-        return self
-
 
 @contextmanager
 def server(directory: Path, **options: Any) -> Iterator[Any]:
     """The application, with a database in the directory."""
-    database = f"sqlite:///{directory / 'web.sqlite3'}"
-    app = create_app(ServeOptions(**{"database": database, **UNLIMITED, **options}))
+    app = create_app(ServeOptions(**{"database": directory / "web.sqlite3", **options}))
     with start_blocking_portal() as app.state.portal:  # one event loop, where clients would start one per request
         try:
             yield app

@@ -4,10 +4,9 @@
 const csrfToken = document.querySelector('meta[name="csrf-token"]').content;
 
 class RequestError extends Error {
-  constructor(status, message, fields) {
+  constructor(status, message) {
     super(message);
     this.status = status;
-    this.fields = fields || [];
   }
 }
 
@@ -15,11 +14,10 @@ class RequestError extends Error {
 async function request(method, path, body) {
   const headers = { Accept: "application/json" };
   if (method !== "GET") headers["X-CSRF-Token"] = csrfToken;
-  const isRaw = body instanceof Blob;
-  if (body !== undefined && !isRaw) headers["Content-Type"] = "application/json";
+  if (body !== undefined) headers["Content-Type"] = "application/json";
   let response;
   try {
-    response = await fetch(path, { method, headers, body: body === undefined || isRaw ? body : JSON.stringify(body) });
+    response = await fetch(path, { method, headers, body: body === undefined ? body : JSON.stringify(body) });
   } catch {
     throw new RequestError(0, "the server cannot be reached; your input is kept here: try again");
   }
@@ -30,7 +28,7 @@ async function request(method, path, body) {
   } catch {
     throw new RequestError(response.status, "the server's response cannot be read");
   }
-  if (!response.ok) throw new RequestError(response.status, (data && data.message) || response.statusText, data && data.fields);
+  if (!response.ok) throw new RequestError(response.status, (data && data.message) || response.statusText);
   return data;
 }
 
@@ -81,13 +79,4 @@ function onKeys(section, keys) {
     event.preventDefault();
     keys[key](event);
   });
-}
-
-if (byId("logout")) {
-  byId("logout").addEventListener("click", () =>
-    attempt(async () => {
-      await request("POST", "/api/session/logout");
-      location.assign("/");
-    }),
-  );
 }

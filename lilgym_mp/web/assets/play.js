@@ -19,6 +19,7 @@ async function begin(taskId, focuses = true) {
       split: setup.split.value,
       rules: setup.rules.value,
       strict: setup.strict.checked,
+      player: setup.player.value,
       task_id: taskId,
     });
     byId("expert").hidden = true;
@@ -46,7 +47,6 @@ async function show(state) {
   await board.mark();
   if (!state.over) return;
   await explain();
-  await showTables();
 }
 
 async function legal(query) {
@@ -98,26 +98,6 @@ function showExpertStep() {
   byId("forth").disabled = expertStep >= expert.steps.length;
 }
 
-function table(headings, rows, caption) {
-  const cellsOf = (values, tag) => values.map((value) => element(tag, { class: /^[-\d.]+$/.test(value) ? "number" : null }, String(value)));
-  return element(
-    "table",
-    { "aria-label": caption },
-    element("thead", {}, element("tr", {}, ...cellsOf(headings, "th"))),
-    element("tbody", {}, ...rows.map((row) => element("tr", {}, ...cellsOf(row, "td")))),
-  );
-}
-
-async function showTables() {
-  const [own, best] = await Promise.all([request("GET", "/api/play/progress"), request("GET", "/api/play/best")]);
-  byId("no-progress").hidden = own.configurations.length > 0;
-  if (own.nickname && !byId("nickname").nickname.value) byId("nickname").nickname.value = own.nickname;
-  const ownRows = own.configurations.map((line) => [line.configuration, line.successes, line.episodes, line.mean_reward.toFixed(2)]);
-  byId("progress").replaceChildren(...(ownRows.length ? [table(["Configuration", "Solved", "Played", "Mean reward"], ownRows, "Your results")] : []));
-  const bestRows = best.map((line) => [line.you ? `${line.player} (you)` : line.player, line.configuration, line.successes, line.mean_reward.toFixed(2)]);
-  byId("best").replaceChildren(bestRows.length ? table(["Player", "Configuration", "Tasks solved", "Mean reward"], bestRows, "Leaderboard") : element("p", { class: "soft" }, "Nobody has solved a task yet."));
-}
-
 const press = (id) => () => !byId(id).hidden && byId(id).click();
 onKeys(byId("episode"), { ...board.keys, t: press("stop"), n: press("next"), r: press("again"), e: press("solution"), p: () => board.focus() });
 
@@ -152,17 +132,9 @@ byId("again").addEventListener("click", () => begin(episode.task_id));
 byId("solution").addEventListener("click", showExpert);
 byId("back").addEventListener("click", () => { expertStep -= 1; showExpertStep(); });
 byId("forth").addEventListener("click", () => { expertStep += 1; showExpertStep(); });
-byId("nickname").addEventListener("submit", (event) => {
-  event.preventDefault();
-  attempt(async () => {
-    await request("PUT", "/api/play/nickname", { nickname: byId("nickname").nickname.value });
-    await showTables();
-  });
-});
 
 fillSplits(setup);
 attempt(async () => {
-  await showTables();
   if (/^#[\w-]+$/.test(location.hash)) {
     const kept = await request("GET", `/api/play/episodes/${location.hash.slice(1)}`);
     setup.configuration.value = kept.configuration;

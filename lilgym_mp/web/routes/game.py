@@ -35,7 +35,6 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_A
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.web.app_services import AppServices, Services
-from lilgym_mp.web.authentication import CurrentCaller
 from lilgym_mp.web.bodies import Body, LegalBody, Reward, SceneBody, scene_body
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import (
@@ -50,6 +49,7 @@ from lilgym_mp.web.field_types import (
 from lilgym_mp.web.live_games import LiveGame
 from lilgym_mp.web.templating import render_page
 from lilgym_mp.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
+from lilgym_mp.web.visitors import CurrentVisitor
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
@@ -168,7 +168,7 @@ def game_page(request: Request, services: Services) -> Response:
 
 
 @api.post("/games", status_code=201)
-def begin(new: NewGame, services: Services, caller: CurrentCaller) -> NewGameBody:
+def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> NewGameBody:
     """Starts a game; returns a key for each seat taken by a person."""
     names, views = (new.proposer, new.verifier), (new.proposer_view, new.verifier_view)
     if PERSON not in names:
@@ -190,7 +190,7 @@ def begin(new: NewGame, services: Services, caller: CurrentCaller) -> NewGameBod
         raise http_error(422, str(fault)) from None
     engine = GameEngine(setup)
     engine.reset(secrets.randbelow(2**31), None)
-    game = LiveGame(caller.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
+    game = LiveGame(visitor.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
     return NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import secrets
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query, Request, Response
-from pydantic import AfterValidator, BaseModel, Field, StringConstraints
-from sqlalchemy import Select, func, select
+from pydantic import BaseModel, Field
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.actions import Action, ActionError, describe, named
@@ -24,19 +23,17 @@ from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.app_services import AppServices, Catalogue, Services
-from lilgym_mp.web.authentication import CurrentCaller, get_or_create_visitor
 from lilgym_mp.web.bodies import Body, LegalBody, ProgramPart, Reward, SceneBody, scene_body
+from lilgym_mp.web.database import PlayedEpisode
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import ConfigurationName, ItemTypeQuery, Name, RandomId, RulesName, SplitName
-from lilgym_mp.web.store.models import PlayedEpisode, Visitor
 from lilgym_mp.web.templating import render_page
+from lilgym_mp.web.visitors import CurrentVisitor
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
 
 MAX_TASKS = 50  # per response
-LEADERBOARD_SIZE = 20  # rows
-RECENT_EPISODES = 10
 
 OUTCOME_EXPLANATIONS = {
     Outcome.SUCCESS: "You stopped when the statement had the target truth value.",
@@ -44,7 +41,6 @@ OUTCOME_EXPLANATIONS = {
     Outcome.INVALID_ACTION: "You took an illegal action, which ends the episode.",
     Outcome.HORIZON: "You used the last action allowed, and it was not STOP.",
 }
-Nickname = Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=40, pattern=r"^[\w .-]+$")]
 
 
 class NewEpisode(BaseModel):
@@ -54,6 +50,7 @@ class NewEpisode(BaseModel):
     split: SplitName = "dev"
     task_id: Name | None = None
     rules: RulesName = "paper"
+    player: Name = Field("", description="stored with the episode")
     strict: bool = Field(False, description="whether an illegal action ends the episode, as it does for agents")
 
 
@@ -75,12 +72,6 @@ class TasksBody(Body):
 
     total: int
     tasks: list[TaskSummary]
-
-
-class NicknameBody(BaseModel):
-    """The name shown on the leaderboard."""
-
-    nickname: Nickname
 
 
 class EpisodeBody(Body):
@@ -133,40 +124,6 @@ class SolutionBody(Body):
     steps: list[SolutionStep]
 
 
-class Results(Body):
-    """A player's results in one configuration."""
-
-    configuration: str
-    episodes: int
-    successes: int
-    mean_reward: Annotated[float, AfterValidator(lambda mean: round(mean, 3))]
-
-
-class EpisodeSummary(Body):
-    """An entry of the list of recent episodes."""
-
-    id: str
-    configuration: str
-    split: str
-    task_id: str
-    outcome: str | None
-    reward: Reward
-    steps: int
-
-
-class ProgressBody(Body):
-    """This visitor's results. Episodes whose solution was shown before the end are not counted."""
-
-    nickname: str | None
-    configurations: list[Results]
-    recent: list[EpisodeSummary]
-
-
-class LeaderboardRow(Results):
-    player: str
-    you: bool
-
-
 @router.get("/play", include_in_schema=False)
 def play_page(request: Request, services: Services) -> Response:
     return render_page(request, "play.html", sizes=services.catalogue.sizes())
@@ -186,40 +143,28 @@ def tasks(
 
 
 @api.post("/episodes", status_code=201)
-async def begin(new: NewEpisode, services: Services, caller: CurrentCaller) -> EpisodeBody:
+def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
     """Starts an episode."""
-    task = await run_sync(_find_task, services.catalogue, new.configuration, new.split, new.task_id)
+    task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
     dynamics = services.catalogue.dynamics(new.configuration, new.rules)
-    row = PlayedEpisode(
-        id=secrets.token_urlsafe(16),
-        visitor_id=caller.id,
-        corpus=services.catalogue.corpus,
-        actions=[],
-        reward=0.0,
-        shown_solution=False,
-        **{**new.model_dump(), "task_id": task.id},
-    )
-
-    def insert(session: Session) -> None:
-        get_or_create_visitor(session, caller.id)
+    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.catalogue.corpus}
+    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor.id, **fields)
+    with services.database.write() as session:
         session.add(row)
-
-    await services.database.write(insert)
     return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
 
 
 @api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: Services, caller: CurrentCaller) -> EpisodeBody:
+def episode(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
     """The current state of an episode of this browser."""
-    return _episode_body(_load(services, caller.id, episode_id))
+    return _episode_body(_load(services, visitor.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
-async def act(episode_id: RandomId, taken: ActionTaken, services: Services, caller: CurrentCaller) -> EpisodeBody:
+def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
     """Takes an action; an illegal one is refused unless the episode is strict."""
-
-    def load_and_act(session: Session) -> LoadedEpisode:
-        loaded = _find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+    with services.database.write() as session:
+        loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
         row, dynamics = loaded.row, loaded.dynamics
         if loaded.over:
             raise http_error(409, "this episode is over; start a new one")
@@ -234,15 +179,13 @@ async def act(episode_id: RandomId, taken: ActionTaken, services: Services, call
         row.reward += transition.reward
         if transition.result.ends:
             row.outcome = str(transition.outcome)
-        return LoadedEpisode(row, loaded.task, dynamics, transition.state, transition)
-
-    return _episode_body(await services.database.write(load_and_act))
+    return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state, transition))
 
 
 @api.get("/episodes/{episode_id}/legal")
-def legal(episode_id: RandomId, services: Services, caller: CurrentCaller, item_type: ItemTypeQuery) -> LegalBody:
+def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor, item_type: ItemTypeQuery) -> LegalBody:
     """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
-    loaded = _load(services, caller.id, episode_id)
+    loaded = _load(services, visitor.id, episode_id)
     if loaded.over:
         return LegalBody(actions=[])
     indices = np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
@@ -251,9 +194,9 @@ def legal(episode_id: RandomId, services: Services, caller: CurrentCaller, item_
 
 
 @api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: Services, caller: CurrentCaller) -> ExplanationBody:
+def explanation(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> ExplanationBody:
     """Why the episode ended, with the value of each part of the program."""
-    loaded = _load(services, caller.id, episode_id)
+    loaded = _load(services, visitor.id, episode_id)
     if loaded.row.outcome is None or loaded.last is None:
         raise http_error(409, "the episode is not over yet")
     task, scene = loaded.task, loaded.state.scene
@@ -267,68 +210,12 @@ def explanation(episode_id: RandomId, services: Services, caller: CurrentCaller)
 
 
 @api.post("/episodes/{episode_id}/solution")
-async def solution(episode_id: RandomId, services: Services, caller: CurrentCaller) -> SolutionBody:
-    """The expert's solution. An episode whose solution is requested before its end is excluded from statistics."""
-
-    def load_and_mark(session: Session) -> LoadedEpisode:
-        loaded = _find_episode(session, services.catalogue, caller.id, episode_id, locked=True)
+def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> SolutionBody:
+    """The expert's solution; the database keeps whether it was requested before the episode's end."""
+    with services.database.write() as session:
+        loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
         loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
-        return loaded
-
-    loaded = await services.database.write(load_and_mark)
-    return await run_sync(_solution, services.catalogue, loaded)
-
-
-@api.get("/progress")
-def progress(services: Services, caller: CurrentCaller) -> ProgressBody:
-    """This browser's results and recent episodes."""
-    results = (
-        _results(func.count().filter(_IS_SUCCESS))
-        .where(PlayedEpisode.visitor_id == caller.id)
-        .group_by(PlayedEpisode.configuration)
-        .order_by(PlayedEpisode.configuration)
-    )
-    recent = (
-        select(PlayedEpisode)
-        .where(PlayedEpisode.visitor_id == caller.id)
-        .order_by(PlayedEpisode.changed.desc())
-        .limit(RECENT_EPISODES)
-    )
-    with services.database.read_session() as session:
-        visitor = session.get(Visitor, caller.id)
-        return ProgressBody(
-            nickname=visitor.nickname if visitor else None,
-            configurations=[Results.of(row) for row in session.execute(results)],
-            recent=[EpisodeSummary.of(row, steps=len(row.actions)) for row in session.scalars(recent)],
-        )
-
-
-@api.get("/best")
-def best(services: Services, caller: CurrentCaller) -> list[LeaderboardRow]:
-    """The leaderboard: players and configurations by number of distinct tasks solved, then by mean reward."""
-    solved = func.count(func.distinct(PlayedEpisode.task_id)).filter(_IS_SUCCESS)
-    query = (
-        _results(solved)
-        .add_columns(Visitor.id, Visitor.nickname)
-        .join(Visitor, Visitor.id == PlayedEpisode.visitor_id)
-        .group_by(Visitor.id, Visitor.nickname, PlayedEpisode.configuration)
-        .having(solved > 0)
-        .order_by(solved.desc(), func.avg(PlayedEpisode.reward).desc())
-        .limit(LEADERBOARD_SIZE)
-    )
-    with services.database.read_session() as session:
-        rows = session.execute(query).all()
-    return [LeaderboardRow.of(row, player=row.nickname or "anonymous", you=row.id == caller.id) for row in rows]
-
-
-@api.put("/nickname", status_code=204)
-async def rename(chosen: NicknameBody, services: Services, caller: CurrentCaller) -> None:
-    """Sets this browser's name on the leaderboard."""
-
-    def set_nickname(session: Session) -> None:
-        get_or_create_visitor(session, caller.id).nickname = chosen.nickname
-
-    await services.database.write(set_nickname)
+    return _solution(services.catalogue, loaded)
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,19 +251,18 @@ def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: st
 
 
 def _load(services: AppServices, visitor_id: str, episode_id: str) -> LoadedEpisode:
-    with services.database.read_session() as session:
+    with services.database.read() as session:
         return _find_episode(session, services.catalogue, visitor_id, episode_id)
 
 
-def _find_episode(
-    session: Session, catalogue: Catalogue, visitor_id: str, episode_id: str, *, locked: bool = False
-) -> LoadedEpisode:
-    """An episode of this visitor, replayed to its current state; `locked` selects the row for update.
+def _find_episode(session: Session, catalogue: Catalogue, visitor_id: str, episode_id: str) -> LoadedEpisode:
+    """An episode of this visitor, replayed to its current state.
 
     Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
     """
-    query = select(PlayedEpisode).where(PlayedEpisode.id == episode_id, PlayedEpisode.visitor_id == visitor_id)
-    row = session.scalar(query.with_for_update() if locked else query)
+    row = session.scalar(
+        select(PlayedEpisode).where(PlayedEpisode.id == episode_id, PlayedEpisode.visitor == visitor_id)
+    )
     if row is None:
         raise http_error(404, "you have no such episode; start a new one")
     if row.corpus != catalogue.corpus:
@@ -431,17 +317,3 @@ def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
         start=scene_body(loaded.task.start),
         steps=steps,
     )
-
-
-_IS_COUNTED = (PlayedEpisode.outcome.is_not(None), PlayedEpisode.shown_solution.is_(False))
-_IS_SUCCESS = PlayedEpisode.outcome == str(Outcome.SUCCESS)
-
-
-def _results(successes: Any) -> Select[str, int, Any, Any]:
-    """Episodes that count, as the columns of `Results`."""
-    return select(
-        PlayedEpisode.configuration,
-        func.count().label("episodes"),
-        successes.label("successes"),
-        func.avg(PlayedEpisode.reward).label("mean_reward"),
-    ).where(*_IS_COUNTED)

@@ -1,1 +1,0 @@
-"""Persistence: ORM models, schema migrations, and database access."""
