@@ -101,7 +101,7 @@ def _write_a_program(page: Page) -> None:
     page.wait_for_selector("#program-fault:empty")
     page.click("#run")
     page.wait_for_selector("#result li")
-    page.locator("#result button").last.hover()
+    page.locator("#result details[open] button").last.hover()
 
 
 def _wait_for(selector: str) -> Callable[[Page], None]:

@@ -12,6 +12,7 @@ let total = 0;
 let step = 0;
 let showsLegal = false;
 let openCount = 0; // identifies the latest episode request, so that a late response is dropped
+let findCount = 0; // likewise for the list of episodes
 
 const percent = (share) => (share > 0 && share < 0.0005 ? "< 0.1 %" : `${(100 * share).toFixed(share > 0 && share < 0.1 ? 1 : 0)} %`);
 const signed = (number) => `${number < 0 ? "−" : "+"}${Math.abs(number).toFixed(2)}`;
@@ -223,10 +224,13 @@ function markCounts(select, counts) {
   for (const option of select.options) if (option.value) option.textContent = `${words(option.value)} (${counts[option.value] || 0})`;
 }
 
+/** Lists the episodes that match the filters; false if the filters have changed meanwhile. */
 async function findEpisodes() {
+  const current = (findCount += 1);
   const query = new URLSearchParams({ offset });
   for (const [name, value] of new FormData(filters)) if (value) query.set(name, value);
   const found = await request("GET", `/api/watch/recordings/${recording.id}/episodes?${query}`);
+  if (current !== findCount) return false;
   total = found.total;
   byId("total").textContent = total ? `${offset + 1} to ${offset + found.episodes.length} of ${total}` : "No episode matches these filters.";
   byId("earlier").hidden = offset === 0;
@@ -241,11 +245,12 @@ async function findEpisodes() {
         element("span", { class: line.outcome === "success" ? "good" : "bad" }, `${words(line.outcome)}, ${line.actions}`))),
     ),
   );
+  return true;
 }
 
 /** Shows the first of the episodes found, or none. */
 async function openFirst() {
-  await findEpisodes();
+  if (!(await findEpisodes())) return;
   if (listed.length) await openEpisode(listed[0].index, 0, false);
   else {
     openCount += 1;
