@@ -63,7 +63,7 @@ async function run() {
     showMessage(wrong ? `The program does not have the statement's value in ${wrong} of ${values.length} shown scenes.` : "The program has the statement's value in the shown scenes: you can submit it.", wrong ? "error" : "success");
     byId("result").replaceChildren(...values.map((value, index) =>
       element("details", { open: index === 0 },
-        element("summary", { class: value.truth === value.label ? "good" : "bad" }, `Scene ${index + 1}: ${value.truth === null ? `no value (${value.fault})` : value.truth}`),
+        element("summary", { class: value.truth === value.label ? "good" : "bad" }, `${value.truth === value.label ? "✓" : "✗"} Scene ${index + 1}: ${value.truth === null ? `no value (${value.fault})` : value.truth}`),
         partsList(value.parts, views[index])),
     ));
   }, byId("result"));

@@ -199,7 +199,7 @@ async def submit(found: CurrentStatement, new: NewAnnotation, services: Services
 
 
 @api.get("/annotations", response_class=Response)
-def annotations(services: Services) -> Response:
+def download(services: Services) -> Response:
     """All annotations in the database, as JSON lines in the order of their submission."""
     with services.database.read() as session:
         text = "".join(_lines(session.scalars(select(Annotation).order_by(Annotation.id))))
