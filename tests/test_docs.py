@@ -11,8 +11,7 @@ from pkgutil import resolve_name
 
 import pytest
 
-from lilgym_mp.cli import COMMANDS, main, parse_args
-from lilgym_mp.learning.learners import PACKAGES
+from lilgym_mp.cli import main, parse_args
 from tests.documents import run_document
 
 ROOT = Path(__file__).parent.parent
@@ -129,14 +128,6 @@ def test_commands__are_accepted_by_the_parser() -> None:
         words = shlex.split(plain, comments=True)
         if "--help" not in words and "--version" not in words:
             parse_args(words)
-
-
-def test_command_line_page__names_every_command_and_learner() -> None:
-    text = (ROOT / "docs" / "command_line.md").read_text()
-    (train,) = re.findall(r"^\| `train LEARNER`.*", text, re.MULTILINE)
-    assert [name for name in PACKAGES if f"`{name}`" not in train] == []
-    listed = set(re.findall(r"`([a-z-]+)", " ".join(re.findall(r"^\| (`.*?) \|", text, re.MULTILINE))))
-    assert set(COMMANDS) <= listed
 
 
 def test_run_document__reports_wrong_output_and_errors(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from lilgym_mp import extras
 
 ROOT = Path(__file__).parent.parent
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-OURS = re.compile(r"""install "lilgym-mp\[""")
 
 
 @pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])
@@ -39,14 +38,6 @@ def test_extras__named_in_code_exist():
     assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
 
 
-def test_no_message_or_page__installs_this_package_from_an_index():
-    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
-    packages = [path for path in (ROOT / "lilgym_mp").iterdir() if path.is_dir() and path.name != "learning"]
-    places = [*packages, ROOT / "wrappers", ROOT / "examples"]
-    sources = [path for place in places for path in place.rglob("*.py")]
-    assert [str(path.relative_to(ROOT)) for path in (*pages, *sources) if OURS.search(path.read_text())] == []
-
-
 MODULES = {"pillow": "PIL"}  # distributions whose module has another name
 DEVELOPERS = {"docs", "test", "lint", "dev"}  # extras for development tools
 
@@ -65,12 +56,3 @@ def test_extras__install_no_unused_package():
             ):
                 unused.append(f"{extra}: {package}")
     assert unused == []
-
-
-def test_installation_page__lists_every_extra_and_the_pinned_torch():
-    text = (ROOT / "docs" / "installation.md").read_text()
-    rows = re.findall(r"^\| ((?:`\w+`(?:, )?)+) \|", text, re.MULTILINE)
-    assert sorted(name for row in rows for name in re.findall(r"\w+", row)) == sorted(EXTRAS)
-    (pin,) = re.findall(r"^torch==(.*)$", (ROOT / "constraints.txt").read_text(), re.MULTILINE)
-    assert f"torch=={pin}" in text
-    assert f"torch {pin} " in text

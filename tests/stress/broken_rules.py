@@ -51,7 +51,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/appearances/placement.py:PlacementTables.closest": ("tests/appearances/test_scatter.py",),
     "lilgym_mp/appearances/placement.py:is_free": ("tests/appearances/test_scatter.py",),
     "lilgym_mp/appearances/placement.py:snapped": ("tests/appearances", "tests/fidelity"),
-    "lilgym_mp/appearances/placement.py:searched": ("tests/appearances/test_scatter.py",),
+    "lilgym_mp/appearances/placement.py:searched": ("tests/appearances",),
     "lilgym_mp/appearances/legality.py:BoxLegality.addable": ("tests/appearances/test_masks.py",),
     "lilgym_mp/appearances/legality.py:BoxLegality._compute_covered": ("tests/appearances/test_masks.py",),
     "lilgym_mp/appearances/tower.py:_legal_by_heights": ("tests/appearances",),

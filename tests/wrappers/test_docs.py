@@ -40,11 +40,6 @@ def without_statement(text: str) -> list[str]:
 
 
 @pytest.mark.parametrize("name", [name for name in wrappers.__all__ if name.endswith("_v0")])
-def test_every_wrapper__is_documented(name: str):
-    assert f"(`{name}`)" in DOCUMENT.read_text()
-
-
-@pytest.mark.parametrize("name", [name for name in wrappers.__all__ if name.endswith("_v0")])
 def test_every_factory__is_named_in_its_help(name: str):
     title, _, signature, *_ = pydoc.render_doc(getattr(wrappers, name), renderer=pydoc.plaintext).split("\n")
     assert title.startswith(f"Python Library Documentation: function {name} in module lilgym_mp.wrappers")

@@ -100,6 +100,13 @@ def test_cap__has_no_effect_below_it(ratio: float, advantage: float):
     assert loss_of(ratio, advantage, capped=True) == loss_of(ratio, advantage, capped=False)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "advantage", "wanted"), [(0.5, -1.0, 0.8), (0.5, 1.0, -0.5), (2.0, 1.0, -1.2), (2.0, -1.0, 2.0)]
+)
+def test_policy_loss__clips_ratios_where_that_lowers_the_gain(ratio: float, advantage: float, wanted: float):
+    assert loss_of(ratio, advantage, capped=False)[0] == pytest.approx(wanted)
+
+
 def test_cap__has_no_effect_where_clipping_binds():
     assert loss_of(1000, 1, capped=True) == pytest.approx((-1.2, 0))
     assert loss_of(1000, 1, capped=False) == pytest.approx((-1.2, 0))
