@@ -53,17 +53,6 @@ def test_ppo__learns_from_the_obvious_first_line():
     model.learn(16)
 
 
-def test_sb3_wrappers__work_over_arrays():
-    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
-    from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack, VecNormalize
-
-    made = DummyVecEnv([lambda: gym.make(TOWER, observation="arrays")] * 2)
-    env = VecFrameStack(VecNormalize(made, norm_obs_keys=["target", "statement"]), 2)
-    observations: Any = env.reset()
-    assert observations["statement"].shape[-1] == 2 * made.observation_space["statement"].shape[0]  # pyright: ignore[reportIndexIssue]
-    env.step(np.array([1, 2]))
-
-
 def test_maskable_ppo__learns_multi_discrete_actions_with_masks_by_slots():
     pytest.importorskip("sb3_contrib", reason="needs the extra sb3")
     from sb3_contrib import MaskablePPO

@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import gymnasium as gym
-import numpy as np
 import pytest
 
 from lilgym_mp.envs.proposer_verifier import AGENTS
@@ -88,62 +87,6 @@ def test_shaping__penalises_a_detour_immediately(make: Make):
 def test_shaping__needs_a_discount(make: Make, discount: float):
     with pytest.raises(ValueError, match="discount must be between 0 and 1"):
         PotentialShaping(make("TowerFlipIt"), discount)
-
-
-@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep", "Disabled"])
-@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
-def test_shaping__of_a_batch_rewards_as_single_environments_do(corpus: str, configuration: str, autoreset: str):
-    id, rng = f"lilgym_mp/{configuration}-v0", np.random.default_rng(3)
-    batch = gym.make_vec(id, num_envs=3, corpus=corpus, horizon=3, autoreset_mode=autoreset)
-    batch = potential_shaping_v0(batch, discount=0.9)
-    singles = [PotentialShaping(gym.make(id, corpus=corpus, horizon=3), discount=0.9) for _ in range(3)]
-    batch.reset(seed=5)
-    for place, env in enumerate(singles):
-        env.reset(seed=5 + place)
-    waiting = [False] * 3
-    for _ in range(12):
-        actions = rng.integers(0, 13, 3)
-        _, rewards, terminated, truncated, infos = batch.step(actions)
-        ended = terminated | truncated
-        for place, env in enumerate(singles):
-            if waiting[place]:
-                env.reset()
-                assert rewards[place] == 0
-                assert not infos.get("_unshaped_reward", np.zeros(3))[place]
-                waiting[place] = False
-                continue
-            _, reward, *_, info = env.step(int(actions[place]))
-            assert rewards[place] == reward
-            step_infos = infos["final_info"] if autoreset == "SameStep" and ended[place] else infos
-            assert step_infos["unshaped_reward"][place] == info["unshaped_reward"]
-            if ended[place]:
-                waiting[place] = autoreset == "NextStep"
-                if not waiting[place]:
-                    env.reset()
-        if autoreset == "Disabled" and ended.any():
-            batch.reset(options={"reset_mask": ended})
-
-
-def test_shaping__works_with_sb3(corpus: str):
-    sb3 = pytest.importorskip("lilgym_mp.sb3", reason="stable-baselines3 is not installed")
-    settings = {"n_envs": 2, "seed": 1, "corpus": corpus, "horizon": 3}
-    batched, dummy = (
-        sb3.make_vec_env("lilgym_mp/TowerScratch-v0", backend=backend, wrap=potential_shaping_v0, **settings)
-        for backend in ("batched", "dummy")
-    )
-    for venv in (batched, dummy):
-        venv.reset()
-    for action in (ADD_LEFT_YELLOW, STOP, ADD_LEFT_YELLOW):
-        actions = np.array([action, ADD_LEFT_YELLOW])
-        (_, rewards, dones, infos), (_, expected, expected_dones, expected_infos) = (
-            batched.step(actions),
-            dummy.step(actions),
-        )
-        assert rewards.tolist() == expected.tolist()
-        assert dones.tolist() == expected_dones.tolist()
-        assert [info["unshaped_reward"] for info in infos] == pytest.approx(
-            [info["unshaped_reward"] for info in expected_infos]
-        )
 
 
 def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list[float]:

@@ -48,6 +48,7 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "named_actions": ({},),
     "native_image": ({},),
     "nlvr_reward": ({},),
+    "potential_shaping": ({"discount": 0.9},),
     "statement_embedding": ({"encoder": letters},),
     "steps_left": ({},),
     "stop_forcing": ({"mode": "mask"}, {"mode": "replace"}),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from itertools import islice
 
 import numpy as np
+import pytest
 import torch
 
 from lilgym_mp.appearances import make_appearance
@@ -20,6 +21,7 @@ from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.rules import make_dynamics
 
 
+@pytest.mark.long
 def test_text_pretraining__changes_the_text_encoder_only():
     recipe = ImitationRecipe(width=32, text_layers=1)
     entries = entries_from_tasks(islice(load_tasks("builtin", "tower", "scratch", "train"), 40))
@@ -41,6 +43,7 @@ def test_generated_examples__skip_excluded_statements():
     assert all(normalised(example.statement) != normalised(first.statement) for example in islice(without, 200))
 
 
+@pytest.mark.long
 def test_geometry_pretraining__learns_legal_edits():
     dynamics, table, rng = make_dynamics(make_appearance("scatter")), BoxFeatureTable(), np.random.default_rng(0)
     collector = DataCollector(dynamics, table, rng)

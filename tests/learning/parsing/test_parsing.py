@@ -502,6 +502,7 @@ def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse()
     assert parses[0].candidates[0].program.startswith("All(")
 
 
+@pytest.mark.long
 def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
     new_word = """
         from lilgym_mp.programs.values import ItemView
