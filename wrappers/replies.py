@@ -105,7 +105,7 @@ def parse_reply(
 
 
 def reply_text(content: object) -> str | None:
-    """The text of a reply: of a string, a whole number, a message, a list of content parts, or the last of messages.
+    """The text of a reply: a string, a whole number, a message, content parts, or messages, of the assistant's last.
 
     Parts of other types than text, such as reasoning, have none. None for any other value.
     """
@@ -123,8 +123,9 @@ def reply_text(content: object) -> str | None:
     if not isinstance(content, list | tuple):
         return None
     parts = cast("Sequence[Any]", content)
-    if parts and isinstance(parts[-1], Mapping) and "role" in parts[-1]:
-        return reply_text(parts[-1])
+    if parts and all(isinstance(part, Mapping) and "role" in part for part in parts):
+        said = [part for part in parts if part["role"] == "assistant"]
+        return reply_text(said[-1]) if said else None
     texts = [reply_text(part) for part in parts if isinstance(part, str | Mapping)]
     known = [text for text in texts if text is not None]
     return "".join(known) if len(known) == len(parts) > 0 else None

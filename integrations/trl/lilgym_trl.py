@@ -1,7 +1,8 @@
 """GRPO with TRL: prompts as a streaming dataset, rewards for whole replies, and an environment for several turns.
 
+pip install torch==2.13.0
 pip install . "trl==1.16.*" jmespath
-python integrations/trl/lilgym_trl.py --model DIRECTORY_OR_NAME --level 2 --steps 200 [--turns]
+python integrations/trl/lilgym_trl.py --model DIRECTORY_OR_NAME --level 2 --steps 200 [--turns] [--scene image]
 """
 
 from __future__ import annotations
@@ -11,31 +12,48 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import torch
 from datasets import IterableDataset
 from trl import GRPOConfig, GRPOTrainer
 
-from lilgym_mp.rlvr import Conversation, Row, RowError, rows, score
+from lilgym_mp.rlvr import Conversation, Row, RowError, images_of, messages_of, rows, score
 
 
-def stream(kind: str = "plan", appearance: str = "tower", level: int = 2, **settings: Any) -> IterableDataset:
-    """Endless rows as TRL wants them; `settings` as for `lilgym_mp.rlvr.rows`."""
-    return IterableDataset.from_generator(_examples, gen_kwargs={"arguments": (kind, appearance, level), **settings})
+def stream(
+    kind: str = "plan",
+    appearance: str = "tower",
+    level: int = 2,
+    *,
+    turns: bool = False,
+    scene: str = "list",
+    **settings: Any,
+) -> IterableDataset:
+    """Endless rows as TRL wants them; `settings` as for `lilgym_mp.rlvr.rows`.
+
+    `turns`: prompts for `PlanEnvironment`. `scene`: "image" or "both" for a model that sees, with a column "images".
+    """
+    arguments = {"arguments": (kind, appearance, level), "turns": turns, "scene": scene, **settings}
+    return IterableDataset.from_generator(_examples, gen_kwargs=arguments)
 
 
-def _examples(arguments: tuple[str, str, int], **settings: Any) -> Iterator[dict[str, Any]]:
+def _examples(arguments: tuple[str, str, int], *, turns: bool, scene: str, **settings: Any) -> Iterator[dict[str, Any]]:
     for row in rows(*arguments, **settings):
-        yield {"prompt": [{"role": "user", "content": row.prompt}], "row": json.dumps(row.to_json())}
+        prompt = messages_of(row, scene, inline=False)
+        if turns:
+            prompt = [{"role": "user", "content": f"{Conversation(row).prompt}\nAct step by step, with the tool."}]
+        images = {"images": images_of(row)} if scene in ("image", "both") else {}
+        yield {"prompt": prompt, "row": json.dumps(row.to_json()), **images}
 
 
 def verified_reward(completions: Sequence[Any], row: Sequence[str], **columns: Any) -> list[float | None]:
-    """1 for each right completion, else 0. None, which TRL leaves out, for a row that cannot be scored."""
+    """1 for each right completion, else 0, also for an empty one. None, which TRL leaves out, for a row that cannot be
+    scored."""
     return [_reward(completion, data) for completion, data in zip(completions, row, strict=True)]
 
 
 def _reward(completion: Any, data: str) -> float | None:
-    reply = completion if isinstance(completion, str) else completion[-1].get("content")
     try:
-        return score(reply, Row.from_json(json.loads(data))).reward
+        return score(completion, Row.from_json(json.loads(data))).reward
     except (RowError, ValueError):
         return None
 
@@ -43,21 +61,19 @@ def _reward(completion: Any, data: str) -> float | None:
 class PlanEnvironment:
     """For `environment_factory`: one action for each call of the tool `act`.
 
-    Always train with a dataset of rows as well: TRL resets each member of a group on its own, so without rows the
-    members would get different tasks, and their rewards could not be compared.
+    Always train with `stream(turns=True)`, whose prompts show the start: TRL resets each member of a group on its own,
+    so without rows the members would get different tasks, and their rewards could not be compared.
     """
 
-    def reset(self, row: str, **columns: Any) -> str:
-        """The start, which is appended to the prompt."""
+    def reset(self, row: str, **columns: Any) -> None:
         self._talk, self._reward = Conversation(Row.from_json(json.loads(row))), 0.0
-        return f"\nNow act step by step, with the tool.\n{self._talk.prompt}"
 
     def act(self, action: str) -> str:
         """
         Take one action.
 
         Args:
-            action: The action's name, such as ADD(LEFT, BLUE), REMOVE(LEFT) or STOP.
+            action: The action's name or number, such as ADD(LEFT, BLUE), REMOVE(LEFT) or STOP.
 
         Returns:
             The scene after it, or how the episode ended.
@@ -80,7 +96,7 @@ def trainer(
     return GRPOTrainer(
         model=model,
         args=GRPOConfig(**settings),
-        train_dataset=stream() if dataset is None else dataset,
+        train_dataset=stream(turns=turns) if dataset is None else dataset,
         processing_class=tokenizer,
         **rewards,
     )
@@ -92,10 +108,19 @@ def main() -> None:
     parser.add_argument("--level", type=int, default=2)
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--turns", action="store_true")
+    parser.add_argument("--scene", choices=["list", "image", "both"], default="list")
+    parser.add_argument("--max-completion-length", type=int, default=256, help="in tokens")
+    parser.add_argument("--out", default="runs/grpo")
     args = parser.parse_args()
-    settings = {"output_dir": "runs/grpo", "max_steps": args.steps, "num_generations": 8, "logging_steps": 1}
-    trainer(args.model, turns=args.turns, dataset=stream(level=args.level), **settings).train()
+    if args.turns and args.scene != "list":
+        parser.error("--turns shows scenes as lists")
+    settings = {"output_dir": args.out, "max_steps": args.steps, "num_generations": 8, "logging_steps": 1}
+    settings |= {"max_completion_length": args.max_completion_length, "use_cpu": not torch.accelerator.is_available()}
+    dataset = stream(level=args.level, turns=args.turns, scene=args.scene)
+    trainer(args.model, turns=args.turns, dataset=dataset, **settings).train()
 
 
 if __name__ == "__main__":
-    main()
+    import lilgym_trl  # as a module, whose functions are pickled by name
+
+    lilgym_trl.main()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -55,7 +57,7 @@ def test_grpo__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: boo
         model,
         turns=turns,
         tokenizer=tokenizer,
-        dataset=stream(level=1, max_actions=2),
+        dataset=stream(level=1, max_actions=2, turns=turns),
         output_dir=str(tmp_path),
         max_steps=2,
         num_generations=16,
@@ -79,9 +81,33 @@ def test_reward__of_right_wrong_and_odd_completions():
     row = next(rows("plan"))
     data = json.dumps(row.to_json())
     right = [{"role": "assistant", "content": expert_reply(row)}]
-    odd = [[{"role": "assistant"}], "", expert_reply(row)]
-    assert verified_reward([right, *odd], [data] * 4) == [1, 0, 0, 1]
+    parts = [{"role": "assistant", "content": [{"type": "text", "text": expert_reply(row)}]}]
+    odd = [[{"role": "assistant"}], [], "", expert_reply(row), parts]
+    assert verified_reward([right, *odd], [data] * 6) == [1, 0, 0, 0, 1, 1]
     assert verified_reward([right, right], ["{}", "no"]) == [None, None]
+
+
+def test_script__trains_as_documented(tmp_path: Path):
+    model, tokenizer, _ = tiny_model(tmp_path, ())
+    model.save_pretrained(tmp_path)
+    tokenizer.save_pretrained(tmp_path)
+    script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py")), "--model", str(tmp_path), "--level", "1"]
+    done = subprocess.run(
+        [*script, "--steps", "2", "--max-completion-length", "4", "--out", str(tmp_path / "out")],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr[-2_000:]
+    assert "reward_std" in done.stdout
+
+
+def test_stream__has_pictures_and_prompts_for_turns():
+    (seen,) = stream(level=1, scene="image").take(1)
+    assert [part["type"] for part in seen["prompt"][0]["content"]] == ["image", "text"]
+    assert seen["images"][0].size == (380, 100)
+    (turn,) = stream(level=1, turns=True).take(1)
+    assert turn["prompt"][0]["content"].count(json.loads(turn["row"])["task"]["statement"]) == 1
 
 
 def test_stream__rows_can_be_scored():
