@@ -10,12 +10,11 @@ from typing import Any
 import gymnasium as gym
 import pytest
 
-from lilgym_mp.actions import AddItem
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
 from lilgym_mp.corpus.matching import goal_contents, matching_corpus
 from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.scene import Colour, Scene, Shape, Size
+from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import (
     ActionMask,
     BoxPermutation,
@@ -190,21 +189,3 @@ def test_task_change__applies_to_batches_and_workers(corpus: Path):
         assert len(batch.unwrapped.tasks) == 18
     finally:
         workers.close()
-
-
-def test_nlvr_reward__of_a_batch_of_scatter(corpus: Path):
-    """The corpus's scene labelled true for "round" has more than the circle."""
-    batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/ScatterScratch-v0", num_envs=1, corpus=str(corpus)))
-    batch.reset(options={"task": "round"})
-    batch.step([batch.unwrapped.dynamics.appearance.encode(AddItem(8, 2, Shape.CIRCLE, Colour.YELLOW, Size.SMALL))])
-    assert batch.goal_reached().tolist() == [False]
-    assert batch.step([STOP])[1].tolist() == [-1.0]
-
-
-def test_nlvr_reward__of_a_batch(corpus: Path):
-    batch = nlvr_reward_v0(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2, corpus=str(corpus)))
-    batch.reset(options={"task": "blue"})
-    batch.step([ADD_LEFT_BLACK, ADD_LEFT_BLUE])
-    batch.step([ADD_MIDDLE_BLUE, ADD_LEFT_BLUE])
-    assert batch.goal_reached().tolist() == [True, False]
-    assert batch.step([STOP, STOP])[1].tolist() == [1.0, -1.0]

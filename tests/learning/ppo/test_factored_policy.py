@@ -133,15 +133,6 @@ def test_log_prob_and_entropy__match_autograd_over_several_chunks():
 
 
 @EACH
-def test_entropy__has_a_gradient_for_every_head(appearance: Appearance, make: Make):
-    types, heads = logits(make(appearance))
-    entropies_of(FactoredPolicy(make(appearance), types, heads)).sum().backward()
-    for parameter in (types, *heads):
-        assert parameter.grad is not None
-        assert parameter.grad.abs().max() > 1e-6
-
-
-@EACH
 def test_mask__renormalises_over_legal_actions(appearance: Appearance, make: Make):
     factorisation = make(appearance)
     types, heads = logits(factorisation)
@@ -206,12 +197,3 @@ def test_factorisation__with_separators_every_action_has_choices_of_its_own():
     inside = boxes.types >= 0
     assert (boxes.choices[inside] == everywhere.choices[inside]).all()
     assert joint_factorisation(Tower(), separators=True).heads == joint_factorisation(Tower()).heads
-
-
-def test_unforced_stop__is_normalised_over_types_only():
-    """The log-probability of a forced STOP does not depend on the argument heads."""
-    factorisation = slot_factorisation(Tower())
-    types = torch.tensor([[-3.0, 1.0, 0.5]])
-    heads = [torch.randn(1, 3), torch.randn(1, 3)]
-    wanted = types.log_softmax(1)[0, 0]
-    torch.testing.assert_close(FactoredPolicy(factorisation, types, heads).log_prob(torch.tensor([0]))[0], wanted)
