@@ -75,16 +75,19 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> VecEnvStepReturn:
         observations, rewards, terminated, truncated, infos = self.venv.step(self._actions)
-        dones = np.asarray(terminated) | np.asarray(truncated)
+        terminated = np.asarray(terminated)
+        dones = terminated | np.asarray(truncated)
+        pop = infos.pop if isinstance(infos, dict) else partial(_popped, infos)
+        final_infos, final_obs = pop("final_info", {}), pop("final_obs", None)
         step_infos = _rows(infos, self.num_envs)
+        final_rows = _rows(final_infos, self.num_envs) if final_infos else []
         for env_id in dones.nonzero()[0].tolist():
-            new = step_infos[env_id]
-            final = new.pop("final_info", {})
-            end = {"terminal_observation": new.pop("final_obs"), "TimeLimit.truncated": not terminated[env_id]}
-            # Of the new episode are the task and what the batch also reports of the last one; the rest is of a wrapper.
-            self.reset_infos[env_id] = {name: value for name, value in new.items() if name == "task" or name in final}
-            step_infos[env_id] = {**new, **final, **end}
-            step_infos[env_id].pop("task", None)
+            new, info = step_infos[env_id], final_rows[env_id]
+            if len(new) > 1:  # what the batch does not also report of the last episode is of a wrapper, of this step
+                info |= {name: new.pop(name) for name in new.keys() - info.keys() - {"task"}}
+            info["terminal_observation"] = final_obs[env_id]
+            info["TimeLimit.truncated"] = not terminated.item(env_id)
+            self.reset_infos[env_id], step_infos[env_id] = new, info
         return observations, np.asarray(rewards, np.float32), dones, step_infos
 
     def close(self) -> None:
@@ -155,6 +158,10 @@ class BatchVecEnv(VecEnv):
             wrapper_class in (type(layer), getattr(layer, "wrapper_class", None)) for layer in layers(self.venv)
         )
         return [found for _ in self._get_indices(indices)]
+
+
+def _popped(rows: list[dict[str, Any]], name: str, default: Any) -> list[Any]:
+    return [row.pop(name, default) for row in rows]
 
 
 def _rows(infos: Any, count: int) -> list[dict[str, Any]]:

@@ -122,10 +122,11 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
 
     def _add_tasks(self, results: Sequence[NewTasks | None]) -> None:
         """Enters the new tasks of each process. Raises ValueError if observations cannot show a statement."""
-        for index, task in (item for tasks in results if tasks for item in tasks.items()):
-            check_statement(task, self.single_observation_space, self._arrays)
-            self._indexed[index], self._task_ids[index], self._targets[index] = task, task.id, task.target
-            self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
+        for tasks in results:
+            for index, task in (tasks or {}).items():
+                check_statement(task, self.single_observation_space, self._arrays)
+                self._indexed[index], self._task_ids[index], self._targets[index] = task, task.id, task.target
+                self._statements[index] = task.statement if self._arrays is None else self._arrays.row(task.statement)
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: Mapping[str, Any] | None = None
