@@ -8,18 +8,19 @@ from pathlib import Path
 
 import pytest
 
+from lilgym_mp.corpus.spelling import NUMBERS
 from tests.stress.broken_rules import ROOT, RULES, first_failure, mutants, replaced
-from tests.stress.corrections import corrections
+from tests.stress.corrections import corrected
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_reports
 
 
 def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt() -> None:
-    found = corrections("builtin")
+    found = corrected("builtin")
     assert found["blcak"] == "black"
-    assert {word: correction for word, correction in found.items() if correction.isdigit()} == {
-        "fuor": "4",
-        "thhree": "3",
+    assert {word: correction for word, correction in found.items() if correction in NUMBERS} == {
+        "fuor": "four",
+        "thhree": "three",
     }
 
 
