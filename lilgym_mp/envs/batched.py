@@ -366,9 +366,10 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         self._check_open()
         if len(state) != self.num_envs:
             raise ValueError(f"state must have {self.num_envs} elements, one for each environment, not {len(state)}")
-        snapshots, self._seeds = (list(column) for column in zip(*state, strict=True))
+        snapshots, seeds = (list(column) for column in zip(*state, strict=True))
         for snapshot in snapshots:
             self._chosen_task(snapshot.state.task)
+        self._seeds = seeds
         self._add_tasks(self._everywhere(Engine.restore, snapshots))
         self.restorations += 1
         self._is_started = True

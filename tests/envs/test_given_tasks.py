@@ -179,6 +179,11 @@ def test_restored_state__can_be_that_of_one_environment_everywhere(make: Any) ->
     states, state = envs.states(), envs.save_state()
     envs.restore_state([state[1]] * envs.num_envs)
     assert envs.states() == [states[1]] * envs.num_envs
+    other = gym.make_vec(TOWER, num_envs=envs.num_envs)
+    other.reset(seed=0)
+    with pytest.raises(ValueError, match="cannot be played here"):
+        other.restore_state(envs.save_state())
+    assert other.np_random_seed == tuple(range(envs.num_envs))
     with pytest.raises(ValueError, match=r"state must have .* elements, one for each environment, not 1"):
         envs.restore_state(state[:1])
 
