@@ -1,25 +1,38 @@
 """lilgym_mp as a dataset of reasoning-gym: `reasoning_gym.create_dataset("lilgym", kind="plan", level=2, seed=0)`."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from itertools import islice
 from typing import Any
 
+from reasoning_gym.coaching import BaseCurriculum, ScalarAttributeDefinition
 from reasoning_gym.factory import ProceduralDataset, register_dataset
 
-from lilgym_mp.rlvr import KINDS, Row, expert_reply, rows, score
+from lilgym_mp.rlvr import Row, expert_reply, rows, score
+
+DIFFICULTY = ("level", "min_actions")  # fields that the curriculum raises
 
 
 @dataclass
 class LilgymConfig:
+    """The arguments of `lilgym_mp.rlvr.rows`, and the dataset's size."""
+
     kind: str = "plan"
     appearance: str = "tower"
     level: int = 2
+    split: str = "train"
+    min_actions: int = 2
+    max_actions: int | None = None
     seed: int | None = None
     size: int = 500
 
     def validate(self) -> None:
-        assert self.kind in KINDS, f"unknown kind {self.kind!r}; choose from {', '.join(KINDS)}"
+        """Raises ValueError naming the value and the choices."""
+        self.rows(0)
+
+    def rows(self, seed: int) -> Iterator[Row]:
+        names = ("kind", "appearance", "level", "split", "min_actions", "max_actions")
+        return rows(**{name: getattr(self, name) for name in names}, seed=seed)
 
 
 class LilgymDataset(ProceduralDataset):
@@ -27,20 +40,33 @@ class LilgymDataset(ProceduralDataset):
 
     def __init__(self, config: LilgymConfig) -> None:
         super().__init__(config, config.seed, config.size)
-        self._rows = _rows(config.kind, config.appearance, config.level, self.seed, config.size)
+        self._rows = list(islice(config.rows(self.seed), config.size))
 
     def __getitem__(self, idx: int) -> dict[str, Any]:
         row = self._rows[idx]
-        metadata = {"source_dataset": "lilgym", "source_index": idx, "row": row.to_json()}
+        metadata = {
+            "source_dataset": "lilgym",
+            "source_index": idx,
+            "actions": row.steps,  # of a shortest plan; None for other kinds
+            "difficulty": {name: getattr(self.config, name) for name in DIFFICULTY},
+            "row": row.to_json(),
+        }
         return {"question": row.prompt, "answer": expert_reply(row), "metadata": metadata}
 
     def score_answer(self, answer: str | None, entry: dict[str, Any]) -> float:
         return score(answer, Row.from_json(entry["metadata"]["row"])).reward
 
 
-@lru_cache(maxsize=8)
-def _rows(kind: str, appearance: str, level: int, seed: int, size: int) -> list[Row]:
-    return list(islice(rows(kind, appearance, level, seed=seed), size))
+class LilgymCurriculum(BaseCurriculum):
+    """Raises the difficulty of the language, and the length of plans."""
+
+    def __init__(self) -> None:
+        super().__init__(LilgymCurriculum.__name__, LilgymConfig)
+        levels = {"level": [1, 2, 3, 4, 5], "min_actions": [2, 3, 4, 5]}
+        for name in DIFFICULTY:
+            self._define_attributes(
+                ScalarAttributeDefinition(name=name, field_name=name, levels=levels[name], description=name)
+            )
 
 
-register_dataset("lilgym", LilgymDataset, LilgymConfig)
+register_dataset("lilgym", LilgymDataset, LilgymConfig, LilgymCurriculum)

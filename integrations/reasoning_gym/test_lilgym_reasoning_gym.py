@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import islice
 
-import lilgym_reasoning_gym  # noqa: F401  (registers the dataset)
+import lilgym_reasoning_gym
 import pytest
 import reasoning_gym
 from reasoning_gym.dataset import ReseedingDataset
@@ -24,3 +24,19 @@ def test_dataset__is_endless_by_reseeding():
     dataset = reasoning_gym.create_dataset("lilgym", kind="truth", seed=3, size=4)
     questions = [entry["question"] for entry in islice(ReseedingDataset(dataset, chunk_size=4), 10)]
     assert len(set(questions)) > 8
+
+
+def test_curriculum__raises_the_difficulty_which_entries_name():
+    curriculum = lilgym_reasoning_gym.LilgymCurriculum()
+    curriculum.set_attr_level("level", 3)
+    curriculum.increment_attr_level("min_actions")
+    config = curriculum.generate_configuration({"seed": 1, "size": 2, "split": "dev"})
+    (entry, _) = reasoning_gym.create_dataset("lilgym", **vars(config))
+    assert entry["metadata"]["difficulty"] == {"level": 4, "min_actions": 3}
+    assert entry["metadata"]["actions"] >= 3
+    assert "-dev-4-" in entry["metadata"]["row"]["id"]
+
+
+def test_config__names_what_is_wrong():
+    with pytest.raises(ValueError, match="unknown split 'all'"):
+        reasoning_gym.create_dataset("lilgym", split="all")

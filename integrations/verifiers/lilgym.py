@@ -1,6 +1,7 @@
 """Endless tasks with one reply each, for verifiers: `vf-eval lilgym --env.taskset.kind plan --env.taskset.level 2`."""
 
 from collections.abc import Iterator
+from itertools import islice
 from typing import Any
 
 import verifiers.v1 as vf
@@ -16,6 +17,7 @@ class LilgymConfig(vf.TasksetConfig):
     split: str = "train"
     min_actions: int = 2
     max_actions: int | None = None
+    size: int = 500  # tasks
 
 
 class LilgymData(vf.TaskData):
@@ -29,11 +31,10 @@ class LilgymTask(vf.Task[LilgymData, vf.State, vf.TaskConfig]):
 
 
 class LilgymTaskset(vf.Taskset[LilgymTask, LilgymConfig]):
-    INFINITE = True
-
     def load(self) -> Iterator[LilgymTask]:
         names = ("kind", "appearance", "level", "seed", "split", "min_actions", "max_actions")
-        for row in rows(**{name: getattr(self.config, name) for name in names}):
+        endless = rows(**{name: getattr(self.config, name) for name in names})
+        for row in islice(endless, self.config.size):
             yield LilgymTask(LilgymData(id=row.id, prompt=row.prompt, row=row.to_json()), self.config.task)
 
 

@@ -11,8 +11,6 @@ class TurnsTask(vf.Task[LilgymData, vf.State, vf.TaskConfig]):
 
 
 class TurnsTaskset(vf.Taskset[TurnsTask, LilgymConfig]):
-    INFINITE = True
-
     def load(self):
         for task in LilgymTaskset(self.config).load():
             prompt = Conversation(Row.from_json(task.data.row)).prompt

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from itertools import islice
 from typing import Any
 
 import pytest
@@ -91,9 +90,9 @@ def test_several_turns__reward_the_end():
     assert episode.traces[0].rewards["verified"].score == 1
 
 
-def test_taskset__is_endless_and_repeatable():
+def test_taskset__is_bounded_and_repeatable():
     def ids() -> list[str]:
-        return [task.data.id for task in islice(LilgymTaskset(LilgymConfig(id="lilgym")), 5)]
+        return [task.data.id for task in LilgymTaskset(LilgymConfig(id="lilgym", size=5))]
 
     assert ids() == ids()
     assert len(set(ids())) == 5

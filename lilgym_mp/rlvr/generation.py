@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import random
+import time
 from collections.abc import Iterator, Mapping
 from itertools import islice
 
@@ -45,13 +47,15 @@ def rows(
     split: str = "train",
     min_actions: int = 2,
     max_actions: int | None = None,
+    seconds: float | None = None,
 ) -> Iterator[Row]:
     """Endless rows, deterministic in the arguments.
 
     No statement with its program is repeated until PATIENCE in a row brought no new one. The splits share no meaning,
     whatever their seeds, and no statement is one of the builtin or official dev and test statements.
     `min_actions`, `max_actions`: of the shortest plan from the start to the goal, STOP included; of plan rows only.
-    Raises ValueError naming the value and the choices; while iterating, if there are no such starts.
+    `seconds`: for a row, after which the search for it ends. Raises ValueError naming the value and the choices; while
+    iterating, if there are no such starts, and TimeoutError.
     """
     choose("kind", kind, dict.fromkeys(KINDS))
     choose("appearance", appearance, APPEARANCES)
@@ -62,15 +66,20 @@ def rows(
     most = horizon if max_actions is None else max_actions
     if not 2 <= min_actions <= most <= horizon:
         raise ValueError(f"min_actions and max_actions must be 2 to {horizon}, ascending, not {min_actions} and {most}")
-    return _rows(kind, appearance, level, seed, split, range(min_actions, most + 1))
+    limit = math.inf if seconds is None else seconds
+    return _rows(kind, appearance, level, seed, split, range(min_actions, most + 1), limit)
 
 
-def _rows(kind: str, appearance: str, level: int, seed: int, split: str, lengths: range) -> Iterator[Row]:
+def _rows(
+    kind: str, appearance: str, level: int, seed: int, split: str, lengths: range, seconds: float
+) -> Iterator[Row]:
     rng = random.Random(f"rows {seed} {level} {appearance} {split}")
     variants = _VARIANTS[kind](appearance, lengths, rng)
-    number, barren = 0, 0
+    number, barren, begun = 0, 0, time.monotonic()
     for statement, program in _new_statements(appearance, level, split, rng):
         barren += 1
+        if time.monotonic() - begun > seconds:
+            raise TimeoutError(f"no {appearance} {kind} of level {level} was found within {seconds:g} seconds")
         if barren > BARREN:
             words = f"{lengths.start} to {lengths.stop - 1} actions" if kind == "plan" else "a checkable meaning"
             raise ValueError(f"{BARREN} {appearance} statements of level {level} in a row have no {kind} with {words}")
@@ -78,7 +87,7 @@ def _rows(kind: str, appearance: str, level: int, seed: int, split: str, lengths
         for target, scene, steps in variants.of(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
             yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps, pair)
-            number, barren = number + 1, 0
+            number, barren, begun = number + 1, 0, time.monotonic()
 
 
 def _new_statements(appearance: str, level: int, split: str, rng: random.Random) -> Iterator[TrainingPair]:

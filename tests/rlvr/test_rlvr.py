@@ -95,6 +95,11 @@ def test_truth_rows__come_in_pairs_one_edit_apart():
         ]
 
 
+def test_rows__end_a_search_after_the_given_time():
+    with pytest.raises(TimeoutError, match=r"no tower plan of level 1 was found within 0\.001 seconds"):
+        next(rows("plan", level=1, min_actions=12, seconds=0.001))
+
+
 @pytest.mark.parametrize(
     ("settings", "message"),
     [

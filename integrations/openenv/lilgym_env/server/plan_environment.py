@@ -4,6 +4,7 @@ import random
 from typing import Any
 from uuid import uuid4
 
+from fastapi import HTTPException
 from openenv.core.env_server.interfaces import Environment
 from openenv.core.env_server.types import State
 
@@ -13,6 +14,9 @@ try:
     from ..models import LilgymAction, LilgymObservation
 except ImportError:
     from models import LilgymAction, LilgymObservation
+
+
+SEARCH_SECONDS = 20.0  # of a reset, for a task with the wanted settings
 
 
 class PlanEnvironment(Environment):
@@ -26,9 +30,17 @@ class PlanEnvironment(Environment):
         self._talk: Conversation | None = None
 
     def reset(self, seed: int | None = None, episode_id: str | None = None, **settings: Any) -> LilgymObservation:
-        """`seed` determines the task. `settings`: appearance, level, split, min_actions, max_actions."""
+        """`seed` determines the task. `settings`: appearance, level, split, min_actions, max_actions.
+
+        Raises HTTPException: 422 for invalid settings, 408 if no task is found within SEARCH_SECONDS.
+        """
         seed = random.randrange(2**32) if seed is None else seed
-        self._talk = Conversation(next(rows("plan", seed=seed, **settings)))
+        try:
+            self._talk = Conversation(next(rows("plan", seed=seed, seconds=SEARCH_SECONDS, **settings)))
+        except (TypeError, ValueError) as error:
+            raise HTTPException(422, str(error)) from None
+        except TimeoutError as error:
+            raise HTTPException(408, str(error)) from None
         self._state = State(episode_id=episode_id or str(uuid4()), step_count=0)
         return LilgymObservation(text=self._talk.prompt, outcome="continues", done=False, reward=0.0)
 
