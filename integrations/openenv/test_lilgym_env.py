@@ -68,6 +68,13 @@ def test_replies_without_an_action__end_without_reward(url: str):
         assert session.step(LilgymAction(reply="STOP")).observation.outcome == "over"
 
 
+@pytest.mark.parametrize("settings", [{"level": 99}, {"appearance": "mosaic"}, {"difficulty": 2}])
+def test_reset__with_invalid_settings_is_refused(url: str, settings: dict[str, object]):
+    response = httpx.post(f"{url}/reset", json={"seed": 1, **settings}, timeout=60)
+    assert response.status_code == 422
+    assert str(next(iter(settings.values()))) in response.text or "difficulty" in response.text
+
+
 def test_openenv__validates_the_package():
     command = [str(Path(sys.executable).with_name("openenv")), "validate", str(PACKAGE), "--skip-build"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

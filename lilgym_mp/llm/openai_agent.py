@@ -55,7 +55,7 @@ class OpenAIAgent:
         for name in fields:
             if name in REFUSED or "key" in name:
                 raise AgentError(f"{name} cannot be set; keys are read from the variable that key_variable names")
-        self._client = openai.OpenAI(
+        self._client: Any = openai.OpenAI(
             api_key=self._key or "none", base_url=url, timeout=float(timeout_seconds), max_retries=int(retries)
         )
         if "max_completion_tokens" in fields and max_tokens == DEFAULT_TOKENS:

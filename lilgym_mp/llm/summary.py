@@ -84,7 +84,9 @@ def summarise(
     turns = [turn for episode in episodes for turn in episode.turns]
     outcomes = [episode.outcome for episode in episodes]
     read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
-    is_priced = prices is not None and read is not None and written is not None
+    cost = None
+    if prices is not None and read is not None and written is not None:
+        cost = (read * prices[0] + written * prices[1]) / 1e6
     return Summary(
         episodes=count,
         successes=successes,
@@ -103,7 +105,7 @@ def summarise(
         outcomes={outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
         failed_episodes=failed_episodes,
         failed_calls=sum(turn.retries for turn in turns) + failed_episodes,
-        cost=(read * prices[0] + written * prices[1]) / 1e6 if is_priced else None,
+        cost=cost,
     )
 
 
