@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
@@ -272,13 +273,11 @@ def test_memory__more_than_the_machine_has_is_refused() -> None:
 
 
 def test_memory__on_a_full_disk_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
+    full = partial(open, "/dev/full", "r+b")
     monkeypatch.delattr(shared_memory.os, "memfd_create", raising=False)
-    monkeypatch.setattr(shared_memory.os, "posix_fallocate", full)
+    monkeypatch.setattr(shared_memory.tempfile, "TemporaryFile", full)
     descriptors = len(os.listdir("/proc/self/fd"))
-    with pytest.raises(SharedMemoryError, match=r"no space for 1\.0 MB to share: No space left on device"):
+    with pytest.raises(SharedMemoryError, match=r"file of 1\.0 MB to share: No space left on device"):
         SharedMemory(1_000_000)
     assert len(os.listdir("/proc/self/fd")) == descriptors
 
