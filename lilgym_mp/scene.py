@@ -221,14 +221,18 @@ class Scene(_Frozen):
     def from_json(cls, data: object) -> Scene:
         """Reads the released `structured_rep`. Checks the form only: `appearances` check what is legal.
 
-        Raises SceneError naming the box and item at fault.
+        Raises SceneError naming every box and item at fault.
         """
         if not isinstance(data, list):
             raise SceneError(f"a scene must be a list of {BOX_COUNT} boxes, not {data!r}")
         boxes = cast("list[object]", data)
         if len(boxes) != BOX_COUNT:
             raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
-        return cls.of(*(_box_items(index, box) for index, box in enumerate(boxes)))
+        faults: list[str] = []
+        read = [list(_box_items(index, box, faults)) for index, box in enumerate(boxes)]
+        if faults:
+            raise SceneError("; ".join(faults))
+        return cls.of(*read)
 
     def __eq__(self, other: object) -> bool:
         return self.boxes == other.boxes if isinstance(other, Scene) else NotImplemented
@@ -247,28 +251,28 @@ _set_boxes: Callable[[Scene, tuple[Box, Box, Box]], None] = Scene.__dict__["boxe
 _set_scene_memo: Callable[[Scene, dict[Hashable, Any]], None] = Scene.__dict__["memo"].__set__
 
 
-def _box_items(box_index: int, data: object) -> list[Item]:
+def _box_items(box_index: int, data: object, faults: list[str]) -> Iterator[Item]:
+    """The box's valid items; a message about each other one is added to `faults`."""
     if not isinstance(data, list):
-        raise SceneError(f"box {box_index}: a box must be a list of items, not {data!r}")
-    items: list[Item] = []
+        faults.append(f"box {box_index}: a box must be a list of items, not {data!r}")
+        return
     for index, record in enumerate(cast("list[object]", data)):
         try:
-            items.append(Item.from_json(record))
+            yield Item.from_json(record)
         except SceneError as fault:
-            raise SceneError(f"box {box_index}, item {index}: {fault}") from None
-    return items
+            faults.append(f"box {box_index}, item {index}: {fault}")
 
 
 def _pixel(record: Mapping[str, object], key: str) -> int:
     value = record[key]
-    if isinstance(value, bool) or not isinstance(value, int):
+    if isinstance(value, bool) or not isinstance(value, int | float) or value != value // 1:
         raise SceneError(f"{key} must be a whole number of pixels, not {value!r}")
-    return value
+    return int(value)
 
 
 def _one_of(record: Mapping[str, object], key: str, choices: Mapping[Any, Member]) -> Member:
     value = record[key]
     for name, member in choices.items():
-        if value == name and not isinstance(value, bool | float):
+        if value == name:
             return member
     raise SceneError(f"unknown {key} {value!r}; choose from {listed(choices)}")

@@ -60,7 +60,7 @@ def test_from_json__malformed_data_is_refused_with_its_place(data: object, messa
         ("type", ["circle"], r"unknown type \['circle'\]"),
         ("color", "yellow", r"unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
         ("size", 15, r"unknown size 15; choose from 10, 20, 30"),
-        ("size", 20.0, r"unknown size 20\.0"),
+        ("size", 20.5, r"unknown size 20\.5"),
         ("size", True, r"unknown size True"),
         ("x_loc", 1.5, r"x_loc must be a whole number of pixels, not 1\.5"),
         ("y_loc", "3", r"y_loc must be a whole number of pixels, not '3'"),

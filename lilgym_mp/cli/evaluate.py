@@ -238,13 +238,19 @@ def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[S
                 raise CommandError(f"{agent.name} does not play {name}; it plays {', '.join(agent.configurations)}")
     environment = given_environment(args)
     chosen = [Settings(name, **environment) for name in requested or CONFIGURATIONS if name in supported]
-    return chosen if requested else [settings for settings in chosen if _has_tasks(settings, args.split)]
+    missing: list[NoTasksError] = []
+    playable = [settings for settings in chosen if _has_tasks(settings, args.split, missing)]
+    if missing and (requested or not playable):
+        raise missing[0]
+    return playable
 
 
-def _has_tasks(settings: Settings, split: str) -> bool:
+def _has_tasks(settings: Settings, split: str, missing: list[NoTasksError]) -> bool:
+    """Whether there are tasks; if not, the error that says what there is instead is added to `missing`."""
     try:
         settings.make(split)
-    except NoTasksError:
+    except NoTasksError as error:
+        missing.append(error)
         return False
     return True
 

@@ -7,6 +7,7 @@ them.
 from __future__ import annotations
 
 import argparse
+import json
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from lilgym_mp.actions import describe
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.records import SPLITS, read_text
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
@@ -24,6 +25,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 if TYPE_CHECKING:
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import Plan, Planner
 
 DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
@@ -49,6 +51,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="RUN",
         help=f"run directory, or name of a shipped agent (default: {DEFAULT_AGENT})",
     )
+    parser.add_argument(
+        "--file", type=Path, metavar="FILE", help="parse every statement of a text file, one a line; needs --json"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print words, corrections and candidate programs as JSON, without a plan"
+    )
     parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write an animation of the plan to FILE.gif")
     add_device(parser)
     add_settings(parser)
@@ -61,12 +69,18 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import explanation_lines
 
-    if args.statement is None and args.task is None:
-        raise CommandError("name a statement, or a task with --task")
+    if args.file is not None and (not args.json or args.statement is not None or args.task is not None):
+        raise CommandError("--file needs --json, and neither a statement nor --task")
+    if args.statement is None and args.task is None and args.file is None:
+        raise CommandError("name a statement, a task with --task, or a file of statements with --file and --json")
+    if args.json and args.film is not None:
+        raise CommandError("--film draws a plan, and --json makes none")
     torch.set_num_threads(max(1, args.threads))
     agent = open_agent(args.agent, args.device)
     if not isinstance(agent, ParseAndPlanAgent):
         raise CommandError(f"{args.agent} is of kind {agent.description.kind}; explain needs a {DEFAULT_AGENT} agent")
+    if args.json:
+        return _print_parses(agent, args)
     settings, task = _settings_and_task(args)
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
@@ -78,6 +92,31 @@ def run(args: argparse.Namespace) -> int:
     if args.film is not None:
         _film(args.film, plan, planner, f'"{statement}" Make it {str(task.target).lower()}.')
         print(f"film: {args.film}")
+    return 0
+
+
+def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
+    """Prints a JSON array with an object for each statement, as soon as it is parsed."""
+    if args.file is None:
+        settings, task = _settings_and_task(args)
+        statements = [args.statement or task.statement]
+    else:
+        settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
+        text, _ = read_text(args.file)
+        statements = [line for line in text.splitlines() if line.strip()]
+    appearance = agent.planner(settings).dynamics.appearance.name
+    for index, statement in enumerate(statements):
+        parse = agent.parser.parse(statement, appearance)
+        found = [{"program": found.program, "probability": round(found.probability, 4)} for found in parse.candidates]
+        line = {
+            "statement": statement,
+            "words": parse.words[1:],
+            "corrections": parse.corrections,
+            "unknown": parse.unknown,
+            "programs": found,
+        }
+        print(f"{',' if index else '['}{json.dumps(line, ensure_ascii=False)}", flush=True)
+    print("]")
     return 0
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import gzip
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple, TypeVar, cast
 
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import listed
@@ -26,16 +26,19 @@ from lilgym_mp.corpus.records import (
     shown,
 )
 from lilgym_mp.corpus.tasks import TaskSet
+from lilgym_mp.programs import ProgramError, compile_program
 from lilgym_mp.scene import Scene
 
 FORMAT = "lilgym_mp-corpus"
 VERSION = 1
-HEADER_KEYS = frozenset({"format", "version", "name", "licence"})
+HEADER_KEYS = frozenset({"format", "version", "name"})
 ENTRY_KEYS = frozenset({"id", "appearance", "split", "statement", "program", "starts"})
 ENTRY_TEXTS = ("id", "appearance", "split", "statement", "program")
 SECTIONS = "sections"  # header key of the builtin file: {"tower train": number of entries, ...} in file order
 TAGS = "tags"  # optional entry key
 START_KEYS = frozenset({"id", "label", "scene"})
+CHOICES: dict[str, Collection[str]] = {"appearance": APPEARANCES, "split": SPLITS}
+Checked = TypeVar("Checked")
 
 
 class Start(NamedTuple):
@@ -86,7 +89,7 @@ class CorpusFile:
         self._lines = [(number, line) for number, line in enumerate(text.split("\n"), start=1) if line.strip()]
         self._faults = faults
         self.header = self._checked_header(*self._lines[0])
-        self.name = str(self.header["name"])
+        self.name = str(self.header.get("name"))
 
     @cached_property
     def entries(self) -> list[Entry]:
@@ -107,6 +110,11 @@ class CorpusFile:
             first += count
         return []
 
+    def contents(self, start: str) -> str:
+        """The appearances and splits that have tasks with such starts, in words."""
+        found = {f"{entry.appearance} {entry.split}" for entry in self.entries if entry.task_ids(start)}
+        return f"{start} tasks of {', '.join(sorted(found))}" if found else f"no {start} tasks"
+
     def records(self, appearance: str, start: str, split: str) -> Iterator[Record]:
         for entry in self.section(appearance, split):
             yield from entry.records(start)
@@ -115,7 +123,7 @@ class CorpusFile:
         return f"{self.path}, line {number}"
 
     def _checked_header(self, number: int, line: str) -> dict[str, object]:
-        """Raises CorpusError for an invalid header, without which nothing else can be trusted."""
+        """Raises CorpusError for another format or version, whose entries cannot be read."""
         expected = f'the first line must be the header {{"format": "{FORMAT}", "version": {VERSION}, ...}}'
         try:
             header = as_object(parse_json(line))
@@ -124,32 +132,28 @@ class CorpusFile:
         if header is None or header.get("format") != FORMAT:
             raise CorpusError(f"{self._where(number)}: {expected}, not {shown(line)}")
         if missing := HEADER_KEYS - header.keys():
-            raise CorpusError(f"{self._where(number)}: the header lacks {listed(missing)}")
-        if header["version"] != VERSION or isinstance(header["version"], bool):
-            raise CorpusError(f"{self._where(number)}: version {header['version']!r} is unknown; this reads {VERSION}")
+            self._faults.add(self._where(number), f"the header lacks {listed(missing)}")
+        version = header.get("version", VERSION)
+        if version != VERSION or isinstance(version, bool):
+            raise CorpusError(f"{self._where(number)}: version {version!r} is unknown; this reads {VERSION}")
         for key in ("name", "licence"):
-            if not _is_text(header[key]):
-                raise CorpusError(f"{self._where(number)}: {key} must be a text, not {shown(header[key])}")
+            if key in header and not _is_text(header[key]):
+                self._faults.add(self._where(number), f"{key} must be a text, not {shown(header[key])}")
         return header
 
     def _entries(self, lines: Iterable[tuple[int, str]]) -> Iterator[Entry]:
-        """The well-formed entries whose ids and start ids are not duplicates."""
+        """The well-formed entries. Ids and start ids must be distinct."""
         first_seen: dict[str, str] = {}
         for number, line in lines:
             where = self._where(number)
-            try:
-                entry = _entry(where, parse_json(line))
-            except JSONFault as fault:
-                self._faults.add(where, str(fault))
+            entry = _entry(where, line, self._faults)
+            if entry is None:
                 continue
-            fresh = True
             for name in (entry.id, *(start.id for start in entry.starts)):
                 if name in first_seen:
                     self._faults.add(entry.where, f"id {name!r} is already used: {first_seen[name]}")
-                    fresh = False
                 first_seen[name] = where
-            if fresh:
-                yield entry
+            yield entry
 
 
 @cache
@@ -166,20 +170,47 @@ def _trusted_entry(line: str) -> Entry:
     return Entry("", name, appearance, split, statement, program, starts, tuple(record.get(TAGS, ())))
 
 
-def _entry(where: str, value: object) -> Entry:
-    record = _checked_keys("an entry", value, ENTRY_KEYS, may_have=TAGS)
-    for key in ENTRY_TEXTS:
-        check_text(key, record[key])
-    for key, choices in (("appearance", APPEARANCES), ("split", SPLITS)):
-        if record[key] not in choices:
-            raise JSONFault(f"unknown {key} {record[key]!r}; choose from {listed(choices)}")
-    if not isinstance(record["starts"], list):
-        raise JSONFault(f"starts must be a list, not {shown(record['starts'])}")
-    starts = cast("list[object]", record["starts"])
-    name, appearance, split, statement, program = (str(record[key]) for key in ENTRY_TEXTS)
-    read_starts = tuple(_start(start) for start in starts)
-    tags = _tags(record[TAGS]) if TAGS in record else ()
-    return Entry(f"{where}, entry {name!r}", name, appearance, split, statement, program, read_starts, tags)
+def _entry(where: str, line: str, faults: FaultLog) -> Entry | None:
+    """The entry with its well-formed starts; None if it cannot be used. All its faults go to the log."""
+
+    def check(function: Callable[..., Checked], *values: Any) -> Checked | None:
+        try:
+            return function(*values)
+        except (JSONFault, ProgramError) as fault:
+            faults.add(where, str(fault))
+            return None
+
+    record = check(_checked_entry, line)
+    if record is None:
+        return None
+    where = f"{where}, entry {record['id']!r}" if isinstance(record["id"], str) else where
+    texts = [check(check_text, key, record[key]) for key in ENTRY_TEXTS]
+    named = [check(_choice, key, record[key], choices) for key, choices in CHOICES.items() if record[key] in texts]
+    tags = check(_tags, record.get(TAGS, []))
+    starts = check(_list, "starts", record["starts"]) or []
+    read_starts = [start for value in starts if (start := check(_start, value)) is not None]
+    name, appearance, split, statement, program = map(str, texts)
+    if None not in (*texts, *named, tags):
+        return Entry(where, name, appearance, split, statement, program, tuple(read_starts), tags or ())
+    if texts[-1] is not None:
+        check(compile_program, program)  # would be checked with the entry's tasks otherwise
+    return None
+
+
+def _checked_entry(line: str) -> dict[str, Any]:
+    return _checked_keys("an entry", parse_json(line), ENTRY_KEYS, may_have=TAGS)
+
+
+def _choice(key: str, value: object, choices: Collection[str]) -> object:
+    if value not in choices:
+        raise JSONFault(f"unknown {key} {value!r}; choose from {listed(choices)}")
+    return value
+
+
+def _list(key: str, value: object) -> list[object]:
+    if not isinstance(value, list):
+        raise JSONFault(f"{key} must be a list, not {shown(value)}")
+    return cast("list[object]", value)
 
 
 def _tags(value: object) -> tuple[str, ...]:

@@ -96,7 +96,7 @@ def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, st
         provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
         tasks = TaskSet(TaskReader(appearance, faults, trusted=trusted).tasks(records), provenance, tags)
     if not tasks:
-        raise NoTasksError(f"{source.path}: has no tasks for {provenance}")
+        raise NoTasksError(f"{source.path}: has no tasks for {provenance}; it has {source.contents(start)}")
     return tasks
 
 

@@ -7,6 +7,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import stat
 import zlib
 from collections import Counter
@@ -21,6 +22,10 @@ SPLITS = {split: split for split in ("train", "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
 READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
+
+
+_OTHER_SPACES = re.compile(r"[^\S ]+")
+PROSE = frozenset({"statement", "program", "sentence", "lf"})  # keys of texts whose white space is normalised
 
 
 class Record(NamedTuple):
@@ -112,7 +117,12 @@ def as_object(value: object) -> dict[str, object] | None:
 
 
 def check_text(what: str, value: object) -> str:
-    """`value` if it is a non-blank string of printable characters (safe for terminals). Raises JSONFault otherwise."""
+    """`value` if it is a non-blank string of printable characters (safe for terminals). Raises JSONFault otherwise.
+
+    Tabs, line ends and other white space of statements and programs become spaces, and at both ends nothing.
+    """
+    if what in PROSE and isinstance(value, str) and not value.isprintable():
+        value = _OTHER_SPACES.sub(" ", value).strip()
     if not isinstance(value, str) or not value.strip():
         raise JSONFault(f"{what} must be a non-blank text, not {shown(value)}")
     if not value.isprintable():

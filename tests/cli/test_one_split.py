@@ -55,6 +55,13 @@ def test_evaluate__counts_no_statement_as_seen_or_unseen(
     assert "seen" not in output
 
 
+def test_evaluate__a_missing_split_is_an_error_that_names_the_others(
+    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", "train"]) != 0
+    assert f"it has scratch tasks of tower {split}" in capsys.readouterr().err
+
+
 def test_evaluate__gives_advice_on_training_for_trained_agents_only(
     corpus: str, split: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

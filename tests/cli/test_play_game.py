@@ -72,6 +72,16 @@ def test_program_run__defaults_to_the_tasks_own_program(capsys: pytest.CaptureFi
     assert "filter_color(all_items, Color.BLUE)" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("source", ["exist(filter_obj(all_items, lambda x: is_blue(x)))", "exist(all_items)"])
+def test_program_run__draws_scenes_where_the_program_holds_and_where_it_fails(
+    source: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["program", "run", source, "--appearance", "scatter"]) == 0
+    output = capsys.readouterr().out
+    assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
+    assert "= False" in output
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

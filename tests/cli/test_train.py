@@ -267,6 +267,15 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     assert "outcome: " in output
 
 
+def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):
+    (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax.\r\n")
+    block, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
+    assert (block["words"][-1], block["corrections"], block["unknown"]) == ("block", {"bloc": "block"}, [])
+    assert block["programs"][0]["program"] == "exist(filter_obj(all_items, lambda x: is_blue(x)))"
+    assert (zorblax["statement"], zorblax["unknown"]) == ("There is a zorblax.", ["zorblax"])
+    assert zorblax["programs"][0]["probability"] <= 1 / 3
+
+
 @pytest.mark.long
 def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_path: Path):
     directory = tmp_path / "demo"

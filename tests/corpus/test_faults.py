@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import CorpusError, check_corpus, load_tasks
+from lilgym_mp.corpus import CorpusError, NoTasksError, check_corpus, load_tasks
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]
@@ -27,7 +27,7 @@ FILE_FAULTS = {
     "latin-1": (HEADER + "caf\u00e9".encode("latin-1"), r"not UTF-8 text: byte 0xe9 at offset"),
     "no header": (GOOD_ENTRY, "line 1: the first line must be the header"),
     "header is no JSON": (b"format\n", "line 1: the first line must be the header .*not JSON"),
-    "header lacks a key": (b'{"format":"lilgym_mp-corpus","version":1,"name":"own"}\n', "the header lacks licence"),
+    "header lacks a key": (b'{"format":"lilgym_mp-corpus","version":1,"licence":"MIT"}\n', "the header lacks name"),
     "header of the future": (HEADER.replace(b"1", b"2"), "version 2 is unknown"),
     "header name": (HEADER.replace(b'"own"', b"5"), "name must be a text, not 5"),
     "truncated line": (HEADER + GOOD_ENTRY + GOOD_ENTRY[:40], "line 3: not JSON"),
@@ -212,6 +212,46 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
         found, ("unknown split 'eval'", "program 'count(all_items'", "label is true"), strict=True
     ):
         assert message in fault
+
+
+def test_check__all_faults_of_an_entry_are_reported_at_once(entries: Entries, written: Writer):
+    item = entries[2]["starts"][0]["scene"][1][0]
+    entries[2]["starts"][0]["scene"] = [[], [{**item, "x_loc": 1.5}, {**item, "color": "Red"}], {}]
+    entries[0] |= {"appearance": "towers", "split": "eval", "statement": " ", "program": "exist(", "tags": 3}
+    entries[0]["starts"][0]["label"] = "true"
+    path = written(entries)
+    header, rest = path.read_text().split("\n", 1)
+    path.write_text(json.dumps({**json.loads(header), "licence": 3}) + "\n" + rest)
+    found = "\n".join(map(str, check_corpus(path).faults))
+    said = (
+        "licence must be",
+        "unknown appearance",
+        "unknown split",
+        "statement must",
+        "never closed",
+        "tags must",
+        "label",
+    )
+    for message in (*said, "box 1, item 0: x_loc", "box 1, item 1: unknown color", "box 2: a box must be a list"):
+        assert message in found, message
+
+
+def test_file__other_white_space_whole_floats_and_a_missing_licence_are_read(entries: Entries, written: Writer):
+    entries[0]["statement"] = "There\u00a0is a\tblue block.\n"
+    item = entries[0]["starts"][0]["scene"][0][0]
+    item |= {key: float(item[key]) for key in ("x_loc", "y_loc", "size")}
+    path = written(entries)
+    header, rest = path.read_text().split("\n", 1)
+    header = {key: value for key, value in json.loads(header).items() if key != "licence"}
+    path.write_text(json.dumps(header) + "\n" + rest)
+    task = load_tasks(path, "tower", "flipit", "train")[0]
+    assert task.statement == "There is a blue block."
+    assert all(type(value) is int for item in task.start.items() for value in (item.x, item.y))
+
+
+def test_file__no_tasks_for_a_split_names_those_there_are(entries: Entries, written: Writer):
+    with pytest.raises(NoTasksError, match=r"'test'; it has flipit tasks of scatter dev, tower train"):
+        load_tasks(written(entries), "tower", "flipit", "test")
 
 
 def test_check__a_program_exceeding_the_step_limit_is_evaluated_on_one_scene(
