@@ -239,9 +239,9 @@ class _Generator:
                 ir.unsupported(type(node).__name__)
 
     def display(self, is_set: bool, values: list[ir.Value]) -> ir.Value:
+        self.charge_operator(*values)
         if values and all(isinstance(value, ir.BoxRef) for value in values) and not is_set:
             return ir.StaticList(tuple(values), (ir.TRUE,) * len(values))
-        self.charge_operator(*values)
         enums = {value.enum for value in values if isinstance(value, ir.AttributeValue)}
         if (
             len(enums) != 1

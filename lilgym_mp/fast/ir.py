@@ -68,7 +68,7 @@ class LoopIndex(Code):
 
     name: str
 
-    @property
+    @cached_property
     def indices(self) -> frozenset[str]:
         return frozenset({self.name})
 

@@ -138,7 +138,7 @@ def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.St
         combined = ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
         count = binomial(ir.MAX_ITEMS, size)
         if len({part.box for part in s.parts}) == len(s.parts) and count <= costs.SIZE_LIMIT:
-            generator.charge(costs.SUBSET_ELEMENT * (1 + size) * count)
+            generator.charge(costs.SUBSET_ELEMENT * (1 + 2 * size) * count)  # at most 2 elements an item: `ResultSize`
             return combined
         ir.unsupported("combinations")
     if not isinstance(s, ir.StaticList) or not s.unconditional:

@@ -138,8 +138,7 @@ def test_code_generation__step_bound_is_an_upper_bound(source: str) -> None:
     assert steps_of(source) <= allowed
 
 
-def test_code_generation__random_programs_hardly_exceed_the_step_bound() -> None:
-    """Lists of boxes and combinations take up to 39 % more steps than the bound says."""
+def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> None:
     programs = TypedPrograms(random.Random(11))
     compared = 0
     for _ in range(10_000):
@@ -151,8 +150,8 @@ def test_code_generation__random_programs_hardly_exceed_the_step_bound() -> None
             continue
         if allowed is not None:
             compared += 1
-            assert steps <= 1.5 * allowed, source
-        if compared == 50:
+            assert steps <= allowed, source
+        if compared == 100:
             return
     raise AssertionError(f"only {compared} programs had both")
 
