@@ -1,103 +1,300 @@
-"""Measure the steps per second of all ways to run the environments.
+"""Measure the steps per second and the memory of all ways to run the environments.
 
-Plays the same recorded actions in all ways to run the environments, alternating between them, and compares their speed
-with that of copying the observations.
+All ways play the same actions, sampled beforehand: "11 actions" are ten random legal edits and a STOP; a "random
+policy" chooses among the legal actions until the episode ends. Resets are timed, but are not counted as steps.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
+import multiprocessing
+import re
 import sys
-from functools import partial
+import tracemalloc
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager
+from dataclasses import dataclass, field
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from statistics import median
+from time import perf_counter, strftime
+from typing import Any, NamedTuple
 
-from lilgym_mp.choices import choose
-from lilgym_mp.evaluation.files import writable_directory, writable_file, write_atomically, write_json, write_text
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.options import CONFIGURATIONS_HELP, INTERRUPTED, RUNS, CommandError, add_corpus
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+import lilgym_mp.wrappers as wrappers
+from lilgym_mp.envs.workers import WorkerVectorEnv, usable_cores
+from lilgym_mp.evaluation.recording_metadata import cpu_model
+from lilgym_mp.evaluation.report import markdown_table
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.options import INTERRUPTED, CommandError, add_corpus
 from lilgym_mp.terminal import Progress, show_markdown
 
-OUTPUT = RUNS / "bench"
-QUICK_CONFIGURATIONS = ("TowerFlipIt", "ScatterFlipIt")
-CHART = "benchmark_scaling.png"
-PICTURES = "pictures"  # subdirectory of the document's directory
+SPLIT = "train"
+STOP = 0  # index of the action
+EPISODE_ACTIONS = 11  # ten edits and a STOP
+FIXED, RANDOM = f"{EPISODE_ACTIONS} actions", "random policy"  # workloads
+COPY = "memory copy"  # an upper bound on the speed of any environment that copies its images
+PROCESSES = max(2, usable_cores())  # of workers
+QUICK = ("TowerFlipIt", "ScatterFlipIt")  # configurations
+COLUMNS = ("way", "workload", "envs", "steps/s", "lowest", "highest", "of copying", "MB")
+LEGEND = (
+    "Steps per second: median, lowest and highest of the rounds. Of copying: relative to copying as many environments'"
+    " images into new memory. MB: memory of the environments and of their own processes, without the corpus."
+)
+
+
+class Workload:
+    """Recorded episodes, `actions` actions of all environments together; environment i always plays those of seed i."""
+
+    def __init__(self, settings: Settings, name: str, actions: int) -> None:
+        self.settings, self.name, self.actions = settings, name, actions
+        self.id, self.arguments = settings.id, settings.arguments(SPLIT)
+        own = {"appearance": settings.appearance, "start": settings.start, "protocol": "joint", "ending": "either"}
+        self.game_arguments = {**self.arguments, **own}  # every round takes one action of the MDP
+        self._env = settings.make(SPLIT)
+        self.episodes = cache(self._recorded)
+
+    def _recorded(self, seed: int, num_envs: int) -> list[tuple[str, list[int]]]:
+        """Tasks and actions of one environment; first episodes of FIXED differ in length, not to end all at once."""
+        env, rng, left = self._env, np.random.default_rng(seed), self.actions // num_envs
+        episodes: list[tuple[str, list[int]]] = []
+        env.reset(seed=seed)
+        while left > 0 or len(episodes) < 4:
+            actions, ended = list[int](), False
+            length = EPISODE_ACTIONS if episodes else 1 + seed % EPISODE_ACTIONS
+            while not ended:
+                legal = np.flatnonzero(env.action_masks())  # the first is STOP
+                is_last = len(actions) == length - 1
+                choices = legal if self.name == RANDOM else legal[:1] if is_last else legal[1:]
+                actions.append(int(rng.choice(choices)))
+                _, _, terminated, truncated, _ = env.step(actions[-1])
+                ended = terminated or truncated
+            episodes.append((env.task.id, actions))
+            left -= len(actions)
+            env.reset()
+        return episodes
+
+    def rows(self, num_envs: int, autoreset: AutoresetMode) -> tuple[list[np.ndarray], int]:
+        """(N,) actions of each step of a batch, to the end of the shortest, and their number without ignored ones."""
+        ignored = -1  # after the end of an episode
+        pause = [ignored] if autoreset is AutoresetMode.NEXT_STEP else []
+        played = [self.episodes(seed, num_envs) for seed in range(num_envs)]
+        columns = [[action for _, actions in episodes for action in (*actions, *pause)] for episodes in played]
+        length = min(map(len, columns))
+        table = np.array([column[:length] for column in columns], np.int64).T
+        return list(np.where(table == ignored, STOP, table)), int((table != ignored).sum())
+
+
+Call = tuple[Any, ...]  # a function and its arguments
+
+
+class Player(NamedTuple):
+    """Plays a workload in one way."""
+
+    steps: int
+    prepare: Callable[[], object]  # not timed
+    calls: list[Call]
+
+    def play(self) -> float:
+        """The seconds of all calls."""
+        self.prepare()
+        begin = perf_counter()
+        for function, *arguments in self.calls:
+            function(*arguments)
+        return perf_counter() - begin
+
+    def rate(self, seconds: float) -> float:
+        """Steps per second in at least these seconds, after a run that refills the CPU's caches."""
+        self.play()
+        plays = [self.play()]
+        while sum(plays) < seconds:
+            plays.append(self.play())
+        return self.steps * len(plays) / sum(plays)
+
+
+@contextmanager
+def copying(workload: Workload, num_envs: int) -> Iterator[Player]:
+    image = workload.settings.make(SPLIT).reset(seed=0)[0]["image"]
+    count = -(-2_048 // num_envs)
+    yield Player(count * num_envs, lambda: None, [(np.repeat(image[None], num_envs, 0).copy,)] * count)
+
+
+@contextmanager
+def single(workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
+    with closing(gym.make(workload.id, **workload.arguments)) as env:
+        before: list[Call] = [(env.get_wrapper_attr("action_masks"),)] if masks else []
+        episodes = [actions for _, actions in workload.episodes(0, num_envs)]
+        calls: list[Call] = []
+        for actions in episodes:
+            calls += [*(call for action in actions for call in (*before, (env.step, action))), (env.reset,)]
+        yield Player(sum(map(len, episodes)), lambda: env.reset(seed=0), calls)
+
+
+@contextmanager
+def vector(make: Any, workload: Workload, num_envs: int, masks: bool = False, wrap: Any = None) -> Iterator[Player]:
+    env = make(workload.id, num_envs, **workload.arguments)
+    with closing(wrap(env) if wrap else env) as env:
+        rows, steps = workload.rows(num_envs, env.metadata["autoreset_mode"])
+        before: list[Call] = [(env.action_masks,)] if masks else []
+        yield Player(steps, lambda: env.reset(seed=0), [call for row in rows for call in (*before, (env.step, row))])
+
+
+@contextmanager
+def sb3(backend: str, workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
+    """A Stable-Baselines3 `VecEnv` with monitor, as used in training."""
+    from lilgym_mp.sb3 import make_vec_env
+
+    first = multiprocessing.get_all_start_methods()[0]  # on Linux "fork": starts in a second, not in a minute
+    options: Any = {"workers": {"num_workers": PROCESSES}, "subproc": {"start_method": first}}.get(backend, {})
+    with closing(make_vec_env(workload.id, num_envs, backend, **workload.arguments, **options)) as env:
+        rows, steps = workload.rows(num_envs, AutoresetMode.SAME_STEP)
+        before: list[Call] = [(env.env_method, "action_masks")] if masks else []
+        calls = [call for row in rows for call in (*before, (env.step, row))]
+        yield Player(steps, lambda: (env.seed(0), env.reset()), calls)
+
+
+@contextmanager
+def game(workload: Workload, num_envs: int) -> Iterator[Player]:
+    """PettingZoo's parallel environment; the verifier always continues."""
+    from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
+
+    with closing(parallel_env(**workload.game_arguments)) as env:
+        calls: list[Call] = []
+        for task, actions in workload.episodes(0, num_envs):
+            calls.append((partial(env.reset, options={"task": task}),))
+            calls += [(env.step, dict(zip(AGENTS, (action, 0), strict=True))) for action in actions]
+        yield Player(sum(function == env.step for function, *_ in calls), lambda: None, calls)
+
+
+@contextmanager
+def batched_games(workload: Workload, num_envs: int) -> Iterator[Player]:
+    from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames
+
+    with closing(BatchedGames(num_envs, **workload.game_arguments)) as games:
+        rows, steps = workload.rows(num_envs, AutoresetMode.SAME_STEP)
+        continues = np.zeros(num_envs, np.int64)
+        calls = [(games.step, dict(zip(AGENTS, (row, continues), strict=True))) for row in rows]
+        yield Player(steps, lambda: games.reset(seed=0), calls)
+
+
+@dataclass
+class Case:
+    """A way to run the environments, and what was measured of it."""
+
+    group: str
+    name: str
+    num_envs: int
+    open: Callable[[Workload, int], AbstractContextManager[Player]]
+    workload: str = FIXED
+    rates: list[float] = field(default_factory=list)
+    megabytes: float | None = None
+
+
+def cases(counts: Sequence[int]) -> Iterator[Case]:
+    """Everything that is measured, with these numbers of environments."""
+    workers = partial(WorkerVectorEnv, num_workers=PROCESSES)
+    for count in dict.fromkeys((1, *counts)):
+        yield Case(COPY, COPY, count, copying, workload="-")
+    for workload in (FIXED, RANDOM):
+        yield Case("single", "single", 1, single, workload)
+    yield Case("single", "single, masks", 1, partial(single, masks=True))
+    for count in counts:
+        for group, make in (("batched", gym.make_vec), ("workers", workers)):
+            for workload in (FIXED, RANDOM):
+                yield Case(group, group, count, partial(vector, make), workload)
+            yield Case(group, f"{group}, no copy", count, partial(vector, partial(make, copy=False)))
+            yield Case(group, f"{group}, masks", count, partial(vector, make, masks=True))
+        for wrapper in ("stop_forcing", "action_mask", "tokenized_statement", "structured_observation", "grid_planes"):
+            wrapped = partial(vector, gym.make_vec, wrap=getattr(wrappers, f"{wrapper}_v0"))
+            yield Case("wrappers", f"batched, {wrapper}_v0", count, wrapped)
+        for backend in ("batched", "workers", "dummy", "subproc"):
+            yield Case("sb3", f"SB3, {backend}", count, partial(sb3, backend))
+        yield Case("sb3", "SB3, batched, masks", count, partial(sb3, "batched", masks=True))
+        yield Case("pettingzoo", "games, batched", count, batched_games)
+    yield Case("pettingzoo", "games, parallel_env", 1, game)
+
+
+GROUPS = list(dict.fromkeys(case.group for case in cases([1]) if case.group != COPY))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--only",
-        nargs="+",
-        metavar="GROUP",
-        help="any of single, batched, workers, wrappers, sb3, pettingzoo, parts (default: all)",
-    )
-    parser.add_argument(
-        "--configurations", nargs="+", metavar="NAME", help=f"any of {CONFIGURATIONS_HELP} (default: all)"
-    )
-    parser.add_argument(
-        "--quick",
-        action="store_true",
-        help=f"take only about a minute: fewer rounds, and only {' and '.join(QUICK_CONFIGURATIONS)}",
-    )
+    names, all_names = " and ".join(QUICK), list(CONFIGURATIONS)
+    parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to measure (default: all)")
+    parser.add_argument("--configurations", nargs="+", choices=all_names, help="where (default: everywhere)")
+    parser.add_argument("--num-envs", nargs="+", type=int, default=[64], metavar="N", help="in a batch (default: 64)")
+    parser.add_argument("--quick", action="store_true", help=f"measure less, and by default only {names}")
     add_corpus(parser)
-    parser.add_argument(
-        "--output", type=Path, default=OUTPUT, metavar="DIR", help="directory of the results (default: %(default)s)"
-    )
-    parser.add_argument("--write-docs", type=Path, metavar="FILE", help="update the tables and the chart of a document")
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.benchmark import EFFORTS, GROUPS, Bench, Workload, benchmark_cases
-
-    names = args.configurations or (QUICK_CONFIGURATIONS if args.quick else CONFIGURATIONS)
-    for name in names:
-        choose("configuration", name, CONFIGURATIONS)
-    chosen = benchmark_cases(args.only or GROUPS)
-    output = writable_directory(args.output)
-    if args.write_docs is not None:
-        _with_tables(args.write_docs, "")  # fails now if the document has no place for tables
-    effort = EFFORTS["quick" if args.quick else "full"]
-    bench = Bench(effort)
+    names = args.configurations or (QUICK if args.quick else CONFIGURATIONS)
+    if min(args.num_envs) < 1:
+        raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")
+    rounds, seconds, actions = (3, 0.01, 550) if args.quick else (9, 0.1, 4_400)
+    results = {name: [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)] for name in names}
+    code = 0
     # A thread that redraws the bar would disturb the measurements.
-    with Progress(len(names) * effort.repeats, "rounds", redraws_by_itself=False) as progress:
-        for name in names:
-            if not bench.is_interrupted:
-                workload = Workload(name, args.corpus, actions=effort.actions)
-                note = f"{name}, {len(chosen)} cases"
-                bench.measure(workload, chosen, partial(progress.advance, note=note))
-    _write(bench, output, args.write_docs)
-    return INTERRUPTED if bench.is_interrupted else 0
+    with Progress(len(names) * rounds, "rounds", redraws_by_itself=False) as progress:
+        try:
+            for name, found in results.items():
+                settings = Settings(name, args.corpus)
+                workloads = {kind: Workload(settings, kind, actions) for kind in (FIXED, RANDOM)}
+                _measure(found, workloads, rounds, seconds, partial(progress.advance, note=name))
+        except KeyboardInterrupt:
+            print("interrupted: not everything was measured", file=sys.stderr)
+            code = INTERRUPTED
+    machine = f"{cpu_model()}, {usable_cores()} cores, {PROCESSES} worker processes, {rounds} rounds"
+    tables = [f"### {name}\n\n{markdown_table(_table(found))}" for name, found in results.items() if found[0].rates]
+    show_markdown("\n\n".join([f"{strftime('%Y-%m-%d %H:%M')}, {machine}", LEGEND, *tables]))
+    return code
 
 
-def _write(bench: Any, output: Path, document: Path | None) -> None:
-    """Prints the tables, and writes tables, JSON and chart to `output` and the document."""
-    from lilgym_mp.benchmark.report import report_json, report_text, scaling_chart
-    from lilgym_mp.plotting import save
+def _measure(found: list[Case], workloads: dict[str, Workload], rounds: int, seconds: float, on_round: Any) -> None:
+    """Measures each case once per round, so that load on the machine affects all alike."""
+    with ExitStack() as stack:
+        players: list[tuple[Case, Player]] = []
+        for case in found:
+            workload = workloads.get(case.workload, workloads[FIXED])
+            try:
+                players.append((case, stack.enter_context(case.open(workload, case.num_envs))))
+            except ImportError as missing:
+                print(f"not measured: {case.name} (needs {missing.name})", file=sys.stderr)
+                continue
+            if case.group != COPY:
+                case.megabytes = _megabytes(case, workload)
+        for number in range(rounds):
+            for case, player in players if number % 2 == 0 else reversed(players):
+                case.rates.append(player.rate(seconds))
+            on_round()
 
-    text = report_text(bench)
-    show_markdown(text)
-    write_text(output / "bench.md", text + "\n")
-    write_json(output / "bench.json", report_json(bench))
-    charts = [output / CHART]
-    if document is not None:
-        write_text(document, _with_tables(document, text))
-        charts.append(document.parent / PICTURES / CHART)
+
+def _megabytes(case: Case, workload: Workload) -> float:
+    """What another such environment allocates here, and its own processes use (on Linux)."""
+    others = set(multiprocessing.active_children())
+    gc.collect()
+    tracemalloc.start()
     try:
-        if (chart := scaling_chart(bench)) is not None:
-            for path in charts:
-                write_atomically(writable_file(path), lambda unfinished: save(chart, unfinished, "png"))
-    except ImportError as missing:
-        print(f"no chart: {missing}", file=sys.stderr)
-    print(f"results: {output}" + (f", {document}" if document else ""), file=sys.stderr)
+        with case.open(workload, case.num_envs) as player:
+            player.play()
+            found = tracemalloc.take_snapshot().filter_traces([tracemalloc.Filter(False, __file__)]).traces
+            children = set(multiprocessing.active_children()) - others
+            files = [path for child in children if (path := Path(f"/proc/{child.pid}/smaps_rollup")).exists()]
+            kilobytes = sum(int(size) for path in files for size in re.findall(r"(?m)^Pss: *(\d+)", path.read_text()))
+    finally:
+        tracemalloc.stop()
+    return sum(trace.size for trace in found) / 1e6 + kilobytes / 1e3
 
 
-def _with_tables(document: Path, text: str) -> str:
-    """The document's text with its tables replaced."""
-    from lilgym_mp.benchmark.report import insert_tables
-
-    try:
-        return insert_tables(document.read_text(encoding="utf-8"), text)
-    except OSError as error:
-        raise CommandError(f"cannot read {document}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise CommandError(f"{document}: {error}") from None
+def _table(found: Sequence[Case]) -> list[Sequence[str]]:
+    copies = {case.num_envs: case.rates for case in found if case.group == COPY}
+    rows: list[Sequence[str]] = [COLUMNS]
+    for case in filter(lambda case: case.rates, found):
+        speeds = [f"{float(f'{rate:.3g}'):,.0f}" for rate in (median(case.rates), min(case.rates), max(case.rates))]
+        ratio = median(ours / theirs for ours, theirs in zip(case.rates, copies[case.num_envs], strict=False))
+        others = ["-", "-"] if case.megabytes is None else [f"{ratio:.2f}", f"{case.megabytes:,.1f}"]
+        rows.append([case.name, case.workload, str(case.num_envs), *speeds, *others])
+    return rows

@@ -72,7 +72,7 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
 @pytest.mark.parametrize("seconds", [0.0, 0.1, 0.2, 0.4])
 def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_path: Path) -> None:
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
-    command = [sys.executable, "-c", program, "bench", "--quick", "--out", str(tmp_path / "bench")]
+    command = [sys.executable, "-c", program, "bench", "--quick"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
@@ -80,7 +80,7 @@ def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_pat
         process.send_signal(signal.SIGINT)
         _, output = process.communicate(timeout=60)
     assert process.returncode == INTERRUPTED
-    assert output in ("interrupted\n", f"results: {tmp_path / 'bench'}\n")  # the latter if measuring has begun
+    assert "interrupted" in output
 
 
 def test_disk_error__is_reported_in_one_line(
