@@ -57,12 +57,10 @@ BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
-    "benchmark_scaling.png": "lilgym-mp bench --write-docs docs/benchmarks.md",
     "sb3_curve.png": "a chart of what python examples/train_masked_ppo.py prints, with both backends",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
-    "game_*.svg": "python benchmarks/game_experiments.py RESULTS --corpus lilgym --pictures docs/pictures",
     "results-*.png": "lilgym-mp report RESULTS --out OUT --document PAGE.md; RESULTS as in docs/results.md",
     "web/*": "python scripts/web_screenshots.py",
 }
