@@ -7,7 +7,7 @@ a limit.
 
 from __future__ import annotations
 
-STEP_LIMIT = 75_000_000
+STEP_LIMIT = 80_000_000
 BOUNDED_STEPS = 250_000  # of `bounded_truths`
 SIZE_LIMIT = 100_000  # elements of one collection
 HELD_LIMIT = 500_000  # elements, at all levels, of the values held at once
