@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
 LINE_SECONDS = 1.0  # least time between them
+SILENT_SECONDS = 10.0  # longest time without a line
 GAP = 2  # blanks between the columns of a table
 RULED = "\n".join(["    "] * 2 + ["----"] + ["    "] * 5)  # a line under the header, in the form of `rich.box`
 NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
@@ -51,16 +52,23 @@ def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
 class Progress:
     """Progress up to `total` with the time left, on stderr: as a bar on a terminal, elsewhere as a few lines.
 
-    A context manager.
+    A context manager. In its block a thread redraws the bar, or prints a line whenever there was none for ten seconds.
     """
 
     def __init__(
-        self, total: int, unit: str, done: int | None = 0, *, redraws_by_itself: bool = True, lines: int = LINES
+        self,
+        total: int,
+        unit: str,
+        done: int | None = 0,
+        *,
+        doing: str = "",
+        redraws_by_itself: bool = True,
+        lines: int = LINES,
     ) -> None:
         """`done`: progress at the beginning; None if the first call of `reach` sets it, as in a resumed run.
 
-        `redraws_by_itself`: whether a thread redraws the bar between calls, which updates its clock. `lines`: number of
-        lines without a terminal; 0 if the caller prints its own.
+        `doing`: shown at once and until the first progress. `redraws_by_itself`: whether the thread runs; not while
+        speed is measured. `lines`: number of lines without a terminal; 0 if the caller prints its own.
         """
         self._total = total
         self._unit = unit
@@ -68,17 +76,36 @@ class Progress:
         self._line_count = lines
         self._done = done or 0
         self._since = self._printed = time.monotonic()
+        self._note = doing
+        self._entered = self._since
+        self._over = threading.Event()
         self._bar = _bar(redraws_by_itself) if sys.stderr.isatty() else None
+        self._beats = self._bar is None and redraws_by_itself and lines > 0
         if self._bar is not None:
             self._bar.start()
-            self._bar.add_task(unit, total=total, completed=self._done, note="", end=None)
+            self._bar.add_task(unit, total=total, completed=self._done, note=doing, end=None)
+        elif doing:
+            _write(doing)
 
     def __enter__(self) -> Progress:
+        if self._beats:
+            threading.Thread(target=self._beat, daemon=True).start()
         return self
 
     def __exit__(self, *exception: object) -> None:
+        self._over.set()
         if self._bar is not None:
             self._bar.stop()
+
+    def _beat(self) -> None:
+        """Prints a line whenever there was none for SILENT_SECONDS."""
+        while not self._over.wait(SILENT_SECONDS / 10):
+            now = time.monotonic()
+            if now - self._printed >= 0.8 * SILENT_SECONDS:
+                self._printed = now
+                seconds = round(now - self._entered)
+                reached = f"{self._done:,} of {self._total:,} {self._unit}" if self._done else ""
+                _write(", ".join(filter(None, [reached, self._note, f"{seconds // 60}:{seconds % 60:02} so far"])))
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Adds `count` to the progress; `note` is shown with it."""
@@ -89,7 +116,7 @@ class Progress:
         if self._begin is None:
             self._begin, self._done, self._since = min(done, self._total), done, time.monotonic()
         lines_before = self._lines(self._begin)
-        self._done = done
+        self._done, self._note = done, note
         now = time.monotonic()
         if self._bar is not None:
             end = self._end(self._begin, now)
@@ -121,7 +148,7 @@ def time_left(end: float | None) -> str:
 
 def _bar(redraws_by_itself: bool) -> RichProgress:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as RichProgress
     from rich.text import Text
 
@@ -133,6 +160,7 @@ def _bar(redraws_by_itself: bool) -> RichProgress:
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.description}"),
+        TimeElapsedColumn(),
         TimeLeft(),
         TextColumn("{task.fields[note]}"),
         console=Console(file=sys.stderr),

@@ -78,6 +78,22 @@ def test_progress__can_draw_only_when_advanced(monkeypatch: pytest.MonkeyPatch):
     assert threads == threading.active_count()
 
 
+def test_progress__says_at_once_what_it_is_doing_and_goes_on_saying_so(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("lilgym_mp.terminal.SILENT_SECONDS", 0.01)
+    lines: list[str] = []
+    added = threading.Event()
+    monkeypatch.setattr("lilgym_mp.terminal._write", lambda line: (lines.append(line), added.set()))
+    with Progress(10, "updates", doing="ppo: preparing data") as progress:
+        assert lines == ["ppo: preparing data"]
+        added.clear()
+        assert added.wait(60)
+        assert lines[1].startswith("ppo: preparing data, 0:0")
+        progress.reach(3, "loss 0.5")
+        while not lines[-1].startswith("3 of 10 updates, loss 0.5, 0:0"):
+            added.clear()
+            assert added.wait(60)
+
+
 COMMANDS = {  # long-running commands, and the progress they end with
     "evaluate --policy random-legal --configuration TowerScratch": "150 of 150 episodes",
     "llm TowerScratch --agent expert --episodes 1": "1 of 1 episodes",  # progress on a terminal only

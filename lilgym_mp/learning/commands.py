@@ -112,7 +112,9 @@ class TimedCommand:
         budget = given_options(args, ["updates", "minutes", "seed", "device", "resume"])
         paths = {name: Path(given) for name in self.paths if (given := getattr(args, name)) is not None}
         try:
-            with Progress(args.updates, "updates", done=None if args.resume else 0) as bar:
+            with Progress(
+                args.updates, "updates", None if args.resume else 0, doing=f"{self.learner}: preparing data"
+            ) as bar:
                 getattr(import_module(module), function)(
                     settings,
                     recipe,

@@ -107,7 +107,7 @@ def train(args: argparse.Namespace) -> int:
 
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
     fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "minutes": None})
-    with Progress(100, "% of the budget", done=None) as bar:
+    with Progress(100, "% of the budget", None, doing="game: preparing data") as bar:
 
         def show(update: TrainingProgress, done: float) -> None:
             success, j = (

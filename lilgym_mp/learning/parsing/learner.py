@@ -49,7 +49,7 @@ def train(args: argparse.Namespace) -> int:
     else:
         recipe = ParserRecipe(**given)
     options.fill_options(args, saved, {"corpus": "builtin"})
-    with Progress(recipe.updates, "updates", done=None if args.resume else 0) as bar:
+    with Progress(recipe.updates, "updates", None if args.resume else 0, doing=f"{NAME}: preparing data") as bar:
         done = train_parser(
             args.corpus,
             recipe,

@@ -61,7 +61,7 @@ def train(args: argparse.Namespace) -> int:
     options.check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
     options.fill_options(args, arguments.pop("options", {}), {"steps": DEFAULT_STEPS, "evaluate_every": None})
-    with Progress(args.steps, "steps", done=None) as bar:
+    with Progress(args.steps, "steps", None, doing="ppo: preparing data") as bar:
 
         def show(update: TrainingProgress) -> None:
             accuracy = "-" if update.accuracy is None else f"{100 * update.accuracy:.0f} %"
