@@ -1,28 +1,30 @@
-"""Wrappers, installed as `lilgym_mp.wrappers`, one per file.
+"""Wrappers, installed as `lilgym_mp.wrappers`.
 
 A class wraps one Gymnasium environment; its factory, `name_v0`, applies the same transformation to a Gymnasium
 environment, a vector environment of this package, or the PettingZoo game.
 """
 
-from lilgym_mp.wrappers.action_mask import ActionMask
-from lilgym_mp.wrappers.box_permutation import BoxPermutation
-from lilgym_mp.wrappers.channels_first import ChannelsFirst
-from lilgym_mp.wrappers.embedding import StatementEmbedding
-from lilgym_mp.wrappers.flat import FlatObservation
-from lilgym_mp.wrappers.grid_planes import GridPlanes
+from lilgym_mp.wrappers.actions import ActionMask, MultiDiscreteActions, NamedActions, StopForcing
+from lilgym_mp.wrappers.formats import (
+    ChannelsFirst,
+    FlatObservation,
+    GridPlanes,
+    ImageObservation,
+    NativeImage,
+    StatementEmbedding,
+    StepsLeft,
+    StructuredObservation,
+    TokenizedStatement,
+)
 from lilgym_mp.wrappers.gymnasium_adapter import factory
-from lilgym_mp.wrappers.image import ImageObservation
-from lilgym_mp.wrappers.multi_discrete import MultiDiscreteActions
-from lilgym_mp.wrappers.named_actions import NamedActions
-from lilgym_mp.wrappers.native_image import NativeImage
-from lilgym_mp.wrappers.nlvr_reward import NLVRReward
-from lilgym_mp.wrappers.potential_shaping import PotentialShaping
-from lilgym_mp.wrappers.reverse_curriculum import ReverseCurriculum, reverse_curriculum_v0
-from lilgym_mp.wrappers.steps_left import StepsLeft
-from lilgym_mp.wrappers.stop_forcing import StopForcing
-from lilgym_mp.wrappers.structured import StructuredObservation
 from lilgym_mp.wrappers.text import TextObservation
-from lilgym_mp.wrappers.tokens import TokenizedStatement
+from lilgym_mp.wrappers.training import (
+    BoxPermutation,
+    NLVRReward,
+    PotentialShaping,
+    ReverseCurriculum,
+    reverse_curriculum_v0,
+)
 from lilgym_mp.wrappers.transformation import WrongEnvironment
 
 action_mask_v0 = factory(ActionMask)

@@ -37,8 +37,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
-from lilgym_mp.wrappers.tokens import STATEMENT
-from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
+from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos

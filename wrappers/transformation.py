@@ -25,6 +25,7 @@ from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.task import Task
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
+STATEMENT = "statement"  # observation key
 SCENE_PARTS = frozenset((IMAGE, ITEMS, PLANES))
 
 Batch = Any  # B values of a space: an array (B, ...), a tuple of B strings, or a dict of these
@@ -195,9 +196,11 @@ class Transformation:
 
 
 class TaskChange(Transformation):
-    """Replaces the environment's tasks once, when it is wrapped."""
+    """Replaces the environment's tasks by `change(tasks)` once, when it is wrapped."""
 
-    change: Callable[[TaskSet], TaskSet]  # applied to the environment's tasks
+    def __init__(self, description: EnvDescription, *, change: Callable[[TaskSet], TaskSet]) -> None:
+        super().__init__(description)
+        self.change = change
 
 
 def change_tasks(env: Any, transformation: Transformation) -> None:

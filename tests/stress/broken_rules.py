@@ -70,7 +70,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/learning/game/rollout.py:own_turn_advantages": ("tests/learning/game/test_rollout.py",),
     "lilgym_mp/evaluation/runs.py:summarise": ("tests/evaluation",),
     "lilgym_mp/report/aggregation.py:paired_difference": ("tests/report",),
-    "wrappers/stop_forcing.py:Forcing.action_masks": ("tests/wrappers/test_stop_forcing.py",),
+    "wrappers/actions.py:Forcing.action_masks": ("tests/wrappers/test_stop_forcing.py",),
 }
 
 

@@ -1,0 +1,241 @@
+"""Actions in other forms, and masks of actions."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+
+from lilgym_mp.actions import STOP, ActionError, ActionType, describe, named
+from lilgym_mp.appearances import Appearance
+from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.choices import choose
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
+
+MASK = "action_mask"  # the info's key
+
+
+class MaskInfo(Transformation):
+    """Adds "action_mask" to infos."""
+
+    adds_infos = True
+
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+        return {MASK: state.action_masks().view(np.int8)}
+
+
+class ActionMask(EnvWrapper[MaskInfo]):
+    """Adds the exact mask of legal actions as info["action_mask"]: int8 (actions,), as `Discrete.sample` expects.
+
+    Legality takes account of the environment's grid, placement search and snapping, and of wrapped wrappers that
+    narrow the mask, such as StopForcing.
+    """
+
+    transformation_class = MaskInfo
+
+
+TRAINING_SPLIT = "train"
+FORCED = "forced_stop"  # info key
+
+
+class Forcing(Transformation):
+    """Where STOP succeeds, masks all other actions, or replaces them by STOP."""
+
+    def __init__(self, description: EnvDescription, *, mode: str, allow_evaluation: bool) -> None:
+        """Raises ValueError for an unknown mode or an evaluation split."""
+        super().__init__(description)
+        self.adds_infos = choose("mode", mode, {"mask": True, "replace": False})
+        self.changes_actions = not self.adds_infos
+        split = description.tasks.provenance.split
+        if split != TRAINING_SPLIT and not allow_evaluation:
+            raise ValueError(
+                f"{description.wrapper} is for training: split {split!r} is for evaluation, where the agent must choose"
+                f' STOP itself; choose split="{TRAINING_SPLIT}" or pass allow_evaluation=True'
+            )
+        if self.changes_actions:
+            description.require_discrete_actions()
+
+    def action_masks(self, state: EnvState) -> BoolArray:
+        legal = state.action_masks()
+        if not self.changes_actions:
+            success = state.goal_reached()
+            legal[success] = False
+            legal[success, self.env_description.stop_index] = True
+        return legal
+
+    def added_infos(self, info: Mapping[str, Any], state: EnvState) -> Mapping[str, Batch]:
+        return {MASK: self.action_masks(state).astype(np.int8)} if MASK in info else {}
+
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
+        forced = state.goal_reached() & (actions != self.env_description.stop_index)
+        return np.where(forced, self.env_description.stop_index, actions), {FORCED: forced}
+
+
+class StopForcing(EnvWrapper[Forcing]):
+    """Makes the agent STOP in every state where STOP succeeds. For training only.
+
+    mode "mask" (the paper): `action_masks()`, and info["action_mask"] of a wrapped ActionMask, allow only STOP there.
+    mode "replace" (the release): any action becomes STOP there; info["forced_stop"] is whether the last action was
+    replaced.
+    Raises ValueError for evaluation splits unless `allow_evaluation`, since evaluation is without stop forcing.
+    Source: docs/spec.md, "Stop forcing" (PPO+SF).
+    """
+
+    transformation_class = Forcing
+
+    def __init__(self, env: gym.Env[Any, Any], mode: str = "mask", *, allow_evaluation: bool = False) -> None:
+        super().__init__(env, mode=mode, allow_evaluation=allow_evaluation)
+
+
+NUMBERS, SLOTS = "numbers", "slots"  # one mask entry per action index, or per value of each slot
+MASKS = {form: form for form in (NUMBERS, SLOTS)}
+
+
+class ArrayDecoding(Transformation):
+    """Decodes batches of action arrays to action indices."""
+
+    changes_actions = True
+    uses_mdp_actions = True
+
+    def __init__(self, description: EnvDescription, *, masks: str) -> None:
+        super().__init__(description)
+        description.require_discrete_actions()
+        self._by_slots = choose("masks", masks, MASKS) == SLOTS
+        self._appearance = description.dynamics.appearance
+        # Each action type has consecutive indices, last slot fastest (docs/spec.md, "Actions"): the first of them, and
+        # the array form of the last action, which has the largest value of each slot, -1 if unused.
+        unused = [0] * (len(self._appearance.to_array(STOP)) - 1)
+        arrays = ([int(action_type), *unused] for action_type in ActionType)
+        self._firsts = [self._appearance.encode(self._appearance.from_array(array)) for array in arrays]
+        ends = [*self._firsts[1:], self._appearance.action_count]
+        self._lasts = np.array([self._appearance.to_array(self._appearance.decode(end - 1)) for end in ends])
+        self._sizes = 1 + self._lasts.max(axis=0)
+
+    def action_space(self) -> spaces.MultiDiscrete:
+        return spaces.MultiDiscrete(self._sizes)
+
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
+        """Raises ActionError for an array of another shape or a value out of range."""
+        arrays = np.asarray(actions)
+        if arrays.ndim != 2 or arrays.shape[1] != len(self._sizes) or arrays.dtype.kind not in "iu":
+            return self._decode_one_by_one(actions), {}
+        indices = np.zeros(len(arrays), np.int64)
+        is_valid = np.zeros(len(arrays), np.bool_)
+        for action_type, (last, first_index) in enumerate(zip(self._lasts, self._firsts, strict=True)):
+            rows = arrays[:, 0] == action_type
+            slots = np.flatnonzero(last[1:] >= 0) + 1
+            values = arrays[np.ix_(rows, slots)]
+            is_valid[rows] = ((values >= 0) & (values <= last[slots])).all(axis=1)
+            if slots.size and is_valid[rows].all():
+                indices[rows] = first_index + np.ravel_multi_index(tuple(values.T), tuple(last[slots] + 1))
+        return (indices if is_valid.all() else self._decode_one_by_one(arrays)), {}
+
+    def action_masks(self, state: EnvState) -> BoolArray:
+        legal = state.action_masks()
+        if not self._by_slots:
+            return legal
+        values = self._slot_values
+        flags = [
+            np.stack([legal[:, values[:, slot] == value].any(axis=1) for value in range(size)], axis=1)
+            for slot, size in enumerate(self._sizes)
+        ]
+        for slot in flags:
+            slot[~slot.any(axis=1)] = True  # no legal action uses the slot, so its value is ignored
+        return np.concatenate(flags, axis=1)
+
+    @cached_property
+    def _slot_values(self) -> Int64Array:
+        """(actions, slots) the array form of each action, -1 in unused slots."""
+        appearance = self._appearance
+        return np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
+
+    def _decode_one_by_one(self, arrays: Batch) -> Int64Array:
+        """The slow path, for its error messages."""
+        return np.array([self._appearance.encode(self._appearance.from_array(array)) for array in arrays])
+
+
+class MultiDiscreteActions(EnvWrapper[ArrayDecoding]):
+    """Takes actions in the released array form, MultiDiscrete: [type, box, colour] for Tower, [type, x, y, shape,
+    colour, size] for Scatter. Slots that an action type does not use may have any value, such as the release's -1.
+
+    `masks="numbers"`: `action_masks()` has one flag per action index, as without this wrapper. `masks="slots"`, as
+    MaskablePPO expects: (sum of slot sizes,), one flag per value of each slot, false if no legal action has it;
+    combinations of such values may still be illegal. Raises ValueError for other `masks`, and ActionError in `step`
+    for an array of the wrong shape or a value out of range.
+    """
+
+    transformation_class = ArrayDecoding
+
+    def __init__(self, env: gym.Env[Any, Any], *, masks: str = NUMBERS) -> None:
+        super().__init__(env, masks=masks)
+
+
+class ActionNames(spaces.Space[str]):
+    """The names of an appearance's actions, such as "ADD(LEFT, BLUE)"."""
+
+    def __init__(self, appearance: Appearance, seed: int | np.random.Generator | None = None) -> None:
+        super().__init__(shape=None, dtype=None, seed=seed)
+        self.appearance = appearance
+
+    def sample(self, mask: Any | None = None, probability: Any | None = None) -> str:
+        """The name of a random action; `mask` and `probability` as for `Discrete`, by action index."""
+        indices = spaces.Discrete(self.appearance.action_count, seed=self.np_random)
+        return describe(self.appearance.decode(int(indices.sample(mask, probability))))
+
+    def contains(self, x: Any) -> bool:
+        try:
+            return isinstance(x, str) and self.index(x) >= 0
+        except ActionError:
+            return False
+
+    def index(self, name: str) -> int:
+        """The index of the action called `name`. Raises ActionError."""
+        if not isinstance(name, str):
+            raise ActionError(f"an action must be given by name, not {name!r}")
+        return self.appearance.encode(named(name))
+
+    @property
+    def is_np_flattenable(self) -> bool:
+        return False
+
+    def __repr__(self) -> str:
+        return f"ActionNames({self.appearance!r})"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, ActionNames) and self.appearance == other.appearance
+
+    __hash__ = None  # pyright: ignore[reportAssignmentType]  # as for other spaces
+
+
+class NameDecoding(Transformation):
+    """Decodes action names to action indices."""
+
+    changes_actions = True
+    uses_mdp_actions = True
+
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        description.require_discrete_actions()
+        self._space = ActionNames(description.dynamics.appearance)
+
+    def action_space(self) -> ActionNames:
+        return self._space
+
+    def actions(self, actions: Batch, state: EnvState) -> tuple[Batch, Mapping[str, BoolArray]]:
+        """Raises ActionError for an unknown name."""
+        return np.array([self._space.index(name) for name in actions]), {}
+
+
+class NamedActions(EnvWrapper[NameDecoding]):
+    """Takes actions by name: "STOP", "ADD(LEFT, BLUE)", "REMOVE(LEFT)"; in Scatter "ADD(3, 4, CIRCLE, BLUE, SMALL)"
+    and "REMOVE(3, 4)" with the grid's column and row. Case and spacing do not matter.
+
+    Raises ActionError in `step` for an unknown name.
+    """
+
+    transformation_class = NameDecoding

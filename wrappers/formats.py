@@ -1,0 +1,397 @@
+"""Observations in other forms: of the scene, the statement, the steps left, and all of it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, cast
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from gymnasium.spaces.utils import flatten_space
+from numpy.typing import NDArray
+
+from lilgym_mp.appearances import RELEASED_GRID
+from lilgym_mp.arrays import Float32Array, Int16Array, Int64Array
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
+from lilgym_mp.observation import EMPTY, image_space
+from lilgym_mp.render import draw
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
+from lilgym_mp.task import Task
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.transformation import (
+    IMAGE,
+    ITEMS,
+    PLANES,
+    STATEMENT,
+    Batch,
+    EnvDescription,
+    EnvState,
+    Format,
+    SceneFormat,
+    Transformation,
+    WrongEnvironment,
+)
+
+PRESENT = "present"  # observation key
+MARGIN = 10  # pixels; the release's snapping may move an item slightly out of its box
+
+
+class Items(SceneFormat):
+    """The item array and a mask of its filled slots."""
+
+    def __init__(self, description: EnvDescription, *, keep_image: bool, slots: int | None) -> None:
+        """Raises ValueError for fewer slots than a box can have items."""
+        super().__init__(description, keep_image=keep_image)
+        needed = description.item_capacity
+        if slots is not None and slots < needed:
+            raise ValueError(f"slots must be at least {needed}, the most items a box can have here, not {slots}")
+        self._shape = (BOX_COUNT, slots or needed)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        low = self._fields([-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY])
+        high = self._fields([BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)])
+        return {ITEMS: spaces.Box(low, high, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
+
+    def _fields(self, values: list[int]) -> Int16Array:
+        """(3, capacity, 5) the five values in every slot."""
+        return np.broadcast_to(np.array(values, np.int16), (*self._shape, len(values)))
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        items = state.items
+        if missing := self._shape[1] - items.shape[2]:
+            items = np.pad(items, ((0, 0), (0, 0), (0, missing), (0, 0)), constant_values=EMPTY)
+        return {ITEMS: items, PRESENT: (items[..., -1] != EMPTY).astype(np.int8)}
+
+
+class StructuredObservation(EnvWrapper[Items]):
+    """Replaces "image" by an item array.
+
+    "item_array": int16 (3, C, 5), by box, left to right, each item's x, y (pixels from the box's top-left corner),
+    shape, colour and size, in the order added, -1 in empty slots. C, the most items a box can have, depends on the
+    split and the horizon; `slots` sets a larger one. "present": int8 (3, C), 1 for filled slots. `keep_image` keeps
+    "image" as well.
+    """
+
+    transformation_class = Items
+
+    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
+        super().__init__(env, keep_image=keep_image, slots=slots)
+
+
+OCCUPANCY = len(Shape) + len(Colour) + len(Size)  # index of the last plane
+PLANE_COUNT = OCCUPANCY + 1
+
+_FIRST_PLANES = np.array([0, len(Shape), len(Shape) + len(Colour)])  # first plane of shape, colour and size
+_SIDES = np.array(SIZE_PIXELS)
+_CORNER_SIGNS = (1, -1, -1, 1)
+
+
+class Planes(SceneFormat):
+    """Item counts by shape, colour and size, and an occupancy plane."""
+
+    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+        super().__init__(description, keep_image=keep_image)
+        self.columns, self.rows = description.dynamics.appearance.grid or RELEASED_GRID
+        self._cell = np.array([IMAGE_WIDTH // self.columns, IMAGE_HEIGHT // self.rows])  # width and height in pixels
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        high = np.full((PLANE_COUNT, self.rows, self.columns), self.env_description.item_capacity, np.uint8)
+        high[OCCUPANCY] = 1
+        return {PLANES: spaces.Box(np.zeros_like(high), high, dtype=np.uint8)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        items = state.items
+        batch, box, slot = np.nonzero(items[..., -1] != EMPTY)
+        here = items[batch, box, slot].astype(np.int64)  # (items, 5)
+        sides = _SIDES[here[:, 4]]
+        corners = here[:, :2] + np.stack([box * BOX_PITCH, np.zeros_like(box)], axis=1)  # (items, 2) on the image
+        planes = self._count_planes(len(items), batch, here[:, 2:], self._cells(corners + sides[:, None] // 2))
+        first, last = self._cells(corners), self._cells(corners + sides[:, None] - 1)
+        planes[:, OCCUPANCY] = self._occupancy(len(items), batch, first, last)
+        return {PLANES: planes}
+
+    def _cells(self, pixels: Int64Array) -> Int64Array:
+        """(items, 2) column and row of each pixel, clipped to the grid."""
+        return np.clip(pixels // self._cell, 0, [self.columns - 1, self.rows - 1])
+
+    def _count_planes(
+        self, size: int, batch: Int64Array, item_types: Int64Array, cells: Int64Array
+    ) -> NDArray[np.uint8]:
+        """(size, planes, rows, columns) numbers of items of each shape, colour and size centred in each cell."""
+        shape = (size, PLANE_COUNT, self.rows, self.columns)
+        column, row = cells[:, :1], cells[:, 1:]
+        indices = (
+            (batch[:, None] * PLANE_COUNT + _FIRST_PLANES + item_types) * self.rows + row
+        ) * self.columns + column
+        return np.bincount(indices.ravel(), minlength=math.prod(shape)).astype(np.uint8).reshape(shape)
+
+    def _occupancy(self, size: int, batch: Int64Array, first: Int64Array, last: Int64Array) -> NDArray[np.bool_]:
+        """(size, rows, columns) the cells that overlap an item's bounding square."""
+        # Summed-area trick: +1 and -1 at each rectangle's corners; cumulative sums along both axes fill it.
+        shape = (size, self.rows + 1, self.columns + 1)
+        rows = np.stack([first[:, 1], first[:, 1], last[:, 1] + 1, last[:, 1] + 1])
+        columns = np.stack([first[:, 0], last[:, 0] + 1, first[:, 0], last[:, 0] + 1])
+        indices = (batch * shape[1] + rows) * shape[2] + columns
+        signs = np.repeat(_CORNER_SIGNS, len(batch))
+        corners = np.bincount(indices.ravel(), signs, math.prod(shape)).reshape(shape)
+        return corners.cumsum(1).cumsum(2)[:, :-1, :-1] > 0.5
+
+
+class GridPlanes(EnvWrapper[Planes]):
+    """Replaces "image" by "planes": uint8 (10, rows, columns) over Scatter's grid, 5 x 19 for Tower.
+
+    Planes 0 .. 2 count the circles, squares and triangles centred in each cell, 3 .. 5 the yellow, black and blue
+    items, 6 .. 8 the small, medium and large ones. Plane 9 is 1 where an item's bounding square overlaps the cell.
+    `keep_image` keeps "image" as well.
+    """
+
+    transformation_class = Planes
+
+    def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
+        super().__init__(env, keep_image=keep_image)
+
+
+SIZE = "native"
+
+
+class NativeDrawing(SceneFormat):
+    """Draws the scene."""
+
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description, keep_image=False)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {IMAGE: image_space(SIZE)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {IMAGE: np.stack([draw(each.scene, SIZE) for each in state.states()])}
+
+
+class NativeImage(EnvWrapper[NativeDrawing]):
+    """Replaces "image" by one of native size, uint8 (100, 380, 3).
+
+    It redraws the whole scene each time. An environment made with image_size="native" is faster: it redraws only what
+    has changed.
+    """
+
+    transformation_class = NativeDrawing
+
+
+class Channels(Format):
+    """Moves the image's last axis to the front."""
+
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        self._shape: tuple[int, ...] = description.part(IMAGE).shape or ()
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {IMAGE: spaces.Box(0, 255, (self._shape[-1], *self._shape[:-1]), np.uint8)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
+
+
+class ChannelsFirst(EnvWrapper[Channels]):
+    """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
+
+    transformation_class = Channels
+
+
+class Image(Transformation):
+    """Drops everything but the image."""
+
+    changes_observations = True
+
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        self._space = cast("spaces.Box", description.part(IMAGE))
+
+    def observation_space(self) -> spaces.Box:
+        return self._space
+
+    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
+        return observations[IMAGE]
+
+
+class ImageObservation(EnvWrapper[Image]):
+    """Replaces the observation by "image" alone, for policies that take one image, such as SB3's "CnnPolicy".
+
+    The statement and the target are left out, so that the agent does not see its task: a baseline at best.
+    """
+
+    transformation_class = Image
+
+
+class Tokens(Format):
+    """Replaces the statement by token ids, looked up by task."""
+
+    replaces = (STATEMENT,)
+
+    def __init__(
+        self, description: EnvDescription, *, vocabulary: VocabularyOrPath | None, length: int | None, truncate: bool
+    ) -> None:
+        super().__init__(description)
+        description.part(STATEMENT)
+        self.arrays = StatementArrays(description.tasks, vocabulary, length, truncate=truncate)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {STATEMENT: spaces.Box(0, len(self.arrays.vocabulary) - 1, (self.arrays.length,), np.int64)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {STATEMENT: state.by_task(self.arrays.rows, lambda task: self.arrays.row(task.statement))}
+
+
+class TokenizedStatement(EnvWrapper[Tokens]):
+    """Replaces "statement" by token ids, int64 (length,): 0 is padding, 1 any unknown word.
+
+    `vocabulary`: a Vocabulary or the path of a saved one; None: the words of the corpus's train split.
+    `length`: None: the longest statement of the train split and a quarter more.
+    Raises ValueError if a statement of the environment's tasks is longer, unless `truncate`.
+    """
+
+    transformation_class = Tokens
+
+    def __init__(
+        self,
+        env: gym.Env[Any, Any],
+        vocabulary: VocabularyOrPath | None = None,
+        length: int | None = None,
+        *,
+        truncate: bool = False,
+    ) -> None:
+        super().__init__(env, vocabulary=vocabulary, length=length, truncate=truncate)
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        return self.transformation.arrays.vocabulary
+
+
+Encoder = Any  # a function of a statement that returns D numbers, or an object with sentence-transformers' `encode`
+
+
+class Embedding(Format):
+    """Replaces the statement by its embedding, cached by statement."""
+
+    replaces = (STATEMENT,)
+
+    def __init__(self, description: EnvDescription, *, encoder: Encoder, limit: float) -> None:
+        super().__init__(description)
+        self._limit = limit
+        description.part(STATEMENT)
+        if isinstance(encoder, str) or not (hasattr(encoder, "encode") or callable(encoder)):
+            raise ValueError(f"encoder must be a function of a statement or have an encode method, not {encoder!r}")
+        self._encoder = encoder
+        self._by_statement: dict[str, Float32Array] = {}
+        first = self._encode(description.tasks[0].statement)
+        if first.ndim != 1 or not first.size:
+            raise ValueError(f"encoder must return a vector, not an array of shape {first.shape}")
+        self.dimension = first.size
+        self._by_task = np.zeros((len(description.tasks), self.dimension), np.float32)
+        self._is_filled = np.zeros(len(description.tasks), np.bool_)
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        indices = state.task_indices
+        for index in indices[~self._is_filled.take(indices, mode="clip")].tolist():
+            if index < len(self._by_task):
+                self._by_task[index] = self._embedding(self.env_description.tasks[index])
+                self._is_filled[index] = True
+        return {STATEMENT: state.by_task(self._by_task, self._embedding)}
+
+    def _embedding(self, task: Task) -> Float32Array:
+        if task.statement not in self._by_statement:
+            self._by_statement[task.statement] = self._checked(self._encode(task.statement), task.statement)
+        return self._by_statement[task.statement]
+
+    def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
+        if vector.shape != (self.dimension,):
+            raise ValueError(
+                f"encoder returned an array of shape {vector.shape} for {statement!r}, not ({self.dimension},)"
+            )
+        if not (np.abs(vector) <= self._limit).all():
+            raise ValueError(f"encoder returned values beyond limit={self._limit} for {statement!r}: {vector}")
+        return vector
+
+    def _encode(self, statement: str) -> Float32Array:
+        encoder = self._encoder
+        vector = encoder.encode([statement])[0] if hasattr(encoder, "encode") else encoder(statement)
+        return np.asarray(vector, np.float32)
+
+
+class StatementEmbedding(EnvWrapper[Embedding]):
+    """Replaces "statement" by the encoder's embedding, float32 (D,), computed once per statement.
+
+    `encoder`: a function from a statement to D numbers, or an object with sentence-transformers' `encode`. `limit`: the
+    largest absolute value allowed, the bound of the space. The wrapped environment's spec holds the encoder object, so
+    it cannot be converted to JSON.
+    """
+
+    transformation_class = Embedding
+
+    def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
+        super().__init__(env, encoder=encoder, limit=limit)
+
+
+STEPS_LEFT = "steps_left"  # observation key
+
+
+class Countdown(Format):
+    """The horizon minus the steps taken."""
+
+    def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
+        return {STEPS_LEFT: spaces.Discrete(self.env_description.dynamics.horizon + 1)}
+
+    def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
+        return {STEPS_LEFT: self.env_description.dynamics.horizon - state.steps}
+
+
+class StepsLeft(EnvWrapper[Countdown]):
+    """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
+
+    transformation_class = Countdown
+
+
+class Flattening(Transformation):
+    """Concatenates all parts to one vector."""
+
+    changes_observations = True
+
+    def __init__(self, description: EnvDescription) -> None:
+        super().__init__(description)
+        self._parts = description.parts()
+        for name, space in self._parts.items():
+            if not isinstance(space, spaces.Box | spaces.Discrete):
+                raise WrongEnvironment(
+                    f"{description.wrapper} needs numeric parts, but {name!r} is {space};"
+                    f" for a statement apply TokenizedStatement or StatementEmbedding first"
+                )
+
+    def observation_space(self) -> spaces.Box:
+        flat = flatten_space(self.env_description.observation_space)
+        assert isinstance(flat, spaces.Box)
+        return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
+
+    def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
+        return np.concatenate([_rows(space, observations[name]) for name, space in self._parts.items()], axis=1)
+
+
+def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:
+    """(B, size) the flattened values of one part."""
+    if isinstance(space, spaces.Discrete):
+        return (values[:, None] == np.arange(space.n)).astype(np.float32)
+    return values.reshape(len(values), -1).astype(np.float32)
+
+
+class FlatObservation(EnvWrapper[Flattening]):
+    """Flattens the observation to one float32 vector: the parts in alphabetical order, Discrete ones one-hot. Image
+    values and token ids keep their scale.
+
+    Raises WrongEnvironment for a text statement.
+    """
+
+    transformation_class = Flattening
