@@ -38,8 +38,8 @@ README_SHORTER = {  # long-running parts of README's commands, and their replace
     "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --updates 2",
     "--corpus lilgym --policy expert random-legal": "--configuration TowerScratch --policy random-legal",
     "--corpus lilgym": "--corpus builtin",
-    "--minutes 10": "--minutes 0.05",
-    "--minutes 4": "--minutes 0.05",
+    "--updates 3600": "--updates 20 --pretraining 0",
+    "--steps 1700000": "--steps 256 --envs 8 --same-statement 1 --rollout 256 --batch-size 128",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }
 
