@@ -21,11 +21,12 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
-from lilgym_mp.evaluation.episodes import SUFFIX, Header, read_episodes
+from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.llm import agents as agents_module
 from lilgym_mp.llm.agents import AgentError, Answer, Message
+from lilgym_mp.llm.recording import write_recording
 from lilgym_mp.render import draw
 from lilgym_mp.report.report_data import load_report_data
 from lilgym_mp.solver import Solver
@@ -165,15 +166,12 @@ def chat(text: str) -> dict[str, Any]:
 
 def test_openai__sends_the_conversation_and_reads_the_answer(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("MY_KEY", "secret")
+    messages = [{"role": "user", "content": "Well?"}]
     with served(lambda body, number: (200, chat("STOP"))) as (url, requests):
         agent = OpenAIAgent("tiny", url=url, key_variable="MY_KEY", max_tokens=5)
-        assert agent.answer([{"role": "user", "content": "Well?"}]) == Answer("STOP", 7, 3)
-    (request,) = requests
-    assert request["path"] == "/v1/chat/completions"
-    assert request["key"] == "Bearer secret"
-    assert request["model"] == "tiny"
-    assert (request["temperature"], request["max_tokens"]) == (0, 5)
-    assert request["messages"] == [{"role": "user", "content": "Well?"}]
+        assert agent.answer(messages) == Answer("STOP", 7, 3)
+    sent = {"model": "tiny", "temperature": 0, "max_tokens": 5, "messages": messages}
+    assert requests == [{"path": "/v1/chat/completions", "key": "Bearer secret", **sent}]
 
 
 def test_openai__request_fields_are_set_renamed_or_left_out():
@@ -368,42 +366,25 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
     assert ", STOP\n" in done.stdout
 
 
-def test_command__plays_over_openai_and_writes_transcripts(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    with served(lambda body, number: (200, chat("I take\nADD(LEFT, BLUE)"))) as (url, _):
-        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=tiny", "--episodes", "2"]
-        assert main([*command, "--out", str(tmp_path / "out")]) == 0
-    transcripts = [json.loads(line) for line in (tmp_path / "out" / "transcripts.jsonl").read_text().splitlines()]
-    assert len(transcripts) == 2
-    assert transcripts[0]["messages"][0]["role"] == "system"
-    assert transcripts[0]["turns"][0]["prompt_tokens"] == 7
-    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
-    assert summary["episodes"] == 2
-    assert summary["settings"]["agent"] == "openai"
-    assert "95 % interval" in capsys.readouterr().out
-
-
 def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1", "--out", str(tmp_path)]
-    assert main(command) == 0
-    assert main(command) == 2
-    assert "--force overwrites it" in capsys.readouterr().err
-    assert main([*command, "--force"]) == 0
+    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]
+    for outputs in (["--out", str(tmp_path / "out")], ["--record", str(tmp_path / "record")]):
+        assert main([*command, *outputs]) == 0
+        assert main([*command, *outputs]) == 2
+        assert "--force overwrites it" in capsys.readouterr().err
+        assert main([*command, *outputs, "--force"]) == 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, openai, random, transformers"),
-        (["--agent", "json:Nothing"], "json:Nothing"),
         (["--agent", "openai"], "cannot be constructed with the options"),
         (["--agent", "openai", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
         (["--agent", "json:loads"], "cannot be constructed with the options"),
         (["--agent", "os:abort.x"], "name it module:Class, importable from here"),
         (["--agent", "openai", "--option", "url=ftp://x", "model=m"], "url must begin with http:// or https://"),
-        (
-            ["--agent", "openai", "--option", "url=http://x", "model=m", "timeout_seconds=0"],
-            "must be positive, retries",
-        ),
+        (["--agent", "openai", "--option", "url=http://x", "model=m", "retries=-1"], "must be positive, retries"),
         (["--agent", "openai", "--option", "url=http://x", "model=m", "api_key=x"], "api_key cannot be set"),
         (["--agent", "openai", "--option", "model=m", "key_variable=NO_KEY"], "set NO_KEY to the API key, or give the"),
         (["--agent", "expert", "--resume", "--out", "nowhere"], "nowhere: no run to resume"),
@@ -417,11 +398,6 @@ def test_command__invalid_arguments_are_reported(
 ):
     assert main(["llm", "TowerFlipIt", *arguments]) == 2
     assert message in capsys.readouterr().err
-
-
-def test_custom_agent__is_named_by_module_and_class(capsys: pytest.CaptureFixture[str]):
-    assert main(["llm", "TowerFlipIt", "--agent", "lilgym_mp.llm.agents:ExpertAgent", "--episodes", "1"]) == 0
-    assert "100.0%" in capsys.readouterr().out
 
 
 def tiny_model(directory: Path, chat_template: str | None = None) -> None:
@@ -453,6 +429,8 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
     assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
     with pytest.raises(AgentError, match="reads no pictures"):
         agent.answer([{"role": "user", "content": [{"type": "text", "text": "STOP"}]}])
+    with pytest.raises(AgentError, match="no such directory"):
+        make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
 
 
 def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path: Path):
@@ -485,31 +463,17 @@ def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path
     assert parse_reply(answers["Hm Hm STOP"].text, TOWER.dynamics().appearance, 9) == (0, True)
 
 
-def test_transformers__missing_directory_is_reported(tmp_path: Path):
-    pytest.importorskip("transformers", reason="needs the extra transformers")
-    with pytest.raises(AgentError, match="no such directory"):
-        make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
-
-
-class Hesitant:
+class Hesitant(agents_module.ExpertAgent):
     """Gives one unparseable answer, then the expert's."""
 
-    def __init__(self) -> None:
-        self.expert = agents_module.ExpertAgent()
-        self.asked = 0
-
-    def begin(self, env: Any, seed: int) -> None:
-        self.expert.begin(env, seed)
+    asked = 0
 
     def answer(self, messages: Sequence[Message]) -> str:
         self.asked += 1
-        return "Let me think." if self.asked == 1 else f"Thus\n{self.expert.answer(messages)}"
+        return "Let me think." if self.asked == 1 else f"Thus\n{super().answer(messages)}"
 
 
 def test_recording__keeps_every_answer_before_its_action(tmp_path: Path):
-    from lilgym_mp.evaluation.episodes import read_episodes
-    from lilgym_mp.llm.recording import write_recording
-
     player = Player(Settings("TowerFlipIt"), Hesitant())
     played = [player.play(task) for task in player.task_ids()[:2]]
     path = write_recording(tmp_path, player, "mine:Hesitant", played, 0, judges=True)
@@ -525,13 +489,7 @@ def test_recording__keeps_every_answer_before_its_action(tmp_path: Path):
     assert [(answer.text[:3], answer.understood) for answer in decisions[0].answers] == [("Let", False), ("Thu", True)]
 
 
-def test_command__records_episodes_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "2", "--record", str(tmp_path)]
-    assert main(command) == 0
-    assert [file.name for file in tmp_path.glob("*.jsonl*")]
-    assert main(command) == 2
-    assert "--force overwrites it" in capsys.readouterr().err
-    assert main([*command, "--force"]) == 0
+UNKNOWN = "unknown training data (model small)"
 
 
 class Sampler(Scripted):
@@ -541,87 +499,55 @@ class Sampler(Scripted):
         super().__init__()
 
 
-def recorded_header(tmp_path: Path, agent: str, *options: str) -> Header:
-    """The header that the command records."""
-    assert main(["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path), *options]) == 0
-    (path,) = tmp_path.glob(f"*{SUFFIX}")
-    return read_episodes(path).header
-
-
-def test_recording__of_the_random_agent_is_sampled_among_legal_actions(tmp_path: Path):
-    header = recorded_header(tmp_path, "random", "--scene", "drawing", "--no-legal-actions", "--retries", "2")
-    assert (header.agent, header.actions, header.mask, header.supervision) == ("text random", "sampled", True, "none")
-    assert header.recipe == {
-        "agent": "random",
-        "scene": "drawing",
-        "legal_actions": False,
-        "retries": 2,
-        "history": 12,
-    }
-
-
-def test_recording__of_the_expert_names_its_knowledge(tmp_path: Path):
-    header = recorded_header(tmp_path, "expert")
-    assert (header.actions, header.mask) == ("greedy", False)
-    assert header.supervision == "knows the rules, the scene and the program"
-
-
-@pytest.mark.parametrize(("temperature", "actions"), [("0", "greedy"), ("0.5", "sampled"), (None, "sampled")])
-def test_recording__names_the_model_and_whether_it_samples(tmp_path: Path, temperature: str | None, actions: str):
-    options = ["model=small", *([f"temperature={temperature}"] if temperature else [])]
-    header = recorded_header(tmp_path, f"{__name__}:Sampler", "--option", *options)
-    assert header.actions == actions
-    assert not header.mask
-    assert header.supervision == "unknown training data (model small)"
-    assert (header.recipe["model"], header.recipe["temperature"]) == ("small", float(temperature or 0.7))
-
-
-def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
-    for model in ("small", "large"):
-        command = [
-            "llm",
-            "TowerFlipIt",
-            "--agent",
-            f"{__name__}:Sampler",
-            "--episodes",
-            "1",
-            "--option",
-            f"model={model}",
-        ]
-        assert main([*command, "--record", str(tmp_path)]) == 0
-    agents = load_report_data([tmp_path]).agents
-    assert sorted(agents) == [f"text {__name__}:Sampler (model {model})" for model in ("large", "small")]
-
-
-def test_command__writes_no_credentials_of_a_url(tmp_path: Path):
-    outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
-    with served(lambda body, number: (200, chat("STOP"))) as (url, _):
-        options = [f"url={url.replace('//', '//user:SECRET@')}?key=SECRET", "model=small"]
-        assert main(["llm", "TowerFlipIt", "--agent", "openai", "--option", *options, *outputs]) == 0
-    assert f"url={url} model=small" in next(tmp_path.glob("*.metadata.json")).read_text()
-    assert_no_secret(tmp_path)
+SMALL = {"model": "small"}
 
 
 @pytest.mark.parametrize(
-    "options", [["--option", "secret=SECRET", "model=m"], ["--option=secret=SECRET", "--option=model=m"]]
+    ("agent", "options", "expected", "recipe"),
+    [
+        ("random", [], ("sampled", True, "none"), {}),
+        ("expert", [], ("greedy", False, "knows the rules, the scene and the program"), {}),
+        (f"{__name__}:Sampler", ["temperature=0"], ("greedy", False, UNKNOWN), {**SMALL, "temperature": 0}),
+        (f"{__name__}:Sampler", [], ("sampled", False, UNKNOWN), {**SMALL, "temperature": 0.7}),
+    ],
 )
-def test_command__writes_no_options_of_own_classes(tmp_path: Path, options: list[str]):
+def test_recording__names_the_model_and_whether_it_samples(
+    agent: str, options: list[str], expected: tuple[str, bool, str], recipe: dict[str, Any], tmp_path: Path
+):
+    command = ["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path)]
+    options = ["--option", "model=small", *options] if "model" in recipe else []
+    assert main([*command, *options, "--scene", "drawing", "--no-legal-actions", "--retries", "2"]) == 0
+    header = read_episodes(next(tmp_path.glob(f"*{SUFFIX}"))).header
+    assert header.agent == f"text {agent}"
+    assert (header.actions, header.mask, header.supervision) == expected
+    shown = {"scene": "drawing", "legal_actions": False, "retries": 2, "history": 12}
+    assert header.recipe == {"agent": agent, **recipe, **shown}
+
+
+def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
+    agent = f"{__name__}:Sampler"
+    for model in ("small", "large"):
+        command = ["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--option", f"model={model}"]
+        assert main([*command, "--record", str(tmp_path)]) == 0
+    agents = load_report_data([tmp_path]).agents
+    assert sorted(agents) == [f"text {agent} (model {model})" for model in ("large", "small")]
+
+
+@pytest.mark.parametrize(
+    ("agent", "options", "shown"),
+    [
+        ("openai", ["--option", "url=URL?key=SECRET", "model=m"], "url=SAFE model=m"),
+        (f"{__name__}:Sampler", ["--option", "secret=SECRET", "model=m"], "secret=... "),
+        (f"{__name__}:Sampler", ["--option=secret=SECRET", "--option=model=m"], "secret=... "),
+    ],
+)
+def test_command__writes_no_secrets(agent: str, options: list[str], shown: str, tmp_path: Path):
     outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
-    assert main(["llm", "TowerFlipIt", "--agent", f"{__name__}:Sampler", *options, *outputs]) == 0
-    assert "secret=... " in next(tmp_path.glob("*.metadata.json")).read_text()
-    assert_no_secret(tmp_path)
-
-
-def test_command__writes_no_credentials_of_a_url_that_fails(tmp_path: Path):
-    options = ["url=http://user:SECRET@127.0.0.1:9/v1", "model=small", "retries=0"]
-    assert main(["llm", "TowerFlipIt", "--agent", "openai", "--option", *options, "--out", str(tmp_path)]) == 2
-    transcript = (tmp_path / "transcripts.jsonl").read_text()
-    assert "http://127.0.0.1:9/v1/: APIConnectionError" in transcript
-    assert "SECRET" not in transcript
-
-
-def assert_no_secret(directory: Path) -> None:
-    files = list(directory.iterdir())
+    with served(lambda body, number: (200, chat("STOP"))) as (url, _):
+        options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
+        assert main(["llm", "TowerFlipIt", "--agent", agent, *options, *outputs]) == 0
+    assert shown.replace("SAFE", url) in next(tmp_path.glob("*.metadata.json")).read_text()
+    files = list(tmp_path.iterdir())
     assert len(files) == 4
     for file in files:
         data = file.read_bytes()

@@ -14,7 +14,6 @@ from lilgym_mp.actions import describe
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.generator import split_of
 from lilgym_mp.rlvr import (
-    BASELINES,
     KINDS,
     Conversation,
     Row,
@@ -44,26 +43,16 @@ def some(kind: str, appearance: str = "tower", count: int = 8, **settings: Any) 
 
 
 @pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
-def test_rows__are_deterministic_and_complete_in_themselves(kind: str, appearance: str):
+def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_right(kind: str, appearance: str):
     found = some(kind, appearance)
     assert some(kind, appearance) == found
     assert [Row.from_json(json.loads(json.dumps(row.to_json()))) for row in found] == found
     assert len({row.id for row in found}) == len(found)
-
-
-@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
-def test_expert__is_always_right_and_an_empty_reply_never(kind: str, appearance: str):
-    for row in some(kind, appearance):
+    rng = random.Random(0)
+    for row in found:
         assert score(expert_reply(row), row)[:2] == (1.0, "success")
         assert score("", row)[:2] == (0.0, "not_understood")
-
-
-@pytest.mark.parametrize(("kind", "appearance"), KINDS_AND_APPEARANCES)
-def test_random_replies__are_understood(kind: str, appearance: str):
-    rng = random.Random(0)
-    outcomes = [score(random_reply(row, rng), row).outcome for row in some(kind, appearance)]
-    assert "not_understood" not in outcomes
-    assert set(BASELINES) == {"expert", "random", "nothing"}
+        assert score(random_reply(row, rng), row).outcome != "not_understood"
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
@@ -84,15 +73,15 @@ def test_splits__share_no_meaning_and_statements_are_not_repeated():
 
 def test_truth_rows__come_in_pairs_one_edit_apart():
     dynamics = make_dynamics(APPEARANCES["tower"])
+    edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
+
+    def edited(task: Task) -> list[Scene]:
+        return [dynamics.step(dynamics.start(task), edit).state.scene for edit in edits]
+
     for one, other in zip(*[iter(some("truth"))] * 2, strict=True):
-        assert one.pair == other.pair
-        assert one.task.statement == other.task.statement
+        assert (one.pair, one.task.statement) == (other.pair, other.task.statement)
         assert one.task.truth(one.task.start) != other.task.truth(other.task.start)
-        edits = [dynamics.appearance.decode(index) for index in range(1, dynamics.appearance.action_count)]
-        nexts = [dynamics.step(dynamics.start(one.task), edit).state.scene for edit in edits]
-        assert other.task.start in nexts or one.task.start in [
-            dynamics.step(dynamics.start(other.task), edit).state.scene for edit in edits
-        ]
+        assert other.task.start in edited(one.task) or one.task.start in edited(other.task)
 
 
 def test_rows__end_a_search_after_the_given_time():
@@ -287,6 +276,7 @@ def test_program__that_is_always_true_cannot_be_checked():
     ("change", "message"),
     [
         ({"format": "lilgym_mp row 0"}, "a row must have the format 'lilgym_mp row 1', not 'lilgym_mp row 0'"),
+        ({"format": ["lilgym_mp row 1"]}, "a row must have the format 'lilgym_mp row 1', not \\["),
         ({"kind": "essay"}, "row 't': unknown kind 'essay'"),
         ({"appearance": "mosaic"}, "row 't': unknown appearance 'mosaic'"),
         ({"level": "three"}, "level and steps must be whole numbers"),
@@ -294,18 +284,13 @@ def test_program__that_is_always_true_cannot_be_checked():
         ({"task": {**TASK.to_json(), "program": "exist("}}, "its program: "),
         ({"task": {**TASK.to_json(), "program": "is_blue(unique(all_boxes))"}}, "its program: "),
         ({"task": {**TASK.to_json(), "target": False}}, "has the target value at the start, so there is no plan"),
-        ({"task": {**TASK.to_json(), "start": scene(tower(B, Y, K)).to_json()[::-1]}}, "has the target value"),
     ],
 )
 def test_row__that_cannot_be_scored_is_refused(change: dict[str, Any], message: str):
     with pytest.raises(RowError, match=message):
         Row.from_json({**PLAN.to_json(), **change})
-
-
-@pytest.mark.parametrize("data", [None, [], "row", {}, {"format": ["lilgym_mp row 1"]}])
-def test_other_data__is_no_row(data: Any):
     with pytest.raises(RowError, match="a row must have the format"):
-        Row.from_json(data)
+        Row.from_json(list(change))
 
 
 @pytest.mark.parametrize("reward", ["success", "progress", "return"])
@@ -368,12 +353,8 @@ def test_conversation__asks_again_once_and_then_ends():
     assert (ended.action, ended.done, ended.outcome) == (None, True, "not_understood")
     with pytest.raises(RowError, match="is a truth row; only plans have several turns"):
         Conversation(replace(PLAN, kind="truth"))
-
-
-def test_conversation__ignores_numbers_that_were_not_shown():
     row = some("plan", "scatter", 1, level=1)[0]
-    assert Conversation(row).step("17").action is None
-    assert Conversation(row).step("0").action == "STOP"
+    assert [Conversation(row).step(number).action for number in ("17", "0")] == [None, "STOP"]  # 17 was not shown
 
 
 def test_row__with_a_program_that_takes_seconds_is_refused_at_once():
