@@ -40,7 +40,7 @@ FILM_ITEMS = (
     (9, 1, "SQUARE", "LARGE", "BLUE"),
     (16, 3, "TRIANGLE", "LARGE", "BLACK"),
 )
-FILM_CLIP: Any = {"x": 30, "y": 200, "width": 690, "height": 560}
+FILM_CLIP: Any = {"x": 72, "y": 70, "width": 680, "height": 560}
 FILM = "play-film"
 COLOURS = 96  # palette size: enough for these pages
 
@@ -87,10 +87,11 @@ def _show_legal(configuration: str, task_id: str) -> Callable[[Page], None]:
 def _play_to_the_end(page: Page) -> None:
     _begin(page, "ScatterFlipIt", SCATTER_TASK)
     page.click("#stop")
-    page.wait_for_selector("#parts li")
+    page.wait_for_selector("#end-title:focus")
     page.click("#solution")
-    page.wait_for_selector("#expert-step:not(:empty)")
-    page.click("#forth")
+    page.wait_for_selector("#expert .step:not(:empty)")
+    page.click("#expert .forth")
+    page.click("#why summary")
     page.locator("#episode").scroll_into_view_if_needed()
     page.locator("#parts button").last.hover()
 
@@ -102,6 +103,11 @@ def _write_a_program(page: Page) -> None:
     page.click("#run")
     page.wait_for_selector("#result li")
     page.locator("#result details[open] button").last.hover()
+
+
+def _read_a_sentence(page: Page) -> None:
+    page.click("#ask [type=submit]")
+    page.wait_for_selector("#plan .step:has-text(': STOP')")
 
 
 def _wait_for(selector: str) -> Callable[[Page], None]:
@@ -148,9 +154,10 @@ SHOTS = (
     Shot("home", "/"),
     Shot("watch", "/watch", _watch),
     Shot("game-proposer", "/game", _propose),
-    Shot("game-verifier", "/game", _sit({"configuration": "TowerFlipIt", "proposer": "helpful", "verifier": "person"})),
+    Shot("game-verifier", "/game", _sit({"configuration": "TowerFlipIt", "proposer": "expert", "verifier": "person"})),
     Shot("play", "/play", _show_legal("ScatterFlipIt", SCATTER_TASK)),
     Shot("play-end", "/play", _play_to_the_end),
+    Shot("sentence", "/sentence", _read_a_sentence),
     Shot("annotate", "/annotate?statement_id=tower-dev-001", _write_a_program),
     Shot("explore", "/explore", _wait_for("#results li")),
     Shot("explore-statement", "/explore", None),

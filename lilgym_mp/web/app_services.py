@@ -86,6 +86,7 @@ class AppServices:
 
     def close(self) -> None:
         self.evaluator.close()
+        self.run_directory.close()
         self.database.close()
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from http import HTTPStatus
 from typing import Any
 
@@ -20,19 +19,11 @@ LOGGER = logging.getLogger(__name__)
 MAX_FIELD_ERRORS = 10  # validation errors reported in one response
 
 
-class FieldError(BaseModel):
-    """One invalid field of a request."""
-
-    field: str
-    message: str
-
-
 class ErrorBody(BaseModel):
     """Body of every response under /api with a status of 400 or more."""
 
     status: int
     message: str
-    fields: list[FieldError] = []
 
 
 ERROR_RESPONSES: dict[int | str, dict[str, Any]] = {
@@ -46,10 +37,10 @@ def http_error(status: int, message: str) -> HTTPException:
     return HTTPException(status, message)
 
 
-def error_response(request: Request, status: int, message: str, fields: Sequence[FieldError] = ()) -> Response:
+def error_response(request: Request, status: int, message: str) -> Response:
     """A JSON or HTML error response, depending on the request's path."""
     if request.url.path.startswith("/api/") or request.url.path == "/openapi.json":
-        body = ErrorBody(status=status, message=message, fields=list(fields))
+        body = ErrorBody(status=status, message=message)
         return JSONResponse(body.model_dump(), status)
     title = HTTPStatus(status).phrase
     return render_page(request, "error.html", status=status, title=title, message=message, status_code=status)
@@ -75,12 +66,9 @@ def _handle_http_exception(request: Request, fault: Any) -> Response:
 
 
 def _handle_validation_error(request: Request, fault: Any) -> Response:
-    fields = [
-        FieldError(field=".".join(map(str, error["loc"])), message=str(error["msg"]))
-        for error in fault.errors()[:MAX_FIELD_ERRORS]
-    ]
-    message = "; ".join(f"{field.field}: {field.message}" for field in fields)
-    return error_response(request, 422, message or "the request is malformed", fields)
+    errors = fault.errors()[:MAX_FIELD_ERRORS]
+    message = "; ".join(f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in errors)
+    return error_response(request, 422, message or "the request is malformed")
 
 
 def _handle_database_error(request: Request, fault: Any) -> Response:

@@ -9,7 +9,7 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import ATTRIBUTES, METHODS, SCENE_NAMES, parse
 from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
-from lilgym_mp.web.bodies import Body
+from lilgym_mp.web.bodies import JSON, pick
 
 KEYWORDS = ("lambda", "and", "or", "not", "in", "True", "False")
 SCENE_VARIABLES = {
@@ -24,36 +24,13 @@ ATTRIBUTE_SIGNATURES = {
 }
 
 
-class WordBody(Body):
-    """A function, variable, constant, member or keyword of the program language."""
-
-    name: str
-    group: str
-    signature: str
-    meaning: str
-    is_function: bool
-
-
-class LanguageBody(Body):
-    """All words of the language, for completion and the word list."""
-
-    groups: list[str]
-    words: list[WordBody]
-
-
-class CheckBody(Body):
-    """Whether a text parses as a program; if not, the error and its position in characters, from 0."""
-
-    ok: bool
-    offset: int
-    length: int
-    message: str
-
-
 @cache
-def language() -> LanguageBody:
-    """Built from the language's own tables."""
-    words = [WordBody.of(word, meaning=_single_line(word.meaning), is_function=True) for word in WORDS.values()]
+def language() -> JSON:
+    """All words of the language, for completion and the word list, from the language's own tables."""
+    words = [
+        {**pick(word, "name", "group", "signature"), "meaning": _single_line(word.meaning), "is_function": True}
+        for word in WORDS.values()
+    ]
     for name in SCENE_NAMES:
         type_name, meaning = SCENE_VARIABLES[name]
         words.append(_non_function(name, "scene", f"{name}: {type_name}", meaning))
@@ -67,20 +44,21 @@ def language() -> LanguageBody:
         meaning = inspect.getdoc(getattr(BoxView, name)) or ""
         words.append(_non_function(f".{name}()", "members", f"box.{name}()", _single_line(meaning)))
     words.extend(_non_function(name, "Python", name, "As in Python.") for name in KEYWORDS)
-    return LanguageBody(groups=[*GROUPS, "scene", "values", "members", "Python"], words=words)
+    return {"groups": [*GROUPS, "scene", "values", "members", "Python"], "words": words}
 
 
 def _single_line(meaning: str) -> str:
     return " ".join(meaning.replace("`", "").split())
 
 
-def _non_function(name: str, group: str, signature: str, meaning: str) -> WordBody:
-    return WordBody(name=name, group=group, signature=signature, meaning=meaning, is_function=False)
+def _non_function(name: str, group: str, signature: str, meaning: str) -> JSON:
+    return {"name": name, "group": group, "signature": signature, "meaning": meaning, "is_function": False}
 
 
-def check(source: str) -> CheckBody:
+def check(source: str) -> JSON:
+    """Whether a text parses as a program; if not, the error and its position in characters, from 0."""
     try:
         parse(source)
     except ProgramError as fault:
-        return CheckBody(ok=False, offset=fault.offset, length=max(1, len(fault.piece)), message=fault.reason)
-    return CheckBody(ok=True, offset=0, length=0, message="")
+        return {"ok": False, "offset": fault.offset, "length": max(1, len(fault.piece)), "message": fault.reason}
+    return {"ok": True, "offset": 0, "length": 0, "message": ""}

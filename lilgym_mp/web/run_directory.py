@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import tempfile
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
@@ -47,6 +48,11 @@ class RunDirectory:
 
     def __init__(self, directory: Path | None) -> None:
         self.directory = directory
+        self._own = tempfile.TemporaryDirectory(prefix="lilgym-mp-")
+        self.requested = Path(self._own.name)  # recordings made on request in the browser; they end with the server
+
+    def close(self) -> None:
+        self._own.cleanup()
 
     def recordings(self) -> list[RecordingFile]:
         """Every recording, sorted by name; damaged ones are included with their fault."""
@@ -62,18 +68,25 @@ class RunDirectory:
         return None if file is None else read_recording(file)
 
     def _find(self, suffix: str) -> dict[str, FoundFile]:
-        """Files by id."""
-        found: dict[str, FoundFile] = {}
-        for path in _files(self.directory, suffix) if self.directory is not None else ():
-            try:
-                status = path.stat()
-            except OSError:
-                continue  # removed since it was listed
-            relative = path.relative_to(str(self.directory))
-            name = str(relative.parent) if suffix == AGENT_FILE else str(relative).removesuffix(suffix)
-            key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
-            found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))
-        return found
+        """Files by id; requested recordings first, the latest at the top."""
+        requested = sorted(_find(self.requested, suffix).values(), key=lambda file: file.stamp, reverse=True)
+        found = {file.id: file for file in requested}
+        return found if self.directory is None else found | _find(self.directory, suffix)
+
+
+def _find(directory: Path, suffix: str) -> dict[str, FoundFile]:
+    """Files by id."""
+    found: dict[str, FoundFile] = {}
+    for path in _files(directory, suffix):
+        try:
+            status = path.stat()
+        except OSError:
+            continue  # removed since it was listed
+        relative = path.relative_to(str(directory))
+        name = str(relative.parent) if suffix == AGENT_FILE else str(relative).removesuffix(suffix)
+        key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
+        found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))
+    return found
 
 
 def _files(directory: Path, suffix: str) -> Iterator[Path]:

@@ -19,6 +19,7 @@ class NavigationEntry(NamedTuple):
     path: str
     title: str
     description: str
+    in_bar: bool = True
 
 
 NAVIGATION = [
@@ -27,6 +28,7 @@ NAVIGATION = [
     NavigationEntry("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner."),
     NavigationEntry("/annotate", "Annotate", "Write programs that capture what statements mean."),
     NavigationEntry("/explore", "Explore", "Search the corpus: statements, scenes, programs and agents' results."),
+    NavigationEntry("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", in_bar=False),
 ]
 
 

@@ -38,10 +38,8 @@ class TrainedPartners:
         from lilgym_mp.evaluation.game_partners import AgentPartner
         from lilgym_mp.learning.game.agent import GameAgent
 
-        if name not in self.names():
-            raise http_error(404, "there is no such partner; reload the page to see the current ones")
+        agent = self.agent(name)
         try:
-            agent = self._agent(name)
             if not isinstance(agent, GameAgent):
                 return AgentPartner(agent.policy(settings))
         except ValueError as fault:
@@ -51,6 +49,15 @@ class TrainedPartners:
             plays = f"{own.appearance} under the protocol {own.protocol}"
             raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
         return partner
+
+    def agent(self, name: str) -> Agent:
+        """Responds with 404 if there is no such agent, 422 if its file cannot be read."""
+        if name not in self.names():
+            raise http_error(404, "there is no such agent; reload the page to see the current ones")
+        try:
+            return self._agent(name)
+        except ValueError as fault:
+            raise http_error(422, str(fault)) from None
 
     def _load(self, name: str) -> Agent:
         from lilgym_mp.learning.agents import load_agent, open_agent

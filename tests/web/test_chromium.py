@@ -28,6 +28,7 @@ PAGES = (
     "/watch",
     "/game",
     "/annotate",
+    "/sentence",
     "/explore",
     "/explore/tower/dev/tower-dev-001",
     "/nowhere",
@@ -66,6 +67,7 @@ def test_play__by_keyboard_alone(browser: Any, tmp_path: Path):
         page.set_default_timeout(60_000)
         page.goto(f"{url}/play")
         page.select_option("[name=configuration]", "ScatterFlipIt")
+        page.wait_for_selector(".board.fine .cells button")
         page.focus("text=Draw a task")
         page.keyboard.press("Enter")
         page.wait_for_selector("#statement:not(:empty)")
@@ -81,7 +83,6 @@ def test_play__by_keyboard_alone(browser: Any, tmp_path: Path):
         page.keyboard.press("Enter")
         page.wait_for_selector("#history:has-text('So far: ADD(')")
         page.keyboard.press("t")
-        page.wait_for_selector("#parts li")
         page.wait_for_selector("#end-title:focus")
         page.keyboard.press("n")
         page.wait_for_selector("#tools:not([hidden])")
@@ -117,7 +118,7 @@ def test_play__an_illegal_action_is_explained_below_the_scene_without_moving_it(
         tops = "['#board', '#tools', '#stop'].map(name => document.querySelector(name).getBoundingClientRect().top)"
         before = page.evaluate(tops)
         cell.click()
-        page.wait_for_selector("#messages .error:has-text('is not legal here')")
+        page.wait_for_selector("#messages .error:has-text('Not done: ')")
         assert page.evaluate(tops) == before
         assert _in_viewport(page, "#messages .error")
 
@@ -255,6 +256,7 @@ def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_p
         page.select_option("#preset", "judge")
         page.click("#setup [type=submit]")
         page.wait_for_selector("#turn:text-matches('your turn')")
+        assert "playing with expert" in page.inner_text("#seat-title")
         assert "Round 1 of" in page.inner_text("#task-line")
         assert page.locator("#answers button").first.inner_text().startswith("accept")
         for _ in range(20):
@@ -267,6 +269,153 @@ def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_p
         assert "The verifier saw everything" in page.inner_text("#end-lines")
         page.click("#again")
         page.wait_for_selector("#turn:text-matches('your turn')")
+
+
+def test_play__a_change_of_configuration_draws_a_task(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/play")
+        page.wait_for_selector(".board:not(.fine) .cells button")
+        assert page.input_value("[name=configuration]") == "TowerFlipIt"
+        page.select_option("[name=configuration]", "ScatterFlipIt")
+        page.wait_for_selector(".board.fine .cells button")
+        _assert_clean(watched, url)
+
+
+def test_keys__act_after_a_click_on_the_blank_page_but_not_on_another_control(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        _begin(page, url)
+        page.mouse.click(5, 700)
+        page.keyboard.press("a")
+        assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
+        page.focus("text=Draw a task")
+        page.keyboard.press("a")
+        assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
+
+
+def test_play__remove_crosses_the_item_out_and_a_right_click_removes_it(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        _begin(page, url)
+        item, name = page.evaluate("Object.entries(board.removable).map(([name, item]) => [item, name])[0]")
+        column, row = name[len("REMOVE(") : -1].split(", ")
+        cell = page.locator(f".cells button[data-column='{column}'][data-row='{row}']")
+        page.click("[data-choice=kind] [data-value=REMOVE]")
+        cell.hover()
+        ghost, scene = page.locator(".ghost.removed").bounding_box(), page.locator("#board .scene").bounding_box()
+        assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
+        assert ghost["width"] * 380 / scene["width"] == pytest.approx(item["side"], abs=1)
+        page.click("[data-choice=kind] [data-value=ADD]")
+        cell.click(button="right")
+        page.wait_for_selector(f"#history:has-text('{name}')")
+
+
+def test_play__an_illegal_action_is_explained_in_words(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        _begin(page, url)
+        page.evaluate("act('ADD(5, 0, CIRCLE, BLUE, SMALL)')")
+        page.wait_for_selector("#messages .error:has-text('items cannot lie between the boxes')")
+
+
+def test_play__the_end_says_whether_the_solution_is_the_shortest_and_folds_the_program(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/play?configuration=TowerFlipIt&task=tower-dev-001-a")
+        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        steps = page.evaluate("request('POST', `/api/play/episodes/${episode.id}/solution`)")["steps"]
+        for detour in (True, False):
+            actions = ["ADD(RIGHT, BLACK)", "REMOVE(RIGHT)"] * detour + [step["action"] for step in steps]
+            for count, action in enumerate(actions, start=1):
+                page.evaluate("action => act(action)", action)
+                page.wait_for_function("count => episode.actions.length === count", arg=count)
+            expected = f"; the expert needs {len(steps)}" if detour else ", the shortest possible"
+            page.wait_for_selector(f"#end-title:has-text('Solved in {len(actions)} actions{expected}')")
+            assert page.is_hidden("#parts li >> nth=0")
+            page.click("#why summary")
+            assert page.inner_text("#parts .value >> nth=0") == "false"
+            if detour:
+                page.keyboard.press("r")
+                page.wait_for_selector("#tools:not([hidden])")
+
+
+def test_home__is_a_playable_tower_task(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(url)
+        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+        assert page.inner_text("#target") in ("true", "false")
+        page.keyboard.press("t")
+        page.wait_for_selector("#end-title:has-text('Wrong STOP')")
+        assert page.locator("main a[href='/play']").count() == 1
+        _assert_clean(watched, url)
+
+
+def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _):
+        context = browser.new_context(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+        try:
+            page = context.new_page()
+            _begin(page, url)
+            assert page.locator("#board").bounding_box()["y"] < 300
+            assert _in_viewport(page, "#stop")
+            assert page.locator("kbd:visible").count() == 0
+        finally:
+            context.close()
+
+
+def test_game__the_verifier_sees_the_proposed_item(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/game")
+        page.select_option("[name=configuration]", "ScatterFlipIt")
+        page.select_option("#preset", "judge")
+        for _ in range(12):
+            page.evaluate("begin()")
+            seat = page.evaluate("seat")
+            kind, item = seat["proposal"].partition("(")[0], seat["proposed_item"]
+            if kind == "STOP":
+                continue
+            ghost = page.locator(
+                f".ghost.proposed{'.removed' if kind == 'REMOVE' else ':not(.removed)'}"
+            ).bounding_box()
+            scene = page.locator("#board .scene").bounding_box()
+            assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
+            is_there = item["description"] in [each["description"] for each in seat["scene"]["items"]]
+            assert is_there is (kind == "REMOVE")
+
+
+def test_game__in_audit_key_1_says_that_the_claim_holds(browser: Any, tmp_path: Path):
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/game")
+        page.select_option("#preset", "catch")
+        page.click("#setup [type=submit]")
+        page.wait_for_selector("#answers button")
+        assert page.locator("#answers button").all_inner_texts() == ["holds 1", "does not hold 2"]
+        assert "in the order shown" in page.inner_text(".keys")
+        page.mouse.click(5, 5)
+        page.keyboard.press("1")
+        page.wait_for_selector("#turn:text-matches('is over')")
+
+
+def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(browser: Any, tmp_path: Path):
+    pytest.importorskip("torch")
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/sentence")
+        page.fill("[name=sentence]", "There is a blue block, zyxwv.")
+        page.click("#ask [type=submit]")
+        page.wait_for_selector("#answer-title:has-text('will be true with a probability of')")
+        assert "'zyxwv'" in page.inner_text("#notes")
+        readings = page.locator("#readings li").all_inner_texts()
+        assert any("✓" in reading and "%" in reading for reading in readings)
+        page.wait_for_selector("#plan .step:has-text(': STOP')")  # without a click
+        assert "blue" in page.get_attribute("#plan img", "alt")
+        page.click("#plan .back")
+        assert "STOP" not in page.inner_text("#plan .step")
+        _assert_clean(watched, url)
 
 
 def test_explore__links_to_play_the_task(browser: Any, tmp_path: Path):
@@ -313,6 +462,9 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
             if path in ("/play", "/game"):
                 page.click("#setup [type=submit]")
                 page.wait_for_selector(".cells button")
+            if path == "/sentence":
+                page.click("#ask [type=submit]")
+                page.wait_for_selector("#plan .step:has-text(': STOP')")
             if path == "/watch":
                 page.locator("#episodes button").first.click()
                 page.wait_for_selector("#viewer .strip img")
@@ -348,6 +500,7 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
         page.click("#setup [type=submit]")
         page.wait_for_selector(".cells button")
         page.click("#stop")
+        page.click("#why summary")
         page.wait_for_selector("#parts li")
         found += _barriers(page, script, "end of an episode")
         page.goto(f"{url}/game")
@@ -441,10 +594,24 @@ def _of_expert(title: str) -> bool:
     return title.startswith("expert")
 
 
-def test_watch__without_recordings_explains_how_to_record(browser: Any, tmp_path: Path):
+def test_watch__without_recordings_lets_a_shipped_agent_play(browser: Any, tmp_path: Path):
+    pytest.importorskip("torch")
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        watched.page.goto(f"{url}/watch")
-        watched.page.wait_for_selector("#nothing:has-text('--record-decisions')")
+        page = watched.page
+        page.goto(f"{url}/watch")
+        page.wait_for_selector("#nothing:has-text('--record-decisions')")
+        page.click("#request [type=submit]")
+        page.wait_for_selector("#about-title:has-text('parse-and-plan, TowerFlipIt')")
+        page.wait_for_selector("#viewer .strip img")
+        assert page.is_hidden("#nothing")
+        assert page.locator("#episodes button").count() == 12
+        facts = page.inner_text(".side .facts >> nth=-1")
+        assert "when no edit of its plan is left" in facts
+        assert "Satisfied readings" in facts
+        page.press("#viewer", "End")
+        page.press("#viewer", "ArrowLeft")  # the step at which it stops
+        page.wait_for_selector(".side [role=status]:has-text('STOP')")
+        assert "✓" in page.inner_text(".side .bars >> nth=2")
         _assert_clean(watched, url)
 
 

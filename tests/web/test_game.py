@@ -296,7 +296,7 @@ def test_action__out_of_turn_is_refused(browser: Browser):
     [
         ({"proposer": "helpful", "verifier": "oracle"}, 422, "at least one of the seats must"),
         ({"verifier": "helpful"}, 422, "cannot be verifier; choose from person, oracle"),
-        ({"verifier": "run:0123456789abcdef"}, 404, "no such partner"),
+        ({"verifier": "run:0123456789abcdef"}, 404, "no such agent"),
         ({"verifier": "agent:../../etc/passwd"}, 422, "verifier"),
         ({"verifier": "agent:parse-and-plan", "verifier_view": "no target"}, 422, "must see everything"),
         ({"verifier": "agent:imitation-tower", "configuration": "ScatterFlipIt"}, 422, "does not play"),

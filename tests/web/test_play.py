@@ -86,7 +86,7 @@ def test_illegal_action__is_refused_with_its_reason_and_changes_nothing(browser:
     episode = begin(browser)
     response = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)")
     assert response.status_code == 409
-    assert "not legal here: separator" in response.json()["message"]
+    assert "items cannot lie between the boxes" in response.json()["message"]
     assert browser.get(f"{EPISODES}/{episode['id']}").json() == episode
 
 
@@ -95,7 +95,7 @@ def test_illegal_action__ends_a_strict_episode(browser: Browser):
     episode = act(browser, episode, "ADD(5, 0, CIRCLE, BLUE, SMALL)").json()
     assert (episode["outcome"], episode["reward"]) == ("invalid_action", -1.0)
     body = browser.get(f"{EPISODES}/{episode['id']}/explanation").json()
-    assert body["invalid_reason"] == "separator"
+    assert body["invalid_reason"] == "items cannot lie between the boxes"
 
 
 @pytest.mark.parametrize(

@@ -62,19 +62,32 @@ def test_recordings__are_listed_with_their_headers(browser: Browser):
     assert not any(line["fault"] for line in body["recordings"])
 
 
-def test_recordings__are_empty_without_a_directory(tmp_path: Path):
-    with server(tmp_path) as app:
-        assert Browser(app).get(API).json() == {"directory": None, "recordings": [], "runs": []}
+def test_request__a_shipped_agent_plays_and_is_listed_first(browser: Browser, runs: Path):
+    pytest.importorskip("torch")
+    before = sorted(runs.rglob("*"))
+    answer = browser.post(API, {"agent": "agent:imitation-tower", "configuration": "TowerFlipIt"})
+    assert answer.status_code == 201, answer.text
+    first = browser.get(API).json()["recordings"][0]
+    assert (first["id"], first["agent"], first["episodes"]) == (answer.json()["id"], "imitation-tower", 12)
+    body = browser.get(f"{API}/{first['id']}").json()
+    assert (body["has_decisions"], body["has_judgements"]) == (True, True)
+    assert sorted(runs.rglob("*")) == before
 
 
-def test_recordings__a_run_is_listed_with_its_record_command(tmp_path: Path):
-    runs = tmp_path / "runs"
-    (runs / "mine").mkdir(parents=True)
-    (runs / "mine" / "agent.safetensors").write_bytes(b"")
-    with server(tmp_path, runs=runs) as app:
-        (line,) = Browser(app).get(API).json()["runs"]
-    assert line["name"] == "mine"
-    assert line["command"] == f"lilgym-mp evaluate {runs / 'mine'} --record {runs / 'mine'} --record-decisions"
+@pytest.mark.parametrize(
+    ("agent", "configuration", "status", "reason"),
+    [
+        ("agent:none", "TowerFlipIt", 404, "no such agent"),
+        ("agent:imitation-tower", "ScatterFlipIt", 422, "does not play ScatterFlipIt; it plays Tower"),
+        ("agent:imitation-tower", "Towers", 422, "configuration"),
+    ],
+)
+def test_request__that_cannot_be_played_says_why(
+    browser: Browser, agent: str, configuration: str, status: int, reason: str
+):
+    pytest.importorskip("torch")
+    answer = browser.post(API, {"agent": agent, "configuration": configuration})
+    assert (answer.status_code, reason in answer.json()["message"]) == (status, True), answer.text
 
 
 def test_recording__has_outcome_counts_and_comparable_recordings(browser: Browser, runs: Path):

@@ -27,6 +27,7 @@ class Board {
     this.view = new SceneView("The scene");
     this.cells = element("div", { class: "cells", role: "group", "aria-label": "Cells of the scene" });
     this.ghost = element("div", { "aria-hidden": "true" });
+    this.removable = {}; // the item that each legal REMOVE removes, by its name
     this.view.root.append(this.ghost, this.cells);
     for (const name of ["pointerover", "focusin"]) this.cells.addEventListener(name, (event) => this.showGhost(event.target));
     for (const name of ["pointerleave", "focusout"]) this.cells.addEventListener(name, () => this.showGhost(null));
@@ -56,6 +57,10 @@ class Board {
     for (let row = 0; row < rows; row += 1) {
       for (let column = 0; column < columns; column += 1) {
         const cell = element("button", { type: "button", tabindex: -1, click: () => this.act(this.actionAt(cell)) });
+        cell.addEventListener("contextmenu", (event) => {
+          event.preventDefault();
+          if (!cell.disabled) this.act(this.actionAt(cell, "REMOVE"));
+        });
         Object.assign(cell.dataset, { column, row });
         if (grid) place(cell, (column * IMAGE_WIDTH) / columns, (row * IMAGE_HEIGHT) / rows, IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows);
         else place(cell, column * 140, 0, 100, 100);
@@ -65,29 +70,30 @@ class Board {
     this.cells.firstChild.tabIndex = 0;
   }
 
-  actionAt(cell) {
+  actionAt(cell, kind = this.selection.kind) {
     const { column, row } = cell.dataset;
-    const { kind, shape, size, colour } = this.selection;
+    const { shape, size, colour } = this.selection;
     if (!this.grid) return kind === "ADD" ? `ADD(${BOXES[column]}, ${colour})` : `REMOVE(${BOXES[column]})`;
     return kind === "ADD" ? `ADD(${column}, ${row}, ${shape}, ${colour}, ${size})` : `REMOVE(${column}, ${row})`;
   }
 
-  /** Shows the item that a click on the cell would add. */
+  /** Shows the item that a click on the cell would add or remove. */
   showGhost(cell) {
     const { kind, shape, size, colour } = this.selection;
     this.hovered = cell;
-    if (!cell || cell === this.cells || cell.disabled || kind !== "ADD") {
-      this.ghost.className = "";
-      return;
-    }
-    this.ghost.className = `ghost colour-${colour.toLowerCase()} shape-${this.grid ? shape.toLowerCase() : "square"}`;
+    this.ghost.className = "";
+    if (!cell || cell === this.cells || cell.disabled) return;
     const [column, row] = [Number(cell.dataset.column), Number(cell.dataset.row)];
-    if (this.grid) {
+    if (kind === "REMOVE") {
+      const item = this.removable[this.actionAt(cell)];
+      if (item) drawGhost(this.ghost, item, true);
+    } else if (this.grid) {
       const side = { SMALL: 10, MEDIUM: 20, LARGE: 30 }[size];
-      place(this.ghost, (column * IMAGE_WIDTH) / this.grid[0], (row * IMAGE_HEIGHT) / this.grid[1], side, side);
+      const item = { x: (column * IMAGE_WIDTH) / this.grid[0], y: (row * IMAGE_HEIGHT) / this.grid[1], side };
+      drawGhost(this.ghost, { ...item, shape: shape.toLowerCase(), colour: colour.toLowerCase() }, false);
     } else {
       const height = this.view.scene.items.filter((item) => item.box === column).length;
-      place(this.ghost, column * 140 + 40, 80 - 21 * height, 20, 20);
+      drawGhost(this.ghost, { x: column * 140 + 40, y: 80 - 21 * height, side: 20, shape: "square", colour: colour.toLowerCase() }, false);
     }
   }
 

@@ -69,10 +69,10 @@ async function attempt(action, busy = null) {
 
 const byId = (id) => document.getElementById(id);
 
-/** Lets keys act while the focus is in the section or nowhere, except in fields. `keys`: functions by lower-case key. */
+/** Lets keys act unless the focus is in a field, or on a control outside the section. `keys`: functions by lower-case key. */
 function onKeys(section, keys) {
   document.addEventListener("keydown", (event) => {
-    const elsewhere = event.target !== document.body && !section.contains(event.target);
+    const elsewhere = !section.contains(event.target) && event.target.closest("a, button, summary, [tabindex='0']");
     const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
     if (elsewhere || section.hidden || event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select, textarea") || !(key in keys)) return;
     if (key === " " && event.target.closest("button")) return; // presses the button

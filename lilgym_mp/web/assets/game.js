@@ -19,8 +19,8 @@ function showProtocol() {
 // Field values by the name of a preset.
 const PRESETS = {
   propose: { protocol: "veto", rewards: "common", proposer: "person", verifier: "oracle" },
-  judge: { protocol: "veto", rewards: "common", proposer: "helpful", verifier: "person" },
-  catch: { protocol: "audit", rewards: "hidden", proposer: "by_intent", verifier: "person" },
+  judge: { protocol: "veto", rewards: "common", proposer: "expert", verifier: "person" },
+  catch: { protocol: "audit", rewards: "hidden", proposer: "expert", verifier: "person" },
   together: { protocol: "veto", rewards: "common", proposer: "person", verifier: "person" },
 };
 
@@ -73,7 +73,8 @@ async function show(view) {
   byId("turn").className = "notice";
   byId("turn").textContent = turnLine();
   byId("proposal").textContent = seat.proposal ? `Proposed: ${seat.proposal}` : "";
-  seat.answers.sort((one, other) => (other === "accept") - (one === "accept")); // key 1 accepts
+  const agrees = (answer) => ["accept", "holds"].includes(answer);
+  seat.answers.sort((one, other) => agrees(other) - agrees(one)); // key 1 agrees
   showEnd();
   byId("proposing").hidden = seat.role !== "proposer" || !seat.your_turn;
   byId("scatter-item-type").hidden = !seat.grid;
@@ -114,8 +115,14 @@ function showEnd() {
 function showScene() {
   const { root, image } = board.view;
   root.classList.toggle("unseen", seat.scene === null);
-  if (seat.scene) board.view.show(seat.scene);
-  else {
+  board.removable = seat.removable;
+  board.showGhost(null);
+  if (seat.scene) {
+    board.view.show(seat.scene);
+    const item = seat.proposed_item;
+    if (item) drawGhost(board.ghost, item, seat.proposal.startsWith("REMOVE"));
+    if (item) board.ghost.classList.add("proposed");
+  } else {
     image.removeAttribute("src");
     image.alt = "You do not see the scene.";
   }
@@ -160,16 +167,13 @@ async function act(action) {
   }, byId("board"));
 }
 
-byId("seat").addEventListener("keydown", (event) => {
-  if (event.ctrlKey || event.metaKey || event.altKey || event.target.closest("input, select") || !seat) return;
-  const pressed = event.key.toLowerCase();
-  if (seat.over && pressed === "n") begin();
-  if (seat.may_stop && pressed === "t") act("STOP");
-  const answer = /^[1-9]$/.test(pressed) ? seat.answers[Number(pressed) - 1] : null;
-  if (!answer && !(pressed in board.keys && seat.role === "proposer")) return;
-  event.preventDefault();
-  if (answer) act(answer);
-  else board.keys[pressed]();
+const proposing = (key) => () => seat.role === "proposer" && board.keys[key]();
+const answering = (key) => () => key <= seat.answers.length && act(seat.answers[key - 1]);
+onKeys(byId("seat"), {
+  ...Object.fromEntries(Object.keys(board.keys).map((key) => [key, proposing(key)])),
+  ...Object.fromEntries([1, 2, 3, 4, 5, 6, 7, 8, 9].map((key) => [key, answering(key)])),
+  n: () => seat.over && begin(),
+  t: () => seat.may_stop && act("STOP"),
 });
 
 setup.addEventListener("submit", (event) => {

@@ -3,14 +3,10 @@
 
 const setup = byId("setup");
 const board = new Board(act, legal);
-const expertView = new SceneView("A scene of the expert's solution");
-const OUTCOMES = { success: "Solved", wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
+const expertView = new StepView(byId("expert-scene"), "A scene of the expert's solution");
+const OUTCOMES = { wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
 let episode = null;
 let shown = null; // id of the episode whose cells the board has
-let expert = null;
-let expertStep = 0;
-
-byId("expert-scene").append(expertView.root);
 
 async function begin(taskId, focuses = true) {
   await attempt(async () => {
@@ -31,7 +27,9 @@ async function begin(taskId, focuses = true) {
 
 async function show(state) {
   episode = state;
+  board.removable = state.removable;
   board.view.show(state.scene);
+  board.showGhost(board.hovered);
   byId("statement").textContent = state.statement;
   byId("target").textContent = state.target ? "true" : "false";
   byId("left").textContent = state.over ? "" : `Actions left: ${state.actions_left}.`;
@@ -68,34 +66,34 @@ async function act(action) {
 }
 
 async function explain() {
-  const explanation = await request("GET", `/api/play/episodes/${episode.id}/explanation`);
-  byId("end-title").textContent = OUTCOMES[episode.outcome];
+  const path = `/api/play/episodes/${episode.id}`;
+  const explanation = await request("GET", `${path}/explanation`);
+  const count = episode.actions.length === 1 ? "1 action" : `${episode.actions.length} actions`;
+  byId("end-title").textContent = episode.outcome === "success" ? `Solved in ${count}` : OUTCOMES[episode.outcome];
   byId("end-title").className = episode.outcome === "success" ? "good" : "bad";
   byId("rule").textContent = explanation.invalid_reason ? `${explanation.rule} Reason: ${explanation.invalid_reason}.` : explanation.rule;
   byId("verdict").textContent = `In the last scene the statement is ${explanation.truth}; the target was ${explanation.target}. Reward: ${episode.reward.toFixed(1)}.`;
+  byId("why").open = false;
   byId("parts").replaceChildren(partsList(explanation.parts, board.view));
   byId("end-title").focus();
+  if (episode.outcome !== "success") return;
+  const ended = episode;
+  const solution = await request("POST", `${path}/solution`).catch(() => ({ found: false })); // there may be no expert
+  if (ended !== episode || !solution.found) return;
+  const isShortest = episode.actions.length <= solution.steps.length;
+  byId("end-title").textContent += isShortest ? ", the shortest possible" : `; the expert needs ${solution.steps.length}`;
 }
 
 async function showExpert() {
   await attempt(async () => {
-    expert = await request("POST", `/api/play/episodes/${episode.id}/solution`);
-    expertStep = 0;
+    const expert = await request("POST", `/api/play/episodes/${episode.id}/solution`);
     byId("expert").hidden = false;
     const optimality = expert.proven_shortest ? "No shorter solution exists." : "A shorter one may exist.";
     byId("expert-line").textContent = expert.found ? `${expert.steps.length} actions. ${optimality}` : `No solution was found: ${expert.reason}`;
-    showExpertStep();
+    expertView.show(expert.start, expert.steps);
     byId("expert").scrollIntoView({ block: "nearest" });
-    byId("forth").focus({ preventScroll: true });
+    expertView.forth.focus({ preventScroll: true });
   }, byId("expert"));
-}
-
-function showExpertStep() {
-  const step = expertStep ? expert.steps[expertStep - 1] : null;
-  expertView.show(step ? step.scene : expert.start);
-  byId("expert-step").textContent = step ? `${expertStep} of ${expert.steps.length}: ${step.action}` : "Start";
-  byId("back").disabled = expertStep === 0;
-  byId("forth").disabled = expertStep >= expert.steps.length;
 }
 
 const press = (id) => () => !byId(id).hidden && byId(id).click();
@@ -122,16 +120,18 @@ setup.addEventListener("submit", (event) => {
   event.preventDefault();
   begin(null);
 });
-setup.configuration.addEventListener("change", () => fillSplits(setup));
-setup.addEventListener("change", () => byId("chooser").open && search());
+setup.addEventListener("change", (event) => {
+  if (event.target.name === "configuration") fillSplits(setup);
+  if (["configuration", "split"].includes(event.target.name)) begin(null, false);
+  if (["rules", "strict"].includes(event.target.name)) begin(episode.task_id, false);
+  if (byId("chooser").open) search();
+});
 byId("chooser").addEventListener("toggle", () => byId("chooser").open && search());
 byId("search").addEventListener("input", search);
 byId("stop").addEventListener("click", () => act("STOP"));
 byId("next").addEventListener("click", () => begin(null));
 byId("again").addEventListener("click", () => begin(episode.task_id));
 byId("solution").addEventListener("click", showExpert);
-byId("back").addEventListener("click", () => { expertStep -= 1; showExpertStep(); });
-byId("forth").addEventListener("click", () => { expertStep += 1; showExpertStep(); });
 
 fillSplits(setup);
 attempt(async () => {

@@ -39,12 +39,67 @@ class SceneView {
   }
 }
 
+/** Steps through scenes: `show` takes the first, and the steps as {action, scene}. */
+class StepView {
+  constructor(root, label) {
+    this.view = new SceneView(label);
+    this.back = element("button", { type: "button", class: "back", click: () => this.go(-1) }, "Back");
+    this.forth = element("button", { type: "button", class: "forth", click: () => this.go(1) }, "Next");
+    this.line = element("p", { class: "step", role: "status" });
+    root.replaceChildren(this.view.root, element("div", { class: "row" }, this.back, this.forth, this.line));
+  }
+
+  show(start, steps) {
+    Object.assign(this, { start, steps, at: 0 });
+    this.go(0);
+  }
+
+  go(by) {
+    clearTimeout(this.timer);
+    this.at += by;
+    const step = this.at ? this.steps[this.at - 1] : null;
+    this.view.show(step ? step.scene : this.start);
+    this.line.textContent = step ? `${this.at} of ${this.steps.length}: ${step.action}` : "Start";
+    this.back.disabled = this.at === 0;
+    this.forth.disabled = this.at >= this.steps.length;
+  }
+
+  /** Goes on by itself until the end, or until a button is pressed. */
+  play() {
+    this.timer = setTimeout(() => {
+      this.go(1);
+      if (!this.forth.disabled) this.play();
+    }, 900);
+  }
+}
+
+const percent = (share) => (share > 0 && share < 0.0005 ? "< 0.1 %" : `${(100 * share).toFixed(share > 0 && share < 0.1 ? 1 : 0)} %`);
+
+/** A bar with a probability; `taken` marks the action taken. */
+function bar(label, share, taken = false, mono = false) {
+  const fill = element("span", { class: "fill" });
+  fill.style.width = `${100 * share}%`;
+  return element("li", { class: taken ? "done" : null }, fill, element("span", { class: mono ? "mono" : null }, label, taken ? " ✓" : ""), element("span", { class: "share" }, percent(share)));
+}
+
+/** A program, which wraps between words but not inside them. */
+function programCode(source) {
+  return element("code", { class: "program" }, ...source.split(/(?<=[(,.])/).flatMap((piece) => [element("wbr"), piece]));
+}
+
+/** Draws an item that an action would add, or crosses it out if the action would remove it. */
+function drawGhost(ghost, item, removes) {
+  ghost.className = removes ? "ghost removed" : `ghost colour-${item.colour} shape-${item.shape}`;
+  place(ghost, item.x, item.y, item.side, item.side);
+}
+
 /** A list of the parts of a program with their values; hovering over or focusing a part marks its items in the view. */
 function partsList(parts, view) {
   const list = element("ul", { class: "parts" });
   for (const part of parts) {
     const marks = () => view.mark(part.items);
-    const content = [element("code", {}, part.source), element("span", { class: "value" }, part.value)];
+    const value = part.value.replace(/^(True|False)$/, (truth) => truth.toLowerCase());
+    const content = [programCode(part.source), element("span", { class: "value" }, value)];
     const line = element("li", { class: `depth-${Math.min(part.depth, 8)}` });
     if (part.items.length) {
       line.append(element("button", { type: "button", class: "part", mouseenter: marks, focus: marks, click: marks }, ...content));

@@ -14,7 +14,6 @@ let showsLegal = false;
 let openCount = 0; // identifies the latest episode request, so that a late response is dropped
 let findCount = 0; // likewise for the list of episodes
 
-const percent = (share) => (share > 0 && share < 0.0005 ? "< 0.1 %" : `${(100 * share).toFixed(share > 0 && share < 0.1 ? 1 : 0)} %`);
 const signed = (number) => `${number < 0 ? "−" : "+"}${Math.abs(number).toFixed(2)}`;
 const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
 const words = (name) => name.replaceAll("_", " ");
@@ -29,13 +28,6 @@ function recordingOptions(recordings) {
   const titles = recordings.map((line) => `${shortName(line)} · ${line.configuration}, ${line.split}${line.actions === "sampled" ? ", sampled" : ""}`);
   const isUnique = (title) => titles.indexOf(title) === titles.lastIndexOf(title);
   return recordings.map((line, index) => element("option", { value: line.id }, isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`));
-}
-
-/** A bar with a probability; `taken` marks the action taken. */
-function bar(label, share, taken = false, mono = false) {
-  const fill = element("span", { class: "fill" });
-  fill.style.width = `${100 * share}%`;
-  return element("li", { class: taken ? "done" : null }, fill, element("span", { class: mono ? "mono" : null }, label, taken ? " ✓" : ""), element("span", { class: "share" }, percent(share)));
 }
 
 function facts(pairs) {
@@ -154,7 +146,10 @@ class Side {
       element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...Object.entries(decision.likeliest).map(([action, probability]) => bar(action, probability, action === shown.action)))),
     ];
     const programs = Object.entries(decision.programs);
-    if (programs.length) parts.push(element("div", {}, element("h3", {}, "Candidate programs"), element("ul", { class: "bars" }, ...programs.map(([program, probability]) => bar(program, probability, false, true)))));
+    const holds = (program) => decision.satisfied.includes(program);
+    if (programs.length) parts.push(element("div", {}, element("h3", {}, `Readings, ✓ if ${this.episode.target} in this scene`), element("ul", { class: "bars" }, ...programs.map(([program, probability]) => bar(programCode(program), probability, holds(program), true)))));
+    const satisfied = programs.filter(([program]) => holds(program)).reduce((sum, [, probability]) => sum + probability, 0);
+    const stopRule = programs.length ? "when no edit of its plan is left: the plan makes the readings that are together the most probable have the target value" : "when STOP is the action it chooses, as any other";
     if (decision.notes.length) parts.push(element("div", {}, element("h3", {}, "About the statement"), ...decision.notes.map((note) => element("p", { class: "notice" }, note))));
     const answers = decision.answers.map((each) =>
       element("div", {}, element("h3", {}, each.understood ? "Answer" : "Answer, not understood as an action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
@@ -163,6 +158,8 @@ class Side {
       ...answers,
       element("div", { class: "beliefs" }, ...parts),
       facts([
+        ["Satisfied readings", programs.length ? `${percent(satisfied)} of the probability` : null],
+        ["It stops", stopRule],
         ["Value", decision.value === null ? null : signed(decision.value)],
         ["Predicted success of the plan", decision.success_probability === null ? null : percent(decision.success_probability)],
         ["Legal actions", `${decision.legal_stop} STOP, ${decision.legal_add} ADD, ${decision.legal_remove} REMOVE; total probability ${percent(decision.legal_probability)}`],
@@ -300,35 +297,19 @@ async function nextEpisode(by) {
   if (next >= 0 && next < listed.length) await openEpisode(listed[next].index, 0, true);
 }
 
-function showNothing(found) {
-  const command = "lilgym-mp evaluate RUN --record runs/recordings --record-decisions";
-  const reason = found.directory === null ? "The server was started without a runs directory; name one with --runs DIR. " : `There are no recorded episodes in ${found.directory}. `;
-  byId("nothing").hidden = false;
-  byId("nothing").replaceChildren(
-    element("p", {}, reason, "To record an agent's episodes and predictions, run:"),
-    element("pre", {}, found.runs.length ? found.runs[0].command : command),
-    element("p", { class: "soft" }, "To record policies that need no training, run:"),
-    element("pre", {}, "lilgym-mp evaluate --policy expert random-legal --configuration TowerFlipIt --record runs/simple --record-decisions"),
-  );
-}
-
-async function start() {
+/** Lists the recordings and opens the one with the id, or the one that the URL names, or the first. */
+async function start(id = null) {
   const found = await request("GET", "/api/watch/recordings");
   const readable = found.recordings.filter((line) => !line.fault);
   const faulty = found.recordings.filter((line) => line.fault);
-  byId("loading").hidden = true;
   byId("faulty").hidden = !faulty.length;
   byId("fault-list").replaceChildren(...faulty.map((line) => element("li", {}, `${line.name}: ${line.fault}`)));
-  byId("runs").hidden = !found.runs.length;
-  byId("run-list").replaceChildren(...found.runs.map((run) => element("li", {}, `${run.name}: `, element("code", {}, run.command))));
-  if (!readable.length) {
-    showNothing(found);
-    return;
-  }
+  byId("nothing").hidden = readable.length > 0;
+  byId("choose").hidden = !readable.length;
+  if (!readable.length) return;
   byId("recording").replaceChildren(...recordingOptions(readable));
-  byId("choose").hidden = false;
-  const query = new URLSearchParams(location.search);
-  const wanted = readable.some((line) => line.id === query.get("recording")) ? query.get("recording") : readable[0].id;
+  const query = new URLSearchParams(id ? "" : location.search);
+  const wanted = id || (readable.some((line) => line.id === query.get("recording")) ? query.get("recording") : readable[0].id);
   byId("recording").value = wanted;
   await openRecording(wanted);
   if (recording.comparable.some((line) => line.id === query.get("beside"))) byId("beside").value = query.get("beside");
@@ -338,6 +319,18 @@ async function start() {
   await openEpisode(index, Number(query.get("step")) || 0, false);
 }
 
+if (byId("request")) {
+  byId("request").addEventListener("submit", (event) => {
+    event.preventDefault();
+    attempt(async () => {
+      const asked = Object.fromEntries(new FormData(event.target));
+      const { id } = await request("POST", "/api/watch/recordings", asked);
+      offset = 0;
+      await start(id);
+      byId("viewer").focus();
+    }, byId("request"));
+  });
+}
 byId("recording").addEventListener("change", () =>
   attempt(async () => {
     remember({ episode: "", beside: "", step: "" });
@@ -386,4 +379,4 @@ onKeys(byId("viewer"), {
   l: toggleLegal,
 });
 
-attempt(start);
+attempt(() => start());

@@ -20,7 +20,7 @@ from lilgym_mp.programs.syntax import MAX_LENGTH
 from lilgym_mp.scene import Scene
 from lilgym_mp.web import language
 from lilgym_mp.web.app_services import AppServices, Services
-from lilgym_mp.web.bodies import Body, ProgramPart, SceneBody, scene_body
+from lilgym_mp.web.bodies import JSON, pick, scene_body
 from lilgym_mp.web.database import Annotation, Database
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import AppearanceName, Name, ShortText, SplitName, storable
@@ -47,45 +47,6 @@ class ProgramBody(BaseModel):
 class NewAnnotation(ProgramBody):
     name: Annotator
     comment: ShortText = ""
-
-
-class StatementLine(Body):
-    """An entry of the list of statements; `done`: the annotator's program for it was accepted."""
-
-    id: str
-    statement: str
-    done: bool
-
-
-class ShownScene(Body):
-    """A scene, and the statement's value there."""
-
-    label: bool
-    scene: SceneBody
-
-
-class StatementBody(Body):
-    """A statement with the scenes shown to annotators; of the others, only the number."""
-
-    statement: str
-    shown: list[ShownScene]
-    hidden: int
-
-
-class ValueBody(Body):
-    """The program's value on a shown scene; null if evaluation failed, with the error in `fault`."""
-
-    truth: bool | None
-    label: bool
-    fault: str | None
-    parts: list[ProgramPart]
-
-
-class VerdictBody(Body):
-    """Whether the program has the statement's value in all scenes."""
-
-    accepted: bool
-    message: str
 
 
 class AnnotatedStatement(NamedTuple):
@@ -123,13 +84,13 @@ def annotate_page(request: Request) -> Response:
 
 
 @api.get("/language")
-def words() -> language.LanguageBody:
+def words() -> JSON:
     """All words of the program language, with signatures and documentation."""
     return language.language()
 
 
 @api.post("/check")
-def check(text: ProgramBody) -> language.CheckBody:
+def check(text: ProgramBody) -> JSON:
     """Checks the syntax of a program."""
     return language.check(text.program)
 
@@ -137,8 +98,8 @@ def check(text: ProgramBody) -> language.CheckBody:
 @api.get("/statements")
 def statements(
     services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev", name: Name = ""
-) -> list[StatementLine]:
-    """The statements of an appearance and split that have FlipIt scenes; `name` is that of the annotator."""
+) -> list[JSON]:
+    """The statements with FlipIt scenes, and whether the annotator called `name` has an accepted program for each."""
     catalogue = services.catalogue
     done = select(Annotation.statement_id).where(
         Annotation.corpus == catalogue.corpus,
@@ -150,28 +111,31 @@ def statements(
     with services.database.read() as session:
         ids = set(session.scalars(done))
     return [
-        StatementLine.of(statement, done=statement.id in ids)
+        {**pick(statement, "id", "statement"), "done": statement.id in ids}
         for statement in list_statements(catalogue, appearance, split)
         if any(start == FLIPIT for start, _ in statement.tasks)
     ]
 
 
 @api.get("/statement")
-def statement(found: CurrentStatement) -> StatementBody:
-    """A statement with its shown scenes."""
-    shown = [ShownScene(label=label, scene=scene_body(scene)) for scene, label in found.shown]
-    return StatementBody(statement=found.text, shown=shown, hidden=len(found.hidden))
+def statement(found: CurrentStatement) -> JSON:
+    """A statement with the scenes shown to annotators and its value there; of the others, only the number."""
+    shown = [{"label": label, "scene": scene_body(scene)} for scene, label in found.shown]
+    return {"statement": found.text, "shown": shown, "hidden": len(found.hidden)}
 
 
 @api.post("/run")
-async def run(found: CurrentStatement, written: ProgramBody, services: Services) -> list[ValueBody]:
-    """A program's value on each shown scene, part by part."""
+async def run(found: CurrentStatement, written: ProgramBody, services: Services) -> list[JSON]:
+    """A program's value on each shown scene, part by part; null where it has none, with the error in `fault`."""
     values = await _evaluate(services, written.program, [scene for scene, _ in found.shown], traced=True)
-    return [ValueBody.of(value, label=label) for value, (_, label) in zip(values, found.shown, strict=True)]
+    return [
+        {**pick(value, "truth", "fault"), "label": label, "parts": [part._asdict() for part in value.parts]}
+        for value, (_, label) in zip(values, found.shown, strict=True)
+    ]
 
 
 @api.post("/annotations", status_code=201)
-async def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> VerdictBody:
+async def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> JSON:
     """Saves a program that agrees with the shown scenes, after checking it on the hidden ones.
 
     Responds with 409 if it disagrees with a shown scene, or has no value on the empty scene, as every program must.
@@ -195,7 +159,7 @@ async def submit(found: CurrentStatement, new: NewAnnotation, services: Services
         **new.model_dump(),
     )
     await run_sync(_save, services.database, row)
-    return VerdictBody(accepted=all(agrees), message=ACCEPTED if all(agrees) else FAILED)
+    return {"accepted": all(agrees), "message": ACCEPTED if all(agrees) else FAILED}
 
 
 @api.get("/annotations", response_class=Response)

@@ -14,13 +14,12 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import Call, WordName, parse, walk
-from lilgym_mp.programs.tracing import trace
 from lilgym_mp.report.phenomena import Phenomenon, phenomena, syntactic_phenomena
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.app_services import Catalogue, Services
-from lilgym_mp.web.bodies import Body, ProgramPart, Reward, SceneBody, png, scene_body
+from lilgym_mp.web.bodies import JSON, parts_body, pick, png, scene_body
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import AppearanceName, Name, SplitName
 from lilgym_mp.web.run_directory import FoundFile, RunDirectory, UnreadableRecording, read_recording
@@ -40,78 +39,6 @@ Count = Annotated[int, Query(ge=0, le=1_000_000)]
 TextQuery = Annotated[str, Query(max_length=200)]
 
 
-class StatementSummary(Body):
-    """An entry of the statement list. `id` is that of the statement's first task."""
-
-    id: str
-    statement: str
-    length: int
-    phenomena: list[str]
-    scenes: int
-
-
-class StatementsBody(Body):
-    """A page of the matching statements."""
-
-    total: int
-    first: int
-    page: int
-    statements: list[StatementSummary]
-
-
-class ChoicesBody(Body):
-    """Filter values for an appearance and split, each with its number of statements; the length of the longest one."""
-
-    phenomena: dict[str, int]
-    words: dict[str, int]
-    longest: int
-
-
-class ExploredScene(Body):
-    """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
-    a lower bound unless `complete`."""
-
-    configuration: str
-    task_id: str
-    target: bool
-    truth: bool
-    scene: SceneBody
-    steps: int
-    optimal_first: int
-    complete: bool
-    parts: list[ProgramPart]
-
-
-class RunOutcome(Body):
-    """The outcome of a recorded episode on a task of the statement."""
-
-    recording: str
-    recording_id: str
-    episode: int  # its index in the recording
-    agent: str
-    configuration: str
-    task_id: str
-    outcome: str
-    actions: int
-    reward: Reward
-
-
-class StatementBody(Body):
-    """Everything known about a statement."""
-
-    id: str
-    statement: str
-    form: str
-    program: str
-    canonical: str
-    words: list[str]
-    phenomena: list[str]
-    syntax: list[str]
-    scenes: list[ExploredScene]
-    runs: list[RunOutcome]
-    unreadable: list[str]
-
-
 @router.get("/explore", include_in_schema=False)
 def explore_page(request: Request) -> Response:
     return render_page(request, "explore.html", appearances=list(APPEARANCES))
@@ -127,15 +54,15 @@ def statement_page(
 
 
 @api.get("/choices")
-def choices(services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev") -> ChoicesBody:
-    """Filter values, with the number of statements for each."""
+def choices(services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev") -> JSON:
+    """Filter values, with the number of statements for each; the length of the longest statement."""
     found = list_statements(services.catalogue, appearance, split)
     used = sorted({word for statement in found for word in statement.words})
-    return ChoicesBody(
-        phenomena={str(kind): sum(str(kind) in statement.phenomena for statement in found) for kind in Phenomenon},
-        words={word: sum(word in statement.words for statement in found) for word in used},
-        longest=max(statement.length for statement in found),
-    )
+    return {
+        "phenomena": {str(kind): sum(str(kind) in statement.phenomena for statement in found) for kind in Phenomenon},
+        "words": {word: sum(word in statement.words for statement in found) for word in used},
+        "longest": max(statement.length for statement in found),
+    }
 
 
 @api.get("/statements")
@@ -149,7 +76,7 @@ def statements(
     least: Count = 0,
     most: Count = 1_000,
     first: Count = 0,
-) -> StatementsBody:
+) -> JSON:
     """Statements of `least` to `most` words that contain the text (in statement or program, or as the whole id)."""
     needle = text.lower()
     found = [
@@ -162,10 +89,13 @@ def statements(
         if least <= statement.length <= most
     ]
     lines = [
-        StatementSummary.of(statement, scenes=sum(start == FLIPIT for start, _ in statement.tasks))
+        {
+            **pick(statement, "id", "statement", "length", "phenomena"),
+            "scenes": sum(start == FLIPIT for start, _ in statement.tasks),
+        }
         for statement in found[first : first + PAGE_SIZE]
     ]
-    return StatementsBody(total=len(found), first=first, page=PAGE_SIZE, statements=lines)
+    return {"total": len(found), "first": first, "page": PAGE_SIZE, "statements": lines}
 
 
 @api.get("/statement")
@@ -174,23 +104,23 @@ def statement(
     statement_id: Annotated[Name, Query()],
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
-) -> StatementBody:
+) -> JSON:
     """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
     found = find_statement(services.catalogue, appearance, split, statement_id)
     runs, unreadable = _recorded_outcomes(services.run_directory, found.statement)
-    return StatementBody.of(
-        found,
-        form=statement_form(found.statement),
-        canonical=source_of(canonical_form(parse(found.program))),
-        words=sorted(found.words),
-        syntax=sorted(map(str, syntactic_phenomena(found.statement))),
-        scenes=[
+    return {
+        **pick(found, "id", "statement", "program", "phenomena"),
+        "form": statement_form(found.statement),
+        "canonical": source_of(canonical_form(parse(found.program))),
+        "words": sorted(found.words),
+        "syntax": sorted(map(str, syntactic_phenomena(found.statement))),
+        "scenes": [
             _scene(services.catalogue, CONFIGURATION_NAMES[appearance, start], task)
             for start, task in found.tasks[:MAX_SCENES]
         ],
-        runs=runs,
-        unreadable=unreadable,
-    )
+        "runs": runs,
+        "unreadable": unreadable,
+    }
 
 
 @api.get("/picture", response_class=Response)
@@ -244,26 +174,28 @@ def find_statement(catalogue: Catalogue, appearance: str, split: str, statement_
     raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
 
 
-def _scene(catalogue: Catalogue, configuration: str, task: Task) -> ExploredScene:
+def _scene(catalogue: Catalogue, configuration: str, task: Task) -> JSON:
+    """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
+    a lower bound unless `complete`."""
     try:
         best = catalogue.solver(configuration).optimal_actions(catalogue.dynamics(configuration).start(task))
     except UnsupportedAppearance:
         best = ActionSet((), complete=False, steps=0)
-    return ExploredScene.of(
-        best,
-        configuration=configuration,
-        task_id=task.id,
-        target=task.target,
-        truth=task.truth(task.start),
-        scene=scene_body(task.start),
-        optimal_first=len(best.actions),
-        parts=trace(task.program, task.start),
-    )
+    return {
+        **pick(best, "steps", "complete"),
+        "configuration": configuration,
+        "task_id": task.id,
+        "target": task.target,
+        "truth": task.truth(task.start),
+        "scene": scene_body(task.start),
+        "optimal_first": len(best.actions),
+        "parts": parts_body(task.program, task.start),
+    }
 
 
-def _recorded_outcomes(run_directory: RunDirectory, statement: str) -> tuple[list[RunOutcome], list[str]]:
+def _recorded_outcomes(run_directory: RunDirectory, statement: str) -> tuple[list[JSON], list[str]]:
     """The statement's outcomes in all recordings, and error messages for unreadable recordings."""
-    outcomes: list[RunOutcome] = []
+    outcomes: list[JSON] = []
     unreadable: list[str] = []
     for file, _, fault in run_directory.recordings()[:MAX_RECORDINGS]:
         if fault is not None:
@@ -277,21 +209,22 @@ def _recorded_outcomes(run_directory: RunDirectory, statement: str) -> tuple[lis
 
 
 @lru_cache(MAX_RECORDINGS)
-def _outcomes_by_statement(file: FoundFile) -> dict[str, list[RunOutcome]]:
+def _outcomes_by_statement(file: FoundFile) -> dict[str, list[JSON]]:
     """Raises UnreadableRecording."""
     recording = read_recording(file)
     configuration = recording.header.settings.configuration
-    index: dict[str, list[RunOutcome]] = {}
+    index: dict[str, list[JSON]] = {}
     for number, episode in enumerate(recording.episodes):
-        outcome = RunOutcome.of(
-            episode,
-            recording=file.name,
-            recording_id=file.id,
-            episode=number,
-            agent=recording.header.agent,
-            configuration=configuration,
-            task_id=episode.task,
-            actions=len(episode.actions),
-        )
+        outcome = {
+            "recording": file.name,
+            "recording_id": file.id,
+            "episode": number,  # its index in the recording
+            "agent": recording.header.agent,
+            "configuration": configuration,
+            "task_id": episode.task,
+            "outcome": episode.outcome,
+            "actions": len(episode.actions),
+            "reward": round(episode.reward, 6),
+        }
         index.setdefault(episode.statement, []).append(outcome)
     return index

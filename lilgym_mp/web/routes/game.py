@@ -34,8 +34,9 @@ from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.views import GameSetup
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.game_partners import ExpertProposer
 from lilgym_mp.web.app_services import AppServices, Services
-from lilgym_mp.web.bodies import Body, LegalBody, Reward, SceneBody, scene_body
+from lilgym_mp.web.bodies import JSON, changed_item, pick, removable_items, scene_body
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import (
     ConfigurationName,
@@ -54,9 +55,16 @@ from lilgym_mp.web.visitors import CurrentVisitor
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
 
-PERSON = "person"
+PERSON, EXPERT = "person", "expert"
+PARTNER_TITLES = {
+    EXPERT: "expert: edits towards its goal",
+    "helpful": "helpful: edits at random, claims if true",
+    "sneaky": "sneaky: edits at random, claims if false",
+    "by_intent": "helpful or sneaky, as the game's intent",
+    "oracle": "oracle: knows the truth",
+}
 SCRIPTED_PARTNERS = {  # by the seat they can take
-    Role.PROPOSER: ("helpful", "sneaky", "by_intent", "random"),
+    Role.PROPOSER: (EXPERT, "helpful", "sneaky", "by_intent", "random"),
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
 FULL_VIEW = "everything"
@@ -88,66 +96,11 @@ class NewGame(BaseModel):
     verifier_view: ViewName = "everything"
 
 
-class NewGameBody(Body):
-    """Keys of the seats taken by people; null for a partner's seat. Whoever holds a key controls that seat."""
-
-    proposer: str | None
-    verifier: str | None
-
-
 class SeatAction(BaseModel):
     """An action by name, such as ADD(LEFT, BLUE) or accept, and the number of actions this seat took before."""
 
     action: Name
     own_actions: int = Field(ge=0, le=100_000)
-
-
-class PastTurnBody(Body):
-    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
-
-    proposal: str | None
-    answer: str | None
-    proposer_message: int
-    verifier_message: int
-
-
-class EndBody(Body):
-    """How a game ended, revealed to both seats: whether the statement got the target value, and what each seat knew."""
-
-    reached: bool
-    statement: str
-    value: bool  # of the statement in the last scene
-    target: bool
-    intent: str
-    views: dict[str, str]  # by role
-
-
-class SeatBody(Body):
-    """What the agent in this seat observes. Parts excluded from its view are null."""
-
-    role: str
-    protocol: str
-    configuration: str
-    horizon: int
-    opposite: str  # "person" or the partner's name
-    view: str
-    end: EndBody | None  # null until the game is over
-    over: bool
-    round: int  # from 1
-    your_turn: bool
-    waiting_for_other: bool  # simultaneous moves: this seat has chosen, the other has not
-    own_actions: list[str]
-    reward: Reward | None  # this seat's return; null until the game is over
-    grid: tuple[int, int] | None  # columns, rows; null in Tower
-    scene: SceneBody | None
-    statement: str | None
-    target: bool | None
-    intent: str | None
-    proposal: str | None
-    message: int | None
-    history: list[PastTurnBody]
-    answers: list[str]  # legal answers of the verifier, by name
-    may_stop: bool  # whether the proposer may propose STOP now
 
 
 @router.get("/game", include_in_schema=False)
@@ -163,13 +116,14 @@ def game_page(request: Request, services: Services) -> Response:
         views=list(VIEWS),
         proposers=SCRIPTED_PARTNERS[Role.PROPOSER],
         verifiers=SCRIPTED_PARTNERS[Role.VERIFIER],
+        titles=PARTNER_TITLES,
         trained=services.trained_partners.names(),
     )
 
 
 @api.post("/games", status_code=201)
-def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> NewGameBody:
-    """Starts a game; returns a key for each seat taken by a person."""
+def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
+    """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
     names, views = (new.proposer, new.verifier), (new.proposer_view, new.verifier_view)
     if PERSON not in names:
         raise http_error(422, "at least one of the seats must be taken by a person")
@@ -193,7 +147,7 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> NewGameB
     game = LiveGame(visitor.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
-    return NewGameBody(proposer=keys.get(Role.PROPOSER), verifier=keys.get(Role.VERIFIER))
+    return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
 
 
 def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
@@ -209,7 +163,12 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
     known = SCRIPTED_PARTNERS[role]
     if name not in known:
         raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
-    return SCRIPTED[name]
+    if name != EXPERT:
+        return SCRIPTED[name]
+    try:
+        return ExpertProposer(services.catalogue.dynamics(new.configuration), intent=None)
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
 
 
 @lru_cache(maxsize=64)
@@ -227,7 +186,7 @@ def _game_setup(corpus: str, configuration: str, views: tuple[str, str], **setti
 
 
 @api.get("/seats/{key}")
-def seat(key: RandomId, services: Services) -> SeatBody:
+def seat(key: RandomId, services: Services) -> JSON:
     """What the agent in this seat observes now."""
     game, role = services.games.find(key)
     with game.lock:
@@ -235,21 +194,21 @@ def seat(key: RandomId, services: Services) -> SeatBody:
 
 
 @api.get("/seats/{key}/legal")
-def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> LegalBody:
+def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> JSON:
     """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
     live, role = services.games.find(key)
     game = live.engine.game
     with live.lock:
         legal = live.legal(role)
     if role is Role.VERIFIER:
-        return LegalBody(actions=[game.describe(role, index) for index in legal])
+        return {"actions": [game.describe(role, index) for index in legal]}
     messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
     actions = dict.fromkeys(game.config.dynamics.appearance.decode(index // messages) for index in legal)
-    return LegalBody(actions=[describe(action) for action in actions if item_type.matches(action)])
+    return {"actions": [describe(action) for action in actions if item_type.matches(action)]}
 
 
 @api.post("/seats/{key}/actions")
-def act(key: RandomId, taken: SeatAction, services: Services) -> SeatBody:
+def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
     """Takes an action in this seat; partners then play until a person must act.
 
     `own_actions` must be the number of actions that the seat has taken: another window may have acted since.
@@ -286,43 +245,55 @@ def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> in
         raise http_error(422, str(fault)) from None
 
 
-def _seat_body(live: LiveGame, role: Role) -> SeatBody:
+def _seat_body(live: LiveGame, role: Role) -> JSON:
+    """What the agent in this seat observes. Parts excluded from its view are null."""
     game = live.engine.game
     observation = live.engine.observe(role)["observation"]
     legal = live.legal(role)
     target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
-    return SeatBody.of(
-        live,
-        role=role.name.lower(),
-        protocol=game.protocol.name,
-        horizon=game.config.dynamics.horizon,
-        opposite=live.opposite[role],
-        view=live.views[role],
-        end=_end_body(live) if live.over else None,
-        round=live.engine.state.mdp.steps + 1,
-        your_turn=bool(legal),
-        waiting_for_other=live.chosen[role] is not None,
-        own_actions=live.own_actions[role],
-        reward=live.rewards[role] if live.over else None,
-        grid=game.config.dynamics.appearance.grid,
-        scene=scene_body(live.engine.state.mdp.scene) if "image" in observation else None,
-        statement=read_text(observation["statement"]) if "statement" in observation else None,
-        target=None if target is None else bool(target),
-        intent=None if intent is None else Intent(int(intent)).name.lower(),
-        proposal=_proposal(live, observation.get("proposal")),
-        message=None if message is None else int(message),
-        history=[_past_turn(live, row) for row in observation.get("history", ())],
-        answers=[game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
-        may_stop=role is Role.PROPOSER and stop in legal,
-    )
+    dynamics, scene = game.config.dynamics, live.engine.state.mdp.scene
+    sees_scene = "image" in observation
+    return {
+        "role": role.name.lower(),
+        "protocol": game.protocol.name,
+        "configuration": live.configuration,
+        "horizon": dynamics.horizon,
+        "opposite": live.opposite[role],  # "person" or the partner's name
+        "view": live.views[role],
+        "end": _end_body(live) if live.over else None,
+        "over": live.over,
+        "round": live.engine.state.mdp.steps + 1,
+        "your_turn": bool(legal),
+        "waiting_for_other": live.chosen[role] is not None,  # simultaneous moves: the other has not chosen
+        "own_actions": live.own_actions[role],
+        "reward": round(live.rewards[role], 6) if live.over else None,
+        "grid": dynamics.appearance.grid,  # columns, rows; null in Tower
+        "scene": scene_body(scene) if sees_scene else None,
+        "statement": read_text(observation["statement"]) if "statement" in observation else None,
+        "target": None if target is None else bool(target),
+        "intent": None if intent is None else Intent(int(intent)).name.lower(),
+        "proposal": _proposal(live, observation.get("proposal")),
+        "proposed_item": _proposed_item(live, observation) if sees_scene else None,
+        "removable": removable_items(dynamics, scene) if sees_scene and legal and role is Role.PROPOSER else {},
+        "message": None if message is None else int(message),
+        "history": [_past_turn(live, row) for row in observation.get("history", ())],
+        "answers": [game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
+        "may_stop": role is Role.PROPOSER and stop in legal,
+    }
 
 
-def _end_body(live: LiveGame) -> EndBody:
+def _end_body(live: LiveGame) -> JSON:
+    """How the game ended, revealed to both seats: whether the statement got the target value, and what each knew."""
     state = live.engine.state
     task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
-    views = {role.name.lower(): live.views[role] for role in Role}
-    return EndBody.of(task, reached=value is task.target, value=value, intent=state.intent.name.lower(), views=views)
+    return {
+        **pick(task, "statement", "target"),
+        "reached": value is task.target,
+        "value": value,
+        "intent": state.intent.name.lower(),
+        "views": {role.name.lower(): live.views[role] for role in Role},
+    }
 
 
 def _proposal(live: LiveGame, array: Any) -> str | None:
@@ -332,13 +303,23 @@ def _proposal(live: LiveGame, array: Any) -> str | None:
     return describe(live.engine.game.config.dynamics.appearance.from_array(array))
 
 
-def _past_turn(live: LiveGame, row: Any) -> PastTurnBody:
+def _proposed_item(live: LiveGame, observation: Mapping[str, Any]) -> JSON | None:
+    """The item that the proposal would add or remove."""
+    name = _proposal(live, observation.get("proposal"))
+    if name in (None, "STOP"):
+        return None
+    scene, dynamics = live.engine.state.mdp.scene, live.engine.game.config.dynamics
+    return changed_item(scene, dynamics.appearance.apply(scene, named(name), dynamics.rules.placement).scene)
+
+
+def _past_turn(live: LiveGame, row: Any) -> JSON:
+    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
     game = live.engine.game
     *array, answer, proposer_message, verifier_message = row.tolist()
     answers = game.protocol.answers(game.config)
-    return PastTurnBody(
-        proposal=_proposal(live, np.array(array)),
-        answer=answers[answer] if 0 <= answer < len(answers) else None,
-        proposer_message=max(0, proposer_message),
-        verifier_message=max(0, verifier_message),
-    )
+    return {
+        "proposal": _proposal(live, np.array(array)),
+        "answer": answers[answer] if 0 <= answer < len(answers) else None,
+        "proposer_message": max(0, proposer_message),
+        "verifier_message": max(0, verifier_message),
+    }

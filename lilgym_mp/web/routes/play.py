@@ -16,14 +16,13 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from lilgym_mp.actions import Action, ActionError, describe, named
-from lilgym_mp.appearances import Appearance
+from lilgym_mp.appearances import Appearance, InvalidReason
 from lilgym_mp.corpus import CorpusError, TaskSet
-from lilgym_mp.programs.tracing import trace
 from lilgym_mp.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.solver.solver import UnsupportedAppearance
 from lilgym_mp.task import Task
 from lilgym_mp.web.app_services import AppServices, Catalogue, Services
-from lilgym_mp.web.bodies import Body, LegalBody, ProgramPart, Reward, SceneBody, scene_body
+from lilgym_mp.web.bodies import JSON, parts_body, pick, removable_items, scene_body
 from lilgym_mp.web.database import PlayedEpisode
 from lilgym_mp.web.errors import http_error
 from lilgym_mp.web.field_types import ConfigurationName, ItemTypeQuery, Name, RandomId, RulesName, SplitName
@@ -35,6 +34,14 @@ api = APIRouter(prefix="/api/play", tags=["play"])
 
 MAX_TASKS = 50  # per response
 
+INVALID_EXPLANATIONS = {
+    InvalidReason.SEPARATOR: "items cannot lie between the boxes",
+    InvalidReason.OVERLAP: "the item would overlap another one",
+    InvalidReason.OUT_OF_BOX: "the item would not fit into its box there",
+    InvalidReason.FULL_TOWER: "this tower is full",
+    InvalidReason.EMPTY_TOWER: "there is no block to remove",
+    InvalidReason.NOTHING_TO_REMOVE: "there is no item to remove",
+}
 OUTCOME_EXPLANATIONS = {
     Outcome.SUCCESS: "You stopped when the statement had the target truth value.",
     Outcome.WRONG_STOP: "You stopped, but the statement does not have the target truth value.",
@@ -46,7 +53,7 @@ OUTCOME_EXPLANATIONS = {
 class NewEpisode(BaseModel):
     """Settings of an episode; without `task_id` a random task is drawn."""
 
-    configuration: ConfigurationName = "TowerScratch"
+    configuration: ConfigurationName = "TowerFlipIt"
     split: SplitName = "dev"
     task_id: Name | None = None
     rules: RulesName = "paper"
@@ -61,69 +68,6 @@ class ActionTaken(BaseModel):
     steps: int = Field(ge=0, le=1_000)
 
 
-class TaskSummary(Body):
-    id: str
-    statement: str
-    target: bool
-
-
-class TasksBody(Body):
-    """The first tasks whose statement or id contains the text, and how many there are."""
-
-    total: int
-    tasks: list[TaskSummary]
-
-
-class EpisodeBody(Body):
-    """An episode as its player sees it. The program stays hidden until the end."""
-
-    id: str
-    configuration: str
-    split: str
-    rules: str
-    strict: bool
-    task_id: str
-    statement: str
-    target: bool
-    steps: int
-    actions_left: int
-    reward: Reward
-    actions: list[str]
-    over: bool
-    outcome: str | None
-    shown_solution: bool
-    grid: tuple[int, int] | None  # columns, rows; null in Tower
-    scene: SceneBody
-
-
-class ExplanationBody(Body):
-    """Why an episode ended, and the program traced on the last scene."""
-
-    rule: str
-    invalid_reason: str | None
-    program: str
-    truth: bool
-    target: bool
-    parts: list[ProgramPart]
-
-
-class SolutionStep(Body):
-    """An action of the expert and the resulting scene."""
-
-    action: str
-    scene: SceneBody
-
-
-class SolutionBody(Body):
-    """The expert's solution from the start scene."""
-
-    found: bool
-    proven_shortest: bool
-    reason: str
-    start: SceneBody
-    steps: list[SolutionStep]
-
-
 @router.get("/play", include_in_schema=False)
 def play_page(request: Request, services: Services) -> Response:
     return render_page(request, "play.html", sizes=services.catalogue.sizes())
@@ -135,15 +79,16 @@ def tasks(
     configuration: ConfigurationName,
     split: SplitName = "dev",
     text: Annotated[str, Query(max_length=200)] = "",
-) -> TasksBody:
+) -> JSON:
     """Searches the tasks of a configuration and split."""
     found, needle = _tasks(services.catalogue, configuration, split), text.lower()
     matching = [task for task in found if needle in task.statement.lower() or needle in task.id.lower()]
-    return TasksBody(total=len(matching), tasks=[TaskSummary.of(task) for task in matching[:MAX_TASKS]])
+    shown = [pick(task, "id", "statement", "target") for task in matching[:MAX_TASKS]]
+    return {"total": len(matching), "tasks": shown}
 
 
 @api.post("/episodes", status_code=201)
-def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
+def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
     """Starts an episode."""
     task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
     dynamics = services.catalogue.dynamics(new.configuration, new.rules)
@@ -155,13 +100,13 @@ def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> Episo
 
 
 @api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
+def episode(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
     """The current state of an episode of this browser."""
     return _episode_body(_load(services, visitor.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
-def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> EpisodeBody:
+def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> JSON:
     """Takes an action; an illegal one is refused unless the episode is strict."""
     with services.database.write() as session:
         loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
@@ -173,8 +118,7 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: C
         action, index = _parse_action(dynamics.appearance, taken.action)
         transition = dynamics.step(loaded.state, action)
         if transition.invalid is not None and not row.strict:
-            reason = str(transition.invalid).replace("_", " ")
-            raise http_error(409, f"{describe(action)} is not legal here: {reason}; nothing was done")
+            raise http_error(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
         row.actions = [*row.actions, index]
         row.reward += transition.reward
         if transition.result.ends:
@@ -183,34 +127,35 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: C
 
 
 @api.get("/episodes/{episode_id}/legal")
-def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor, item_type: ItemTypeQuery) -> LegalBody:
+def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor, item_type: ItemTypeQuery) -> JSON:
     """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
     loaded = _load(services, visitor.id, episode_id)
     if loaded.over:
-        return LegalBody(actions=[])
+        return {"actions": []}
     indices = np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
     actions = map(loaded.dynamics.appearance.decode, indices)
-    return LegalBody(actions=[describe(action) for action in actions if item_type.matches(action)])
+    return {"actions": [describe(action) for action in actions if item_type.matches(action)]}
 
 
 @api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> ExplanationBody:
+def explanation(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
     """Why the episode ended, with the value of each part of the program."""
     loaded = _load(services, visitor.id, episode_id)
     if loaded.row.outcome is None or loaded.last is None:
         raise http_error(409, "the episode is not over yet")
     task, scene = loaded.task, loaded.state.scene
-    return ExplanationBody.of(
-        task,
-        rule=OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
-        invalid_reason=None if loaded.last.invalid is None else str(loaded.last.invalid).replace("_", " "),
-        truth=task.truth(scene),
-        parts=trace(task.program, scene),
-    )
+    return {
+        "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
+        "invalid_reason": None if loaded.last.invalid is None else INVALID_EXPLANATIONS[loaded.last.invalid],
+        "program": task.program,
+        "target": task.target,
+        "truth": task.truth(scene),
+        "parts": parts_body(task.program, scene),
+    }
 
 
 @api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> SolutionBody:
+def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
     """The expert's solution; the database keeps whether it was requested before the episode's end."""
     with services.database.write() as session:
         loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
@@ -285,22 +230,24 @@ def _parse_action(appearance: Appearance, name: str) -> tuple[Action, int]:
         raise http_error(422, str(fault)) from None
 
 
-def _episode_body(loaded: LoadedEpisode) -> EpisodeBody:
+def _episode_body(loaded: LoadedEpisode) -> JSON:
+    """An episode as its player sees it. The program stays hidden until the end."""
     row, appearance = loaded.row, loaded.dynamics.appearance
-    return EpisodeBody.of(
-        row,
-        statement=loaded.task.statement,
-        target=loaded.task.target,
-        steps=loaded.state.steps,
-        actions_left=loaded.dynamics.horizon - loaded.state.steps,
-        actions=[describe(appearance.decode(index)) for index in row.actions],
-        over=loaded.over,
-        grid=appearance.grid,
-        scene=scene_body(loaded.state.scene),
-    )
+    return {
+        **pick(row, "id", "configuration", "split", "rules", "strict", "task_id", "outcome", "shown_solution"),
+        **pick(loaded.task, "statement", "target"),
+        "steps": loaded.state.steps,
+        "actions_left": loaded.dynamics.horizon - loaded.state.steps,
+        "reward": round(row.reward, 6),
+        "actions": [describe(appearance.decode(index)) for index in row.actions],
+        "over": loaded.over,
+        "grid": appearance.grid,  # columns, rows; null in Tower
+        "scene": scene_body(loaded.state.scene),
+        "removable": {} if loaded.over else removable_items(loaded.dynamics, loaded.state.scene),
+    }
 
 
-def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
+def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> JSON:
     """Responds with 404 if there is no expert for the appearance."""
     try:
         solved = catalogue.solver(loaded.row.configuration, loaded.row.rules).solve(loaded.task)
@@ -309,11 +256,11 @@ def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> SolutionBody:
     state, steps = loaded.dynamics.start(loaded.task), []
     for action in solved.actions:
         state = loaded.dynamics.step(state, action).state
-        steps.append(SolutionStep(action=describe(action), scene=scene_body(state.scene)))
-    return SolutionBody(
-        found=solved.solved,
-        proven_shortest=solved.proven_optimal,
-        reason=solved.reason,
-        start=scene_body(loaded.task.start),
-        steps=steps,
-    )
+        steps.append({"action": describe(action), "scene": scene_body(state.scene)})
+    return {
+        "found": solved.solved,
+        "proven_shortest": solved.proven_optimal,
+        "reason": solved.reason,
+        "start": scene_body(loaded.task.start),
+        "steps": steps,
+    }

@@ -2,26 +2,35 @@
 
 from __future__ import annotations
 
+import secrets
 from collections import Counter
 from pathlib import Path as FilePath
-from typing import Annotated, Any
+from random import Random
+from threading import Lock
+from typing import Annotated
 
 import numpy as np
 from fastapi import APIRouter, Path, Query, Request, Response
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from lilgym_mp.actions import ActionType, describe
 from lilgym_mp.appearances import Appearance, InvalidReason
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
 from lilgym_mp.evaluation.decisions import Decision, action_cells
-from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED, Header, RecordedEpisode, Recording
-from lilgym_mp.evaluation.recording import scenes
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
+from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED, Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation.policies import NamedPolicy
+from lilgym_mp.evaluation.recording import Recorder, scenes
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, summarise
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.programs.compiler import bounded_truths
+from lilgym_mp.programs.errors import StepLimitError
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.web.app_services import Services
-from lilgym_mp.web.bodies import Body, Reward, SceneBody, png, scene_body
+from lilgym_mp.web.bodies import JSON, pick, png, scene_body
 from lilgym_mp.web.errors import http_error
-from lilgym_mp.web.field_types import OutcomeName
+from lilgym_mp.web.field_types import ConfigurationName, OutcomeName
 from lilgym_mp.web.run_directory import RecordingFile, RunDirectory, UnreadableRecording
 from lilgym_mp.web.templating import render_page
 
@@ -29,145 +38,19 @@ router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
 
 EPISODES_PER_RESPONSE = 100
+REQUESTED_EPISODES = 12
+_PLAYING = Lock()  # held while an agent plays on request
+PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$")]
 MAX_GRID_CELLS = 2_000  # finer grids get no legal cells
 RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as returned by the list of recordings")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=10_000_000)]
 
 
-class RecordingSummary(Body):
-    """A recording in the list; if its header is unreadable, `fault` says why and the other fields are null."""
+class NewRecording(BaseModel):
+    """An agent, as named on the page, and the configuration in which it plays."""
 
-    id: str
-    name: str
-    fault: str | None
-    agent: str | None = None
-    configuration: str | None = None
-    split: str | None = None
-    corpus: str | None = None
-    rules: str | None = None
-    actions: str | None = None
-    mask: bool | None = None
-    seed: int | None = None
-    training_seed: int | None = None
-    episodes: int | None = None
-
-
-class RunSummary(Body):
-    """A run with an agent, and the command that records its episodes."""
-
-    id: str
-    name: str
-    command: str
-
-
-class RecordingsBody(Body):
-    """Recordings and runs in the runs directory; `directory` is null if the server has none."""
-
-    directory: str | None
-    recordings: list[RecordingSummary]
-    runs: list[RunSummary]
-
-
-class RecordingBody(RecordingSummary):
-    """A recording with summary statistics."""
-
-    supervision: str
-    successes: int
-    outcomes: dict[str, int]  # numbers of episodes, like the next
-    invalid_reasons: dict[str, int]
-    has_decisions: bool
-    has_judgements: bool
-    command: str  # records the same episodes with decisions
-    comparable: list[RecordingSummary]  # other recordings of the same tasks
-
-
-class EpisodeSummary(Body):
-    """An entry of the episode list."""
-
-    index: int
-    task: str
-    statement: str
-    target: bool
-    outcome: str
-    invalid_reason: str | None
-    actions: int
-    reward: Reward
-    statement_seen: bool
-
-
-class EpisodesBody(Body):
-    """A page of the matching episodes, in the recording's order, and how many match."""
-
-    total: int
-    episodes: list[EpisodeSummary]
-
-
-class CellBody(Body):
-    """The probabilities of ADD and REMOVE at a grid cell. Tower has one row, a column per box."""
-
-    column: int
-    row: int
-    add: float
-    remove: float
-
-
-class AnswerBody(Body):
-    """A language model's answer, and whether it was understood as a single action."""
-
-    text: str
-    understood: bool
-
-
-class DecisionBody(Body):
-    """The agent's predictions before an action."""
-
-    stop: float
-    add: float
-    remove: float
-    cells: list[CellBody]
-    likeliest: dict[str, float]  # probabilities by action, like those by program, in descending order
-    legal_stop: int
-    legal_add: int
-    legal_remove: int
-    legal_probability: float
-    value: float | None
-    success_probability: float | None
-    programs: dict[str, float]
-    optimal: bool | None
-    steps_to_go: int | None
-    answers: list[AnswerBody]
-    notes: list[str]
-
-
-class LegalCell(Body):
-    """A grid cell with at least one legal action, by the exact mask."""
-
-    column: int
-    row: int
-    add: int  # number of legal ADDs
-    remove: bool
-
-
-class StepBody(Body):
-    """A scene and the action taken in it; the last scene has no action."""
-
-    scene: SceneBody
-    action: str | None
-    reward: float | None
-    decision: DecisionBody | None
-    legal: list[LegalCell]
-
-
-class EpisodeBody(EpisodeSummary):
-    """An episode with all of its steps."""
-
-    program: str
-    total: Reward
-    tags: list[str]
-    form_seen: bool
-    optimal_actions: int | None
-    grid: tuple[int, int]
-    steps: list[StepBody]
+    agent: PartnerName
+    configuration: ConfigurationName
 
 
 class EpisodeFilters(BaseModel):
@@ -197,72 +80,87 @@ class EpisodeFilters(BaseModel):
 
 
 @router.get("/watch", include_in_schema=False)
-def watch_page(request: Request) -> Response:
+def watch_page(request: Request, services: Services) -> Response:
     return render_page(
         request,
         "watch.html",
         outcomes=list(FINAL_OUTCOMES),
         invalid_reasons=[str(reason) for reason in InvalidReason],
+        configurations=list(services.catalogue.sizes()),
+        agents=services.trained_partners.names(),
     )
 
 
 @api.get("/recordings")
-def recordings(services: Services) -> RecordingsBody:
-    """The recordings in the runs directory, and its runs whose agents can be recorded."""
-    directory = services.run_directory.directory
-    return RecordingsBody(
-        directory=None if directory is None else str(directory),
-        recordings=[_summary(file) for file in services.run_directory.recordings()],
-        runs=[
-            RunSummary.of(agent, command=f"lilgym-mp evaluate {run} --record {run} --record-decisions")
-            for agent in services.run_directory.agents().values()
-            if (run := agent.path.parent)
-        ],
-    )
+def recordings(services: Services) -> JSON:
+    """The recordings in the runs directory and those made on request."""
+    return {"recordings": [_summary(file) for file in services.run_directory.recordings()]}
+
+
+@api.post("/recordings", status_code=201)
+def record(new: NewRecording, services: Services) -> JSON:
+    """Lets an agent play a few tasks drawn from dev, and records them until the server ends.
+
+    Responds with 404 or 422 if it cannot play them, 503 while another agent plays.
+    """
+    from lilgym_mp.learning.game.agent import GameAgent
+
+    agent = services.trained_partners.agent(new.agent)
+    if isinstance(agent, GameAgent):
+        raise http_error(422, "this agent plays the two-agent game; choose another")
+    settings = Settings(new.configuration, services.options.corpus)
+    if not _PLAYING.acquire(blocking=False):
+        raise http_error(503, "another agent is playing; try again in a moment")
+    try:
+        ids = services.catalogue.tasks(new.configuration, "dev").ids
+        chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
+        policy, seed = agent.policy(settings), secrets.randbelow(10**6)
+        episodes = evaluate(policy, settings, "dev", task_ids=chosen, record_decisions=True)
+        seen = training_statements(settings)
+        details = {"label": services.trained_partners.names()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
+        named = NamedPolicy(agent.description.kind, agent.policy, agent.description.supervision, details=details)
+        plan = EvaluationPlan(settings, "dev", seed, record_decisions=True)
+        result = Result(named, plan, summarise(episodes, seen), episodes, 0.0, getattr(policy, "needs_masks", True))
+        path = Recorder(settings, "dev", seen, judges_decisions=True).write(services.run_directory.requested, result)
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+    finally:
+        _PLAYING.release()
+    return {"id": next(one.file.id for one in services.run_directory.recordings() if one.file.path == path)}
 
 
 @api.get("/recordings/{recording_id}")
-def recording(recording_id: RecordingId, services: Services) -> RecordingBody:
+def recording(recording_id: RecordingId, services: Services) -> JSON:
     """A recording: agent, settings, outcome counts, and other recordings of the same tasks."""
     read = _read(services.run_directory, recording_id)
-    files = services.run_directory.recordings()
     header, episodes = read.header, read.episodes
     decisions = [decision for episode in episodes for decision in episode.decisions or ()]
-    return RecordingBody.of(
-        header,
-        id=recording_id,
-        name=next((file.name for file, _, _ in files if file.id == recording_id), ""),
-        fault=None,
-        configuration=header.settings.configuration,
-        rules=header.settings.rules,
-        successes=sum(episode.is_success for episode in episodes),
-        outcomes=dict(Counter(episode.outcome for episode in episodes).most_common()),
-        invalid_reasons=Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
-        has_decisions=bool(decisions),
-        has_judgements=any(decision.steps_to_go is not None for decision in decisions),
-        command=_rerecord_command(header, read.path.parent),
-        comparable=[
-            _summary(one)
-            for one in files
-            if one.file.id != recording_id and one.header and _task_set(one.header) == _task_set(header)
-        ],
-    )
+    files = services.run_directory.recordings()
+    others = [one for one in files if one.file.id != recording_id and one.header]
+    return {
+        **next((_summary(one) for one in files if one.file.id == recording_id), {}),
+        "supervision": header.supervision,
+        "successes": sum(episode.is_success for episode in episodes),
+        "outcomes": dict(Counter(episode.outcome for episode in episodes).most_common()),
+        "invalid_reasons": Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
+        "has_decisions": bool(decisions),
+        "has_judgements": any(decision.steps_to_go is not None for decision in decisions),
+        "command": _rerecord_command(header, read.path.parent),  # records the same episodes with decisions
+        "comparable": [_summary(one) for one in others if one.header and _task_set(one.header) == _task_set(header)],
+    }
 
 
 @api.get("/recordings/{recording_id}/episodes")
-def episodes(
-    recording_id: RecordingId, services: Services, filters: Annotated[EpisodeFilters, Query()]
-) -> EpisodesBody:
+def episodes(recording_id: RecordingId, services: Services, filters: Annotated[EpisodeFilters, Query()]) -> JSON:
     """Episodes that match the filters: at most 100, starting at `offset`."""
     found = enumerate(_read(services.run_directory, recording_id).episodes)
     matching = [(index, episode) for index, episode in found if filters.matches(episode)]
     page = matching[filters.offset : filters.offset + EPISODES_PER_RESPONSE]
-    summaries = [EpisodeSummary.of(episode, index=index, actions=len(episode.actions)) for index, episode in page]
-    return EpisodesBody(total=len(matching), episodes=summaries)
+    return {"total": len(matching), "episodes": [_episode_summary(index, episode) for index, episode in page]}
 
 
 @api.get("/recordings/{recording_id}/episodes/{index}")
-def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> EpisodeBody:
+def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> JSON:
     """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
     recording = _read(services.run_directory, recording_id)
     episode = _find_episode(recording, index)
@@ -271,14 +169,13 @@ def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
         steps = _steps(dynamics, episode)
     except (ValueError, TypeError, IndexError) as fault:
         raise http_error(422, f"the episode cannot be replayed: {fault}") from None
-    return EpisodeBody.of(
-        episode,
-        index=index,
-        actions=len(episode.actions),
-        total=episode.reward,
-        grid=_grid(dynamics.appearance),
-        steps=steps,
-    )
+    return {
+        **_episode_summary(index, episode),
+        **pick(episode, "program", "tags", "form_seen", "optimal_actions"),
+        "total": round(episode.reward, 6),
+        "grid": _grid(dynamics.appearance),
+        "steps": steps,
+    }
 
 
 @api.get("/recordings/{recording_id}/episodes/{index}/picture", response_class=Response)
@@ -306,13 +203,20 @@ def _find_episode(recording: Recording, index: int) -> RecordedEpisode:
     return recording.episodes[index]
 
 
-def _summary(recording: RecordingFile) -> RecordingSummary:
+def _summary(recording: RecordingFile) -> JSON:
+    """A recording in the list; if its header is unreadable, `fault` says why and it has no other fields."""
     file, header, fault = recording
+    summary = {"id": file.id, "name": file.name, "fault": fault}
     if header is None:
-        return RecordingSummary(id=file.id, name=file.name, fault=fault)
-    settings = header.settings
-    own = {"id": file.id, "name": file.name, "configuration": settings.configuration, "rules": settings.rules}
-    return RecordingSummary.of(header, fault=None, **own)
+        return summary
+    names = ("agent", "split", "corpus", "actions", "mask", "seed", "training_seed", "episodes")
+    return {**summary, **pick(header, *names), **pick(header.settings, "configuration", "rules")}
+
+
+def _episode_summary(index: int, episode: RecordedEpisode) -> JSON:
+    names = ("task", "statement", "target", "outcome", "invalid_reason", "statement_seen")
+    rest = {"index": index, "actions": len(episode.actions), "reward": round(episode.reward, 6)}
+    return {**pick(episode, *names), **rest}
 
 
 def _rerecord_command(header: Header, directory: FilePath) -> str:
@@ -339,7 +243,8 @@ def _grid(appearance: Appearance) -> tuple[int, int]:
     return appearance.grid or (BOX_COUNT, 1)
 
 
-def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[StepBody]:
+def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
+    """Scenes with the actions taken in them; the last scene has no action."""
     for action in episode.actions:
         dynamics.appearance.encode(action)  # raises for an action of another appearance
     visited = scenes(dynamics, dynamics.appearance.check_scene(episode.start), episode.actions)
@@ -348,19 +253,20 @@ def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[StepBody]:
     decisions = episode.decisions or (None,) * len(episode.actions)
     rows = _grid(dynamics.appearance)[1]
     steps = [
-        StepBody(
-            scene=scene_body(scene),
-            action=describe(action),
-            reward=reward,
-            decision=None if decision is None else _decision_body(decision, rows),
-            legal=_legal_cells(dynamics, scene),
-        )
+        {
+            "scene": scene_body(scene),
+            "action": describe(action),
+            "reward": reward,
+            "decision": None if decision is None else _decision_body(decision, rows, scene, episode.target),
+            "legal": _legal_cells(dynamics, scene),
+        }
         for scene, action, reward, decision in zip(visited, episode.actions, episode.rewards, decisions, strict=False)
     ]
-    return [*steps, StepBody(scene=scene_body(visited[-1]), action=None, reward=None, decision=None, legal=[])]
+    return [*steps, {"scene": scene_body(visited[-1]), "action": None, "reward": None, "decision": None, "legal": []}]
 
 
-def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
+def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[JSON]:
+    """The grid cells with legal actions, by the exact mask: the number of ADDs, and whether there is a REMOVE."""
     columns, rows = _grid(dynamics.appearance)
     if columns * rows > MAX_GRID_CELLS:
         return []
@@ -370,23 +276,38 @@ def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[LegalCell]:
         np.bincount(cells[mask & (kinds == kind)], minlength=count) for kind in (ActionType.ADD, ActionType.REMOVE)
     )
     return [
-        LegalCell(column=cell // rows, row=cell % rows, add=int(adds[cell]), remove=bool(removes[cell]))
+        {"column": cell // rows, "row": cell % rows, "add": int(adds[cell]), "remove": bool(removes[cell])}
         for cell in np.flatnonzero(adds + removes).tolist()
     ]
 
 
-def _decision_body(decision: Decision, rows: int) -> DecisionBody:
-    """`rows` of the grid: cell indices are column-major."""
-    kinds: dict[str, Any] = {}
-    for name, kind in (("stop", ActionType.STOP), ("add", ActionType.ADD), ("remove", ActionType.REMOVE)):
-        kinds |= {name: decision.types[kind], f"legal_{name}": decision.legal[kind]}
-    adds, removes = decision.add_cells, decision.remove_cells
-    return DecisionBody.of(
+def _has_value(program: str, scene: Scene, value: bool) -> bool:
+    """Also for untrusted programs: invalid and slow ones have none."""
+    try:
+        return bounded_truths(program, [scene]) == [value]
+    except (ProgramError, StepLimitError):
+        return False
+
+
+def _decision_body(decision: Decision, rows: int, scene: Scene, target: bool) -> JSON:
+    """The agent's predictions before an action. `rows` of the grid: cell indices are column-major.
+
+    `satisfied`: the programs that have the target value in this scene.
+    """
+    body = pick(
         decision,
-        **kinds,
-        cells=[
-            CellBody(column=cell // rows, row=cell % rows, add=adds.get(cell, 0.0), remove=removes.get(cell, 0.0))
+        *("legal_probability", "value", "success_probability", "programs", "optimal", "steps_to_go", "notes"),
+    )
+    for name, kind in (("stop", ActionType.STOP), ("add", ActionType.ADD), ("remove", ActionType.REMOVE)):
+        body |= {name: decision.types[kind], f"legal_{name}": decision.legal[kind]}
+    adds, removes = decision.add_cells, decision.remove_cells
+    return {
+        **body,
+        "cells": [
+            {"column": cell // rows, "row": cell % rows, "add": adds.get(cell, 0.0), "remove": removes.get(cell, 0.0)}
             for cell in sorted({*adds, *removes})
         ],
-        likeliest={describe(action): share for action, share in decision.likeliest},
-    )
+        "likeliest": {describe(action): share for action, share in decision.likeliest},
+        "answers": [answer._asdict() for answer in decision.answers],
+        "satisfied": [program for program in decision.programs if _has_value(program, scene, target)],
+    }

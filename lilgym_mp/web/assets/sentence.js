@@ -1,0 +1,19 @@
+"use strict";
+// /sentence: the readings of a sentence, and the plan for them, which is played.
+
+const plan = new StepView(byId("plan"), "A scene of the plan");
+
+byId("ask").addEventListener("submit", (event) => {
+  event.preventDefault();
+  attempt(async () => {
+    const { sentence, appearance, target } = Object.fromEntries(new FormData(event.target));
+    const answer = await request("POST", "/api/sentence", { sentence, appearance, target: target === "true" });
+    byId("answer").hidden = false;
+    byId("answer-title").textContent = answer.readings.length ? `“${sentence}” will be ${target} with a probability of ${percent(answer.success_probability)}` : "No reading was found";
+    byId("notes").replaceChildren(...answer.notes.map((note) => element("p", { class: "notice" }, note)));
+    byId("readings").replaceChildren(...answer.readings.map((reading) => bar(programCode(reading.program), reading.probability, reading.satisfied, true)));
+    plan.show(answer.start, answer.steps);
+    byId("answer-title").focus();
+    plan.play();
+  }, byId("ask"));
+});
