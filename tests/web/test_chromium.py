@@ -373,6 +373,8 @@ def test_game__the_verifier_sees_the_proposed_item(browser: Any, tmp_path: Path)
         page.select_option("#preset", "judge")
         for _ in range(12):
             page.evaluate("begin()")
+            page.hover("#board .picture", force=True)
+            page.hover("#seat-title")
             seat = page.evaluate("seat")
             kind, item = seat["proposal"].partition("(")[0], seat["proposed_item"]
             if kind == "STOP":

@@ -26,9 +26,10 @@ class Board {
     this.showsLegal = false;
     this.view = new SceneView("The scene");
     this.cells = element("div", { class: "cells", role: "group", "aria-label": "Cells of the scene" });
-    this.ghost = element("div", { "aria-hidden": "true" });
+    this.ghost = element("div", { "aria-hidden": "true" }); // what a click on the cell under the pointer would do
+    this.proposed = element("div", { "aria-hidden": "true" }); // what another player proposes
     this.removable = {}; // the item that each legal REMOVE removes, by its name
-    this.view.root.append(this.ghost, this.cells);
+    this.view.root.append(this.ghost, this.proposed, this.cells);
     for (const name of ["pointerover", "focusin"]) this.cells.addEventListener(name, (event) => this.showGhost(event.target));
     for (const name of ["pointerleave", "focusout"]) this.cells.addEventListener(name, () => this.showGhost(null));
     byId("board").append(this.view.root);

@@ -116,12 +116,13 @@ function showScene() {
   const { root, image } = board.view;
   root.classList.toggle("unseen", seat.scene === null);
   board.removable = seat.removable;
-  board.showGhost(null);
+  board.proposed.className = "";
   if (seat.scene) {
     board.view.show(seat.scene);
-    const item = seat.proposed_item;
-    if (item) drawGhost(board.ghost, item, seat.proposal.startsWith("REMOVE"));
-    if (item) board.ghost.classList.add("proposed");
+    if (seat.proposed_item) {
+      drawGhost(board.proposed, seat.proposed_item, seat.proposal.startsWith("REMOVE"));
+      board.proposed.classList.add("proposed");
+    }
   } else {
     image.removeAttribute("src");
     image.alt = "You do not see the scene.";

@@ -43,6 +43,7 @@ async function show(state) {
   byId("messages").classList.toggle("reserved", !state.over);
   for (const name of ["end", "next", "why"]) byId(name).hidden = !state.over;
   await board.mark();
+  byId("why").open &&= state.over;
   if (!state.over) return;
   await explain();
 }
@@ -73,7 +74,6 @@ async function explain() {
   byId("end-title").className = episode.outcome === "success" ? "good" : "bad";
   byId("rule").textContent = explanation.invalid_reason ? `${explanation.rule} Reason: ${explanation.invalid_reason}.` : explanation.rule;
   byId("verdict").textContent = `In the last scene the statement is ${explanation.truth}; the target was ${explanation.target}. Reward: ${episode.reward.toFixed(1)}.`;
-  byId("why").open = false;
   byId("parts").replaceChildren(partsList(explanation.parts, board.view));
   byId("end-title").focus();
   if (episode.outcome !== "success") return;
