@@ -16,7 +16,8 @@ from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import NoTasksError
+from lilgym_mp.corpus import NoTasksError, load_all_tasks
+from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
@@ -46,6 +47,7 @@ from lilgym_mp.options import (
     given_environment,
 )
 from lilgym_mp.terminal import Progress
+from lilgym_mp.terminal import table as text_table
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
@@ -107,6 +109,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--optimal", action="store_true", help="with --record: also record the length of the expert's solution"
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
+    parser.add_argument(
+        "--parses",
+        action="store_true",
+        help="instead of playing, compare the programs that parse-and-plan agents find with those of the corpus",
+    )
     parser.add_argument("--alone", action="store_true", help="do not evaluate random policies for comparison")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
     add_device(parser)
@@ -124,6 +131,8 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("name run directories of trained agents, or policies with --policy")
     if args.json is not None:
         fresh_file(args.json, force=args.force)
+    if args.parses:
+        return _score_parses(args)
     agents = [named for run in args.agents for named in agent_policies(run, args)]
     policies = [built_in_policy(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
     named = [*agents, *policies]
@@ -148,6 +157,36 @@ def run(args: argparse.Namespace) -> int:
         print(warning)
     if args.json is not None:
         write_json(args.json, results_json(results))
+        print(f"results: {args.json}")
+    return 0
+
+
+def _score_parses(args: argparse.Namespace) -> int:
+    """Prints the accuracy of the agents' parsers on the split's statements, in percent."""
+    import torch
+
+    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+    from lilgym_mp.learning.parsing.scoring import ParseScore, parse_scores
+
+    if args.policy or args.record is not None or args.configuration:
+        raise CommandError("--parses needs agents, and neither --policy, --record nor --configuration")
+    torch.set_num_threads(args.threads)
+    corpus = given_environment(args).get("corpus", "builtin")
+    found: dict[str, list[ParseScore]] = {}
+    for run in args.agents:
+        agent = open_agent(run, args.device)
+        if not isinstance(agent, ParseAndPlanAgent):
+            raise CommandError(f"{run} is of kind {agent.description.kind}, which has no parser")
+        sets = load_all_tasks(corpus, starts=[SCRATCH], splits=[args.split])
+        count = sum(len({(task.statement, task.program) for task in tasks}) for tasks in sets)
+        with Progress(count, "statements") as progress:
+            found[str(run)] = list(parse_scores(agent.parser, corpus, args.split, progress.advance))
+    rows = [[run, *score[:3], *(100 * share for share in score[3:])] for run in found for score in found[run]]
+    print(f"parsers on corpus {corpus}, split {args.split}, in percent of statements")
+    print(text_table(["agent", *(name.replace("_", " ") for name in ParseScore._fields)], rows))
+    if args.json is not None:
+        write_json(args.json, {run: [score._asdict() for score in scores] for run, scores in found.items()})
         print(f"results: {args.json}")
     return 0
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -44,25 +44,6 @@ def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
         curvature = PRIOR * np.eye(2) + features * (predicted * (1 - predicted)) @ features.T
         fitted = fitted - np.linalg.solve(curvature, gradient)
     return Calibration(max(0.0, float(fitted[0])), float(fitted[1]))
-
-
-class Bin(NamedTuple):
-    """Forecasts with similar probabilities."""
-
-    forecasts: int
-    mean_probability: float
-    success_rate: float
-
-
-def reliability(forecasts: Sequence[Forecast], edges: Sequence[float] = (0.5, 0.7, 0.8, 0.9, 0.95)) -> list[Bin]:
-    """Data of a reliability diagram: success rate by predicted probability; empty bins are left out."""
-    bins: list[Bin] = []
-    for low, high in zip((0.0, *edges), (*edges, math.inf), strict=True):
-        inside = [forecast for forecast in forecasts if low <= forecast.probability < high]
-        if inside:
-            mean = sum(forecast.probability for forecast in inside) / len(inside)
-            bins.append(Bin(len(inside), mean, sum(forecast.success for forecast in inside) / len(inside)))
-    return bins
 
 
 def _logit(probability: float) -> float:

@@ -16,6 +16,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp import load_agent
+from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
@@ -23,7 +24,7 @@ from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
-from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration, reliability
+from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.parsing.pairs import (
     COLOURS,
@@ -47,6 +48,7 @@ from lilgym_mp.learning.parsing.parser import (
 )
 from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
@@ -629,6 +631,30 @@ def test_calibration__without_forecasts_is_the_identity():
     assert fit_calibration([])(0.7) == pytest.approx(0.7)
 
 
-def test_reliability__bins_by_predicted_probability():
-    forecasts = [Forecast(0.96, True), Forecast(0.98, True), Forecast(0.6, True), Forecast(0.6, False)]
-    assert reliability(forecasts) == [(2, pytest.approx(0.6), 0.5), (2, pytest.approx(0.97), 1.0)]
+def test_parse_scores__count_exact_forms_and_equal_truth_by_form_and_level(tmp_path: Path):
+    exists = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
+    same = "count(filter_obj(all_items, lambda x: is_blue(x))) >= 1"
+    two = "count(filter_obj(all_items, lambda x: is_blue(x))) == 2"
+    rows = [
+        ("train", "There is a blue block.", exists),
+        ("dev", "There is a black block.", exists),
+        (
+            "dev",
+            "Some block is blue.",
+            "exist(filter_obj(all_boxes, lambda b: exist(filter_obj(b, lambda x: is_blue(x)))))",
+        ),
+        ("dev", "Two blocks are blue.", two),
+    ]
+    entries = [
+        {"id": str(n), "appearance": "tower", "split": s, "statement": text, "program": program, "starts": []}
+        for n, (s, text, program) in enumerate(rows)
+    ]
+    write_corpus(tmp_path / "own.jsonl", "own", "CC0-1.0", entries)
+    found = {
+        score.group: score
+        for score in parse_scores(Oracle((same, 0.6), (two, 0.4)), str(tmp_path / "own.jsonl"), "dev")
+    }
+    assert found["all"] == ("tower", "all", 3, pytest.approx(1 / 3), pytest.approx(2 / 3), 1.0)
+    assert found["seen forms"][2:] == (1, 1.0, 1.0, 1.0)
+    assert found["unseen forms"][2:] == (2, 0.0, 0.5, 1.0)
+    assert sum(score.statements for group, score in found.items() if "level" in group) == 3
