@@ -8,6 +8,7 @@ import itertools
 import string
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -24,17 +25,7 @@ from lilgym_mp.render import draw
 from lilgym_mp.render import text as drawing
 from lilgym_mp.render.characters import ruled
 from lilgym_mp.rules import Dynamics, Outcome, State
-from lilgym_mp.scene import (
-    BOX_COUNT,
-    BOX_PITCH,
-    BOX_SIDE,
-    IMAGE_HEIGHT,
-    IMAGE_WIDTH,
-    Colour,
-    Item,
-    Scene,
-    Shape,
-)
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
@@ -118,9 +109,8 @@ class TextFormat(Transformation):
 
     def parse(self, reply: object, legal: Callable[[], BoolArray]) -> Reply:
         """The action that a reply chooses, or the default. `legal`: returns the current mask."""
-        appearance = self._appearance
-        shown = lambda index: is_shown(index, legal, appearance)  # noqa: E731
-        return parse_reply(reply, appearance, self.default, shown, thoughts=self._thoughts)
+        shown = partial(is_shown, self._appearance, legal)
+        return parse_reply(reply, self._appearance, self.default, shown, thoughts=self._thoughts)
 
 
 def text_of(
@@ -170,7 +160,7 @@ def image_part(image: Image.Image) -> dict[str, Any]:
     }
 
 
-def is_shown(index: int, legal: Callable[[], BoolArray], appearance: Appearance) -> bool:
+def is_shown(appearance: Appearance, legal: Callable[[], BoolArray], index: int) -> bool:
     """Whether the number of an action means something to the agent: if there are few actions, or it is listed.
 
     `legal`: returns the current mask.

@@ -12,7 +12,7 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
 from threading import Lock
@@ -40,9 +40,7 @@ if TYPE_CHECKING:
     from lilgym_mp.llm import Episode, Failure, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
-HOPELESS = (
-    3  # failed episodes at the beginning, or as many as are played at the same time, after which the rest would fail
-)
+HOPELESS = 3  # failed episodes, or as many as are played at the same time, after which a run without others ends
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -135,7 +133,7 @@ def run(args: argparse.Namespace) -> int:
     episodes, failures = _play(player, make_player, args, done, settings)
     summary = summarise(episodes, len(failures), args.prices and tuple(args.prices))
     _print_summary(summary)
-    write_json(args.out / SUMMARY, {"settings": settings, **summary.to_json()})
+    write_json(args.out / SUMMARY, {"settings": settings, **asdict(summary)})
     print(f"results      {args.out}")
     if failures:
         print(
@@ -195,7 +193,7 @@ def _play(
         Progress(len(task_ids), "episodes", len(done), lines=0) as bar,
     ):
         for result in play_all(make_player, jobs, concurrency):
-            file.write(json.dumps(result.to_json(), ensure_ascii=False) + "\n")
+            file.write(json.dumps(asdict(result), ensure_ascii=False) + "\n")
             file.flush()
             if isinstance(result, Failure):
                 failures.append(result)
@@ -213,7 +211,7 @@ def _play(
 
 
 def _write_transcripts(path: Path, results: Sequence[Episode | Failure]) -> None:
-    write_text(path, "".join(json.dumps(each.to_json(), ensure_ascii=False) + "\n" for each in results))
+    write_text(path, "".join(json.dumps(asdict(each), ensure_ascii=False) + "\n" for each in results))
 
 
 def _checked_output(args: argparse.Namespace, agent_options: dict[str, Any], settings: dict[str, Any]) -> list[Episode]:

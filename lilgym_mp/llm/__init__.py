@@ -4,10 +4,9 @@ docs/language_models.md explains how to plug in a model.
 """
 
 from lilgym_mp.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
-from lilgym_mp.llm.episodes import Episode, Failure
 from lilgym_mp.llm.openai_agent import OpenAIAgent
 from lilgym_mp.llm.player import Player, play_all
-from lilgym_mp.llm.summary import Summary, progression, summarise, wilson_interval
+from lilgym_mp.llm.summary import Episode, Failure, Summary, progression, summarise, wilson_interval
 
 __all__ = [
     "AGENTS",

@@ -14,8 +14,7 @@ from lilgym_mp.actions import describe
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm.agents import AgentError, Answer, LanguageAgent, Message, described
-from lilgym_mp.llm.episodes import Episode, Failure, Turn
-from lilgym_mp.llm.summary import progression
+from lilgym_mp.llm.summary import Episode, Failure, Turn, progression
 from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation

@@ -21,7 +21,8 @@ from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
 from lilgym_mp.evaluation.runs import summarise
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.llm.agents import ExpertAgent, LanguageAgent, RandomAgent
-from lilgym_mp.llm.player import Episode, Player, Turn
+from lilgym_mp.llm.player import Player
+from lilgym_mp.llm.summary import Episode, Turn
 from lilgym_mp.rules import Dynamics
 from lilgym_mp.task import Task
 
@@ -44,10 +45,7 @@ def _model(options: Mapping[str, Any]) -> list[str]:
 
 def _recorded_options(agent: LanguageAgent, options: Mapping[str, Any]) -> dict[str, Any]:
     """Those of RECORDED_OPTIONS in `options`, or else with a default in the agent's constructor."""
-    try:
-        parameters = inspect.signature(type(agent)).parameters
-    except (TypeError, ValueError):  # a class without a signature
-        parameters = {}
+    parameters = inspect.signature(type(agent)).parameters
     values = {**{name: parameter.default for name, parameter in parameters.items()}, **options}
     return {name: values[name] for name in RECORDED_OPTIONS if isinstance(values.get(name), str | int | float)}
 

@@ -1,17 +1,64 @@
-"""Progression and summary statistics of text agents' episodes."""
+"""Episodes of text agents, their progression and summary statistics."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.llm.episodes import Episode
+from lilgym_mp.llm.agents import Message
 from lilgym_mp.rules import State
 from lilgym_mp.solver import Solver
 
 Z_95 = 1.959964  # normal quantile of a two-sided 95 % interval
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One answer of the agent."""
+
+    answer: str
+    understood: bool
+    action: str | None  # the action taken; None if the agent was asked again
+    seconds: float
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    reasoning: str | None = None  # what the server sent apart from the answer
+    retries: int = 0  # failed calls before the answer
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode with its complete conversation."""
+
+    task: str
+    statement: str
+    target: bool
+    outcome: str
+    reward: float  # sum over the episode
+    progression: float
+    actions: list[str]
+    turns: list[Turn]
+    messages: list[Message]
+
+    @property
+    def is_success(self) -> bool:
+        return self.outcome == "success"
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Episode:
+        """Inverse of `dataclasses.asdict`. Raises KeyError or TypeError for other data."""
+        return cls(**{**data, "turns": [Turn(**turn) for turn in data["turns"]]})
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An episode that ended because the agent failed."""
+
+    task: str
+    error: str
+    messages: list[Message]
 
 
 def progression(solver: Solver, start: State, last: State, *, success: bool) -> float:
@@ -67,9 +114,6 @@ class Summary:
     failed_episodes: int
     failed_calls: int  # before an answer, or an episode's failure
     cost: float | None  # of all tokens, in the currency of the prices
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self)
 
 
 def summarise(

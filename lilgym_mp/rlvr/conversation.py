@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 from PIL import Image
 
 from lilgym_mp.actions import describe
-from lilgym_mp.arrays import BoolArray
 from lilgym_mp.choices import choose
 from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of
 from lilgym_mp.rlvr.scoring import NOT_UNDERSTOOD, REWARDS, Played
-from lilgym_mp.rules import Outcome, Transition
+from lilgym_mp.rules import Outcome
 from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, parse_reply
 from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, reward_line, text_of
 
@@ -79,40 +79,25 @@ class Conversation:
         if self.done:
             raise ValueError("the episode is over")
         appearance = self._dynamics.appearance
-
-        def legal() -> BoolArray:
-            return self._dynamics.legal_mask(self.state)
-
-        shown = lambda index: is_shown(index, legal, appearance)  # noqa: E731
+        shown = partial(is_shown, appearance, lambda: self._dynamics.legal_mask(self.state))
         parsed = parse_reply(reply, appearance, 0, shown, thoughts=self._thoughts)
-        if not parsed.understood:
+        if parsed.understood:
+            self._failed, action = 0, appearance.decode(parsed.action)
+            moved = self._dynamics.step(self.state, action)
+            self.state, self.done = moved.state, moved.result.ends
+            name, outcome, reward = describe(action), str(moved.outcome), moved.reward
+        else:
             self._failed += 1
             self.done = self._failed > self._retries
             if not self.done:
                 return Turn(ASK_AGAIN, 0.0, False, NOT_UNDERSTOOD, None)
-            total = self._dynamics.rules.signals[Outcome.WRONG_STOP].reward  # as for a plan that is not understood
-            return Turn(
-                f"The episode is over: {NOT_UNDERSTOOD}.",
-                self._final(NOT_UNDERSTOOD, total),
-                True,
-                NOT_UNDERSTOOD,
-                None,
-            )
-        self._failed = 0
-        action = appearance.decode(parsed.action)
-        moved = self._dynamics.step(self.state, action)
-        self.state, self.done = moved.state, moved.result.ends
-        outcome = str(moved.outcome)
+            name, outcome = None, NOT_UNDERSTOOD
+            reward = self._dynamics.rules.signals[Outcome.WRONG_STOP].reward  # as for a plan that is not understood
+        if self._reward != "return":
+            played = Played(self.row, outcome, self.state, 0.0)
+            reward = REWARDS[self._reward](played) if self.done else 0.0
         text = f"The episode is over: {outcome}." if self.done else self._text()
-        return Turn(text, self._rewarded(moved), self.done, outcome, describe(action))
-
-    def _rewarded(self, moved: Transition) -> float:
-        if self._reward == "return":
-            return moved.reward
-        return self._final(str(moved.outcome), 0.0) if self.done else 0.0
-
-    def _final(self, outcome: str, total: float) -> float:
-        return REWARDS[self._reward](Played(self.row, outcome, self.state, total))
+        return Turn(text, reward, self.done, outcome, name)
 
     def _text(self) -> str:
         legal = self._dynamics.legal_mask(self.state)
