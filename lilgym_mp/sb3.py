@@ -245,12 +245,11 @@ def _make(id: str, wrap: Wrap, kwargs: Mapping[str, Any]) -> gym.Env[Any, Any]:
 
 
 Builder = Callable[[str, int, Wrap, Mapping[str, Any], Mapping[str, Any]], VecEnv]
-BACKENDS: Mapping[str, Builder] = {"batched": _batched, "workers": _workers, "subproc": _subproc, "dummy": _dummy}
-BACKEND_OPTIONS: Mapping[str, tuple[str, ...]] = {
-    "batched": (),
-    "workers": ("num_workers", "start_method"),
-    "subproc": ("start_method",),
-    "dummy": (),
+BACKENDS: Mapping[str, tuple[Builder, tuple[str, ...]]] = {  # with the keywords of each alone
+    "batched": (_batched, ()),
+    "workers": (_workers, ("num_workers", "start_method")),
+    "subproc": (_subproc, ("start_method",)),
+    "dummy": (_dummy, ()),
 }
 SB3_INSTEAD = {  # of keywords of SB3's own `make_vec_env`, and of those with which its `VecEnv`s cannot work
     "env_id": "use id",
@@ -270,8 +269,8 @@ SB3_INSTEAD = {  # of keywords of SB3's own `make_vec_env`, and of those with wh
 def _check_keywords(backend: str, keywords: Iterable[str]) -> None:
     """Raises TypeError naming what to use instead, for keywords of SB3's own function and of other backends."""
     for name in keywords:
-        backends = [f'backend="{other}"' for other, names in BACKEND_OPTIONS.items() if name in names]
-        if name in SB3_INSTEAD or (backends and name not in BACKEND_OPTIONS[backend]):
+        backends = [f'backend="{other}"' for other, (_, names) in BACKENDS.items() if name in names]
+        if name in SB3_INSTEAD or (backends and f'backend="{backend}"' not in backends):
             advice = SB3_INSTEAD.get(name) or f"it belongs to {' or '.join(backends)}"
             raise TypeError(f"unknown keyword {name!r}; {advice}")
     if backend in ("subproc", "dummy") and "evaluation" in keywords:
@@ -301,9 +300,9 @@ def make_vec_env(
     lengths, as SB3's `make_vec_env` does. Other keywords are those of `gymnasium.make`.
     Raises ValueError naming the value and the choices, TypeError naming what replaces a keyword of SB3's own function.
     """
-    build = choose("backend", backend, BACKENDS)
+    build, own_keywords = choose("backend", backend, BACKENDS)
     _check_keywords(backend, kwargs)
-    options = {name: kwargs.pop(name) for name in BACKEND_OPTIONS[backend] if name in kwargs}
+    options = {name: kwargs.pop(name) for name in own_keywords if name in kwargs}
     count = checked_count("n_envs", n_envs)
     kwargs = {"observation": ARRAYS, "vocabulary": vocabulary, "length": length, **kwargs}
     env = build(id, count, wrap or (lambda env: env), options, kwargs)

@@ -47,6 +47,7 @@ def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
         yield
     finally:
         timer.cancel()
+        timer.join()  # a process forked meanwhile would have another thread
 
 
 class Progress:

@@ -16,8 +16,7 @@ import lilgym_mp
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.extras import install
 from lilgym_mp.scene import Scene
-from lilgym_mp.wrappers import FlatObservation, MultiDiscreteActions, StopForcing, stop_forcing_v0
-from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
+from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
@@ -31,11 +30,6 @@ def test_arrays__equal_the_text_observations(id: str):
     assert array["target"].tolist() == [text["target"]]
     vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
     assert vocabulary.decode(array["statement"]) == words(text["statement"])
-
-
-def test_arrays__flatten():
-    env = FlatObservation(gym.make(TOWER, observation="arrays", image_size="half"))
-    assert env.reset(seed=0)[0] in env.observation_space
 
 
 def test_observation__must_be_known():
@@ -92,8 +86,6 @@ def test_action_masks__are_those_of_the_whole_stack():
     envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=3))
     envs.reset(seed=0)
     assert lilgym_mp.action_masks(envs).shape == (3, 13)
-    with pytest.raises(TypeError, match="action_masks needs one of this package's environments"):
-        lilgym_mp.action_masks(gym.make("CartPole-v1"))
 
 
 @pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 5}, 5)])
@@ -108,10 +100,6 @@ def test_autoreset_mode__is_an_attribute_as_in_gymnasium(mode: AutoresetMode):
     any_envs: Any = envs
     assert any_envs.autoreset_mode is any_envs.unwrapped.autoreset_mode is mode
     assert any_envs.metadata["autoreset_mode"] is mode
-
-
-def test_metadata__of_vector_environments_has_the_frame_rate():
-    assert gym.make_vec(TOWER, num_envs=2).metadata["render_fps"] == gym.make(TOWER).metadata["render_fps"]
 
 
 def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
@@ -130,20 +118,6 @@ def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
         tasks.by_id(1758)
     with pytest.raises(ValueError, match="no task True in corpus"):
         tasks.by_id(True)
-
-
-def test_workers__stay_open_when_a_wrapper_is_collected(monkeypatch: pytest.MonkeyPatch):
-    """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
-    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
-    from lilgym_mp.sb3 import make_vec_env
-
-    monkeypatch.setattr(VectorEnvWrapper, "__del__", lambda self: self.close(), raising=False)
-    env = make_vec_env(TOWER, 2, "workers", num_workers=2)
-    try:
-        env.reset()
-        env.step(np.zeros(2, np.int64))
-    finally:
-        env.close()
 
 
 def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatch: pytest.MonkeyPatch):

@@ -97,10 +97,6 @@ class VectorEnvWrapper(AnyVectorWrapper):
         """(N, actions) bool, a new array: the legal actions after this wrapper and the wrapped ones."""
         return self.transformation.action_masks(self._state)
 
-    def goal_reached(self) -> BoolArray:
-        """(N,) bool: whether STOP would succeed now."""
-        return self._state.goal_reached()
-
     def _transformed_rewards(self, rewards: Float64Array, ended: BoolArray, started: BoolArray) -> Float64Array:
         """(N,) the transformed rewards; updates the potentials."""
         before = self._potentials.copy()

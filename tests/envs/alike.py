@@ -72,6 +72,10 @@ def assert_alike(ours: Any, theirs: Any, *, steps: int, seed: int = 5) -> None:
             masks = ours.action_masks()
             assert_same(masks, _each(theirs, "action_masks"), f"step {step}: masks")
             assert_same(ours.goal_reached(), _each(theirs, "goal_reached"), f"step {step}: goals")
+            if not isinstance(theirs, SyncVectorEnv):
+                assert ours.states() == theirs.states()
+                assert_same(ours.scene_array(), theirs.scene_array(), f"step {step}: items")
+                assert_same(ours.task_indices, theirs.task_indices, f"step {step}: tasks")
             actions = random_actions(masks, generator)
             expected = theirs.step(actions)
             assert_same(ours.step(actions), expected, f"step {step}")

@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from itertools import product
 from pathlib import Path
-from types import SimpleNamespace
 
 import gymnasium as gym
 import numpy as np
@@ -20,12 +15,12 @@ from hypothesis import given
 
 from lilgym_mp.actions import AddItem, RemoveItem
 from lilgym_mp.appearances import InvalidReason, Scatter, make_appearance
-from lilgym_mp.appearances.placement import is_free, placement_tables
+from lilgym_mp.appearances.placement import is_free
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
-from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, kernels, make_core
+from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.observation import item_capacity
@@ -34,7 +29,7 @@ from lilgym_mp.rules import Dynamics, make_dynamics
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.task import Task
 from tests.envs.alike import assert_alike
-from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower, triangle
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower
 
 ROOT = Path(__file__).parents[2]
 COUNT = 9
@@ -145,40 +140,28 @@ def test_tower_core__equals_the_scalar_core_over_long_runs(rules: str) -> None:
 
 @pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize(
-    ("grid", "image_size", "steps"),
+    ("grid", "image_size", "horizon", "steps"),
     [
-        ((19, 5), "half", 150),
-        ((19, 5), "native", 60),
-        ((38, 10), "half", 60),
-        ((19, 1), "half", 60),
-        ((95, 4), "half", 20),
+        ((19, 5), "half", None, 150),
+        ((19, 5), "native", None, 60),
+        ((19, 5), "half", 1, 20),
+        ((38, 10), "half", None, 60),
+        ((19, 1), "half", None, 60),
+        ((95, 4), "half", None, 20),
+        ((380, 100), "half", None, 3),
     ],
     ids=str,
 )
 def test_scatter_core__equals_the_scalar_core_over_long_runs(
-    grid: tuple[int, int], image_size: str, steps: int, rules: str
+    grid: tuple[int, int], image_size: str, horizon: int | None, steps: int, rules: str
 ) -> None:
-    dynamics = make_dynamics(make_appearance("scatter", grid), rules)
+    dynamics = make_dynamics(make_appearance("scatter", grid), rules, horizon)
     tasks = task_set(random_starts("scatter"))
     sides = Side(ScalarCore, dynamics, tasks, image_size), Side(ScatterCore, dynamics, tasks, image_size)
     met = play(*sides, dynamics, len(tasks), steps)
     if steps >= 150:
         expected = set(InvalidReason) - {InvalidReason.FULL_TOWER, InvalidReason.EMPTY_TOWER}
         assert {INVALID_REASONS[number] for number in met if number != NO_REASON} == expected
-
-
-@pytest.mark.parametrize("rules", ["paper", "release"])
-def test_scatter_core__equals_the_scalar_core_at_native_resolution(rules: str) -> None:
-    dynamics = make_dynamics(make_appearance("scatter", (380, 100)), rules)
-    tasks = task_set(random_starts("scatter"))
-    play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 3)
-
-
-def test_scatter_core__equals_the_scalar_core_at_a_horizon_of_one() -> None:
-    for rules in ("paper", "release"):
-        dynamics = make_dynamics(make_appearance("scatter"), rules, 1)
-        tasks = task_set(random_starts("scatter"))
-        play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 20)
 
 
 @pytest.mark.parametrize(
@@ -215,15 +198,6 @@ def test_scatter_core__falls_back_if_items_overlap() -> None:
 def test_images__of_items_that_do_not_overlap_do_not_depend_on_their_order(box: Box) -> None:
     """The arrays' pictures rest on it."""
     assert np.array_equal(draw(scene(box.items)), draw(scene(box.items[::-1])))
-
-
-def test_images__of_touching_items_do_not_depend_on_their_order() -> None:
-    for new, other in product([circle, square, triangle], repeat=2):
-        there = other(35, 35, LARGE, K)
-        for x, y in product(range(14, 67), repeat=2):
-            item = new(x, y, MEDIUM, B)
-            if 0 < placement_tables().closest(item.footprint, x, y, (there,))[0] < 3:
-                assert np.array_equal(draw(scene([there, item])), draw(scene([item, there])))
 
 
 @pytest.fixture
@@ -263,56 +237,6 @@ def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
     gym.make_vec(env_id, num_envs=FEWEST_COMPILED)  # without a second warning, which would be an error
     singles = SyncVectorEnv([lambda: gym.make(env_id)] * FEWEST_COMPILED, autoreset_mode=AutoresetMode.NEXT_STEP)
     assert_alike(slow, singles, steps=14)
-
-
-def test_kernels__are_compiled_without_a_cache_where_none_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    def njit(**options: bool) -> Callable[..., object]:
-        def compiled(function: Callable[..., int]) -> object:
-            if options.pop("cache", False):
-                raise RuntimeError("cannot cache function: no locator available")
-            return ("compiled", function)
-
-        return compiled
-
-    monkeypatch.setattr(kernels, "njit", njit)
-    assert kernels._kernel(max) == ("compiled", max)
-
-
-WITHOUT_RUNTIME_OPTION = """
-from numba.core.options import DefaultOptions
-del DefaultOptions._nrt
-import gymnasium as gym, numpy as np, lilgym_mp
-from gymnasium.vector import SyncVectorEnv
-from lilgym_mp.envs.cores import kernels
-from tests.envs.alike import assert_alike
-env_id = "lilgym_mp/ScatterFlipIt-v0"
-batch = gym.make_vec(env_id, num_envs=8)
-singles = SyncVectorEnv([lambda: gym.make(env_id)] * 8, autoreset_mode=batch.metadata["autoreset_mode"])
-assert_alike(batch, singles, steps=14)
-print("options:", kernels._OPTIONS)
-"""
-
-
-@pytest.mark.long
-def test_batch__gives_the_same_results_with_the_runtime_of_numba(tmp_path: Path) -> None:
-    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # the cache does not distinguish this option
-    command = [sys.executable, "-W", "ignore", "-c", WITHOUT_RUNTIME_OPTION]
-    done = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout == "options: {}\n", done.stderr
-
-
-@pytest.mark.parametrize("seconds", [0.0, 0.3])
-def test_compiling__logs_a_message_if_it_takes_long(
-    seconds: float, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    monkeypatch.setattr(kernels, "LONG_WAIT", 0.05)
-    kernels._log_compiling.cache_clear()
-    with kernels.compiling(SimpleNamespace(signatures=[])):
-        time.sleep(seconds)
-    time.sleep(0.1)
-    assert [record.getMessage().split(";")[0] for record in caplog.records] == (
-        ["compiling for batches of environments"] if seconds else []
-    )
 
 
 @pytest.mark.parametrize("core", [ScalarCore, TowerCore])

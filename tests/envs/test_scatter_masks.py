@@ -13,12 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.legality import allowed_corners
-from lilgym_mp.appearances.placement import is_free
-from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.rules import RULE_SETS, make_dynamics
-from lilgym_mp.scene import BOX_SIDE, Box, Item, Scene
+from lilgym_mp.scene import Box, Item, Scene
 from tests.envs.alike import random_actions
 from tests.envs.test_cores import Side, task_set
 from tests.scenes import LARGE, SMALL, circle, scatter_boxes, scene, square, triangle, unchecked_boxes
@@ -77,32 +74,6 @@ def test_masks__are_exact_for_random_scenes(
 def test_masks__ignore_items_outside_the_box() -> None:
     outside: list[Item] = [circle(0, -10, SMALL), square(100, 50), triangle(-40, -40)]
     assert_masks_are_exact([scene(), *(scene([item]) for item in outside), scene()], (19, 5), "release")
-
-
-@pytest.mark.parametrize("grid", GRIDS, ids=str)
-def test_cell_places__bits_equal_the_free_positions_and_uncovered_parts(grid: tuple[int, int]) -> None:
-    cell = Scatter(grid).cell
-    places = cell_places(*cell, searches=True)
-    there = square(37, 44, LARGE)
-    width, height = cell[0], places.part_height
-    kept = np.zeros_like(places.empty)
-    for part, index in np.ndindex(places.empty.shape[:2]):
-        column, row = divmod(index, BOX_SIDE // cell[1])
-        dx = column * width - there.x + places.offset[0]
-        dy = row * cell[1] + part * height - there.y + places.offset[1]
-        near = 0 <= dx < places.kept_index.shape[1] and 0 <= dy < places.kept_index.shape[2]
-        kept[part, index] = places.kept[places.kept_index[there.footprint, dx, dy] if near else 0]
-    free = sum(
-        is_free(footprint, x, y, [there])
-        for footprint, x, y in np.argwhere(allowed_corners(*cell, searches=True)).tolist()
-    )
-    covered = [
-        (x, y)
-        for x, y in product(range(0, BOX_SIDE, width), range(0, BOX_SIDE, height))
-        if x < 67 and x + width > 37 and y < 74 and y + height > 44
-    ]
-    uncovered = places.empty[..., 0].size - len(covered)
-    assert int(np.bitwise_count(places.empty & kept).sum()) == free + uncovered
 
 
 @BY_RULES

