@@ -19,8 +19,8 @@ from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.generator import LEVELS, TrainingPair, split_of, statements
 from lilgym_mp.programs import compile_program
+from lilgym_mp.rlvr.checked_scenes import is_checkable
 from lilgym_mp.rlvr.rows import KINDS, Row, dynamics_of, solver_of
-from lilgym_mp.rlvr.scoring import checked_truths
 from lilgym_mp.rlvr.solutions import constant_answers
 from lilgym_mp.rules import State
 from lilgym_mp.scene import Scene
@@ -193,7 +193,7 @@ class _Scenes(_Variants):
 
 class _Programs(_Variants):
     def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
-        if checked_truths(program, self._appearance) is not None:
+        if is_checkable(program, self._appearance):
             yield True, Scene.empty(), None
 
 

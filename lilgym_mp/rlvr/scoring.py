@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 from lilgym_mp.actions import describe
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.llm.summary import progression
-from lilgym_mp.programs import ProgramError, ProgramRuntimeError, StepLimitError, bounded_truths, compile_program
+from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
 from lilgym_mp.rlvr.answers import NotUnderstood, read_plan, read_program, read_scene, read_truth
+from lilgym_mp.rlvr.checked_scenes import STEP_LIMIT, checked_truths
 from lilgym_mp.rlvr.rows import Row, RowError, dynamics_of, solver_of
 from lilgym_mp.rules import Outcome, State
-from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers.replies import THOUGHTS
 
-CHECKED_SCENES = (100, 70, 40)  # on which a program must agree with the statement's; fewer if that one is slow
-LEAST_SCENES = 3  # of each truth value among them
-CHECKED_WALKS = 64
-STEP_LIMIT = 100_000  # of a program on all these scenes together; the statement's own needs at most half of them
 SUCCESS, WRONG, NO_STOP, NOT_UNDERSTOOD = "success", "wrong", "no_stop", "not_understood"  # besides the rules' outcomes
 
 
@@ -134,41 +126,3 @@ _CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[bool, dict[st
     "scene": _check_scene,
     "program": _check_program,
 }
-
-
-@lru_cache(maxsize=4_096)
-def checked_truths(program: str, appearance: str) -> Mapping[Scene, bool] | None:
-    """Scenes with the program's truth values, half of them true if possible.
-
-    None if one value is too rare, or the program too slow, to check others against it.
-    """
-    evaluate = compile_program(program).evaluate
-    found: dict[bool, list[Scene]] = {True: [], False: []}
-    for scene in _scenes(appearance):
-        try:
-            value = evaluate(scene)
-        except ProgramRuntimeError:
-            value = False
-        found[value].append(scene)
-        if min(map(len, found.values())) >= max(CHECKED_SCENES) // 2:
-            break
-    rarer = len(found[True]) < len(found[False])
-    for total in CHECKED_SCENES:
-        count = min(len(found[rarer]), total // 2)
-        truths = {
-            **dict.fromkeys(found[rarer][:count], rarer),
-            **dict.fromkeys(found[not rarer][: total - count], not rarer),
-        }
-        if count >= LEAST_SCENES:
-            with suppress(StepLimitError):  # then with fewer scenes
-                bounded_truths(program, tuple(truths), step_limit=STEP_LIMIT // 2)
-                return truths
-    return None
-
-
-@cache
-def _scenes(appearance: str) -> tuple[Scene, ...]:
-    """Random scenes, many of them one edit apart."""
-    rng = random.Random(f"checks {appearance}")
-    scenes = ScenePool.sample(appearance, rng, CHECKED_WALKS).scenes
-    return tuple(rng.sample(scenes, len(scenes)))
