@@ -31,7 +31,7 @@ from lilgym_mp.task import Task
 SPLIT_SIZES = {"train": 250, "dev": 50, "test": 100}  # numbers of statements
 SPLIT_WEIGHTS = {"train": 7, "dev": 1, "test": 2}  # shares of all meanings
 POOL_WALKS = 64
-MEANING_SCENES = 64
+MEANING_SCENES = 24  # few, so that nearly equal meanings are not told apart either
 START_PAIRS = 2
 MAX_WORDINGS = 3  # wordings of one program
 PATIENCE = 1_000  # statements after which MAX_WORDINGS more are allowed, for levels with few programs

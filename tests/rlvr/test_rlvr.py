@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import random
+import re
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import islice
 from typing import Any
@@ -12,7 +14,9 @@ import pytest
 
 from lilgym_mp.actions import describe
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.generator import split_of
+from lilgym_mp.programs import compile_program
 from lilgym_mp.rlvr import (
     KINDS,
     Conversation,
@@ -369,3 +373,57 @@ def test_hostile_replies__are_scored_in_bounded_time():
     outcomes, _ = examined(800, seed=1)
     assert sum(outcomes.values()) == 800
     assert outcomes["not_understood"] > 400
+
+
+@pytest.mark.parametrize("appearance", APPEARANCES)
+def test_scene_rows__no_constant_answer_is_right_often(appearance: str):
+    found = some("scene", appearance, 120, level=2)
+    assert 0.3 < sum(row.task.target for row in found) / len(found) < 0.7
+    rng = random.Random(1)
+    answers = [Scene.empty(), *(SAMPLERS[appearance].scene(rng) for _ in range(200))]
+    assert max(sum(row.task.solved_by(answer) for row in found) for answer in answers) < 0.45 * len(found)
+    assert all(score(expert_reply(row), row).success for row in found)
+
+
+def word_mutants(program: str) -> Iterator[str]:
+    """Programs in which one word, number or comparison is another."""
+    groups = ("is_yellow is_blue is_black", "is_circle is_square is_triangle", "YELLOW BLUE BLACK", "and or", "All Any",
+              "CIRCLE SQUARE TRIANGLE", "is_top is_bottom is_second is_third", "ge le", "== >= <= > <",
+              "is_touching_wall is_closely_touching_wall", "get_touching get_closely_touching get_above get_below",
+              "0 1 2", "2 1 3", "3 2 4")  # fmt: skip
+    for match in re.finditer(r"\w+|[<>=]+", program):
+        for group in map(str.split, groups):
+            for word in group if match[0] in group else ():
+                if word != match[0]:
+                    yield program[: match.start()] + word + program[match.end() :]
+    for match in re.finditer(r"exist\((\w+\([^()]*(?:\([^()]*\)[^()]*)*\))\)", program):
+        yield program.replace(match[0], f"(count({match[1]}) == 1)", 1)
+
+
+def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
+    wrong = rewarded = 0
+    for appearance in APPEARANCES:
+        rng = random.Random(3)
+        scenes = [SAMPLERS[appearance].scene(rng) for _ in range(400)]
+        for level in (1, 2, 3, 4, 5):
+            for row in some("program", appearance, 3, level=level, seed=4):
+                truths = list(map(compile_program(row.task.program), scenes))
+                for mutant in set(word_mutants(row.task.program)):
+                    if list(map(compile_program(mutant), scenes)) != truths:
+                        wrong += 1
+                        rewarded += score(mutant, row).success
+    assert wrong > 300
+    assert rewarded < 0.01 * wrong
+
+
+def test_checked_truths__tell_exactly_one_from_at_least_one():
+    boxes = "filter_obj(all_boxes, lambda b: exist(filter_color(b.all_items_in_box(), Color.BLUE)))"
+    row = replace(PLAN, kind="program", task=replace(TASK, program=f"exist({boxes})"))
+    assert score(f"count({boxes}) >= 1", row).success
+    assert score(f"count({boxes}) == 1", row).outcome == "wrong"
+
+
+def test_plans__of_one_edit_need_one_edit():
+    for row in some("plan", "scatter", 6, max_actions=2):
+        assert row.steps == len(expert_reply(row).splitlines()) == 2
+        assert score(expert_reply(row), row).success
