@@ -13,14 +13,19 @@ from collections import Counter
 from collections.abc import Iterable
 from itertools import islice
 
+from lilgym_mp.actions import describe
+from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.generator import LEVELS
 from lilgym_mp.rlvr import BASELINES, KINDS, Row, rows, score
+from lilgym_mp.rlvr.prompts import scene_answer
+from lilgym_mp.rlvr.solutions import constant_answers
 from lilgym_mp.terminal import table
 
 APPEARANCES = ("tower", "scatter")
+CONSTANT_PLANS = 60
 
 
 def speed(count: int) -> None:
@@ -60,8 +65,26 @@ def baselines(count: int) -> None:
                 100 * statistics.mean(score(reply(row, rng), row).reward for row in found)
                 for reply in BASELINES.values()
             ]
-            lines.append((appearance, kind, *rates))
-    print(table(("appearance", "task", *(f"{name}, %" for name in BASELINES)), lines), "\n")
+            constants = _constant_replies(kind, appearance, found)
+            best = max(statistics.mean(score(reply, row).reward for row in found) for reply in constants)
+            lines.append((appearance, kind, *rates, 100 * best))
+    print(table(("appearance", "task", *(f"{name}, %" for name in BASELINES), "best constant, %"), lines), "\n")
+
+
+def _constant_replies(kind: str, appearance: str, found: Iterable[Row]) -> list[str]:
+    """Replies to give to every row: plans of one edit, both truth values, scenes, or ten rows' programs."""
+    made = make_appearance(appearance)
+    match kind:
+        case "plan":
+            rng = random.Random(0)
+            actions = [made.decode(rng.randrange(1, made.action_count)) for _ in range(CONSTANT_PLANS)]
+            return [f"{describe(action)}\nSTOP" for action in actions]
+        case "truth":
+            return ["true", "false"]
+        case "scene":
+            return [scene_answer(scene, made) for scene in constant_answers(appearance)]
+        case _:
+            return [row.task.program for row in islice(found, 10)]
 
 
 def lengths(count: int) -> None:

@@ -143,7 +143,7 @@ def split_of(program: str, appearance: str) -> str:
 @cache
 def _meaning_scenes(appearance: str) -> tuple[Scene, ...]:
     rng = random.Random(f"meanings {appearance}")
-    return tuple(rng.sample(ScenePool.sample(appearance, rng, POOL_WALKS).scenes, MEANING_SCENES))
+    return tuple(rng.sample(ScenePool.sample(appearance, rng, MEANING_SCENES).scenes, MEANING_SCENES))
 
 
 def _tasks(name: str, entry: Entry, appearance: str, start: str) -> Iterator[Task]:

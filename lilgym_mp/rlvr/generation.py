@@ -27,7 +27,7 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solution
 from lilgym_mp.task import Task
 
-STARTS = 3  # plan rows of a statement and target besides those of one edit
+STARTS = 4  # plan rows of a statement and target besides those of one edit
 TRIES = 12  # scenes examined for starts
 PROBES = 3  # of these, after which statements whose goal is always near are given up
 POOL_WALKS = 64
@@ -121,10 +121,10 @@ class _Plans(_Variants):
 
     def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
         super().__init__(appearance, lengths, rng)
-        self._neighbours = _Truths(appearance, lengths, rng)
+        self._neighbours = _Truths(appearance, lengths, rng) if lengths.start == 2 else None
 
     def of(self, program: str) -> Iterator[tuple[bool, Scene, int]]:
-        if self._lengths.start == 2:  # an edit and STOP
+        if self._neighbours is not None:  # an edit and STOP
             yield from ((target, scene, 2) for target, scene, _ in self._neighbours.of(program))
         for target in self._rng.sample((True, False), 2):
             for scene, steps in islice(self._far(Task("", "", program, target, Scene.empty())), STARTS):
