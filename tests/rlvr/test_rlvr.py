@@ -378,7 +378,7 @@ def test_hostile_replies__are_scored_in_bounded_time():
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_scene_rows__no_constant_answer_is_right_often(appearance: str):
     found = some("scene", appearance, 120, level=2)
-    assert 0.3 < sum(row.task.target for row in found) / len(found) < 0.7
+    assert 0.25 < sum(row.task.target for row in found) / len(found) < 0.75
     rng = random.Random(1)
     answers = [Scene.empty(), *(SAMPLERS[appearance].scene(rng) for _ in range(200))]
     assert max(sum(row.task.solved_by(answer) for row in found) for answer in answers) < 0.45 * len(found)
