@@ -276,15 +276,9 @@ def _public(option: str) -> str:
 
 def _public_command(args: argparse.Namespace) -> list[str]:
     """The command's arguments, with each --option as `_public` gives it."""
-    words: list[str] = []
-    for word in args.argv:
-        name, _, value = word.partition("=")
-        if word in args.option:
-            words.append(_public(word))
-        elif name.startswith("-") and value in args.option:  # --option=KEY=VALUE
-            words.append(f"{name}={_public(value)}")
-        else:
-            words.append(word)
+    words = list(args.argv)
+    for option in args.option:  # a word of its own, or after "--option="
+        words = [word.removesuffix(option) + _public(option) if word.endswith(option) else word for word in words]
     return words
 
 

@@ -418,8 +418,9 @@ class BoxConditionTemplates(PhraseTemplates):
             self.indefinite(noun) if quantity == SOME else f"{count}{self.number(number)} {self.noun(noun, number > 1)}"
         )
         names = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}[attribute]
-        noun_templates = [NounTemplate(_with_value(noun.attributes, attribute, name)) for name in names]
-        test = " and ".join(quantity_test(quantity, box_items(noun)) for noun in noun_templates)
+        values = [{"colours": (name,)} if attribute == "color" else {attribute: name} for name in names]
+        nouns = [NounTemplate(replace(noun.attributes, **value)) for value in values]
+        test = " and ".join(quantity_test(quantity, box_items(each)) for each in nouns)
         return ConditionTemplate(test, f"{named} of {each}", kind="variety", min_items=3 * number)
 
     def exactly_these(self) -> ConditionTemplate:
@@ -481,16 +482,6 @@ class BoxConditionTemplates(PhraseTemplates):
         )  # fmt: skip
         test = f"exist({ITEMS}) and count({ITEMS}) == count(get_set_{attribute}s({ITEMS}))"
         return ConditionTemplate(test, text, kind="variety", min_items=2)
-
-
-def _with_value(attributes: AttributeWords, attribute: str, value: str) -> AttributeWords:
-    match attribute:
-        case "color":
-            return replace(attributes, colours=(value,))
-        case "shape":
-            return replace(attributes, shape=value)
-        case _:
-            return replace(attributes, size=value)
 
 
 def disjoint(one: AttributeWords, other: AttributeWords) -> bool:

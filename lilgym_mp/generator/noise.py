@@ -80,21 +80,8 @@ def _is_long_word(word: str, _: str | None) -> bool:
 def _misspelt(word: str, rng: random.Random) -> str:
     if word in MISSPELLINGS and rng.random() < 0.4:
         return rng.choice(MISSPELLINGS[word])
-    return _typo(word, rng, ("swap", "drop", "double", "replace"))
-
-
-def _with_joined_words(text: str) -> str:
-    words = text.split(" ")
-    for index, pair in enumerate(pairwise(words)):
-        if pair in JOINABLE:
-            return " ".join([*words[:index], "".join(pair), *words[index + 2 :]])
-    return text
-
-
-def _typo(word: str, rng: random.Random, edits: tuple[str, ...]) -> str:
-    """The word with one random edit at a letter that is neither the first nor the last."""
-    at = rng.randrange(1, len(word) - 1)
-    match rng.choice(edits):
+    at = rng.randrange(1, len(word) - 1)  # neither the first letter nor the last
+    match rng.choice(("swap", "drop", "double", "replace")):
         case "swap":
             return word[:at] + word[at + 1] + word[at] + word[at + 2 :]
         case "drop":
@@ -103,6 +90,14 @@ def _typo(word: str, rng: random.Random, edits: tuple[str, ...]) -> str:
             return word[:at] + word[at] + word[at:]
         case _:
             return word[:at] + rng.choice("aeionrst") + word[at + 1 :]
+
+
+def _with_joined_words(text: str) -> str:
+    words = text.split(" ")
+    for index, pair in enumerate(pairwise(words)):
+        if pair in JOINABLE:
+            return " ".join([*words[:index], "".join(pair), *words[index + 2 :]])
+    return text
 
 
 def _capitalised_and_stopped(text: str, rng: random.Random) -> str:

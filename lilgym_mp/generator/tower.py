@@ -41,6 +41,27 @@ BESIDE = ("touching", "touching", "attached to", "adjacent to", "next to", "conn
 FAR_ABOVE = ("somewhere above", "higher than", "anywhere above")
 FAR_BELOW = ("somewhere below", "lower than", "anywhere below")
 ON_SAME_COLOUR = "exist(filter_obj(get_below(x), lambda y: y.color == x.color))"
+POSITIONS = {  # where a block is in {a} or {the} tower
+    "top": (
+        "on top", "at the top", "on the top", "on top of {a}", "at the top of {a}", "at the top of {the}",
+        "on the top of {a}", "as the top", "as the top of {a}", "at top", "on top of {the}",
+        "at the top most position", "at the very top of {a}",
+    ),
+    "bottom": (
+        "at the base", "at the bottom", "at the base of {a}", "at the bottom of {a}", "as the base",
+        "as the base of {a}", "as base of {a}", "at the base of {the}", "on the bottom", "as base",
+        "at the bottom of {the}", "as the base of {the}", "at the very bottom", "in the base",
+    ),
+    "second": (
+        "second from the bottom", "in second position from the bottom", "second from the base",
+        "in the second place from the bottom", "at the second level", "in second position",
+        "second from the bottom of {a}", "as the second block from the base",
+    ),
+    "third": (
+        "third from the bottom", "in third position from the bottom", "third from the base", "at the third level",
+        "in third position", "as the third block from the base",
+    ),
+}  # fmt: skip
 POSITION_TESTS = {"top": "is_top", "bottom": "is_bottom", "second": "is_second", "third": "is_third"}
 
 
@@ -118,31 +139,8 @@ class TowerTemplates(StatementTemplates):
 
     def position_words(self, position: str) -> str:
         tower = self.style.tower
-        a, the = self.a(tower), f"the {tower}"
-        match position:
-            case "top":
-                return self.pick(
-                    "on top", "at the top", "on the top", f"on top of {a}", f"at the top of {a}",
-                    f"at the top of {the}", f"on the top of {a}", "as the top", f"as the top of {a}", "at top",
-                    f"on top of {the}", "at the top most position", f"at the very top of {a}",
-                )  # fmt: skip
-            case "bottom":
-                return self.pick(
-                    "at the base", "at the bottom", f"at the base of {a}", f"at the bottom of {a}", "as the base",
-                    f"as the base of {a}", f"as base of {a}", f"at the base of {the}", "on the bottom", "as base",
-                    f"at the bottom of {the}", f"as the base of {the}", "at the very bottom", "in the base",
-                )  # fmt: skip
-            case "second":
-                return self.pick(
-                    "second from the bottom", "in second position from the bottom", "second from the base",
-                    "in the second place from the bottom", "at the second level", "in second position",
-                    f"second from the bottom of {a}", "as the second block from the base",
-                )  # fmt: skip
-            case _:
-                return self.pick(
-                    "third from the bottom", "in third position from the bottom", "third from the base",
-                    "at the third level", "in third position", "as the third block from the base",
-                )  # fmt: skip
+        towers = {"a": self.a(tower), "the": f"the {tower}"}
+        return self.choice(POSITIONS[position]).format(**towers)
 
     def coloured_block(self) -> NounTemplate:
         return NounTemplate(AttributeWords(self.colour()))

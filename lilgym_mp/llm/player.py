@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import queue
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
+from multiprocessing.pool import ThreadPool
 from typing import Any
 
 from lilgym_mp.actions import describe
@@ -131,40 +130,21 @@ def play_all(
 
     An agent's failure ends its episode only. `make_player` is called once for each thread.
     """
-    waiting: queue.SimpleQueue[tuple[str, int] | None] = queue.SimpleQueue()
-    ended: queue.SimpleQueue[Episode | Failure | BaseException] = queue.SimpleQueue()
-    count = 0
-    for job in jobs:
-        waiting.put(job)
-        count += 1
+    local = threading.local()
 
-    def work() -> None:
+    def play(job: tuple[str, int]) -> Episode | Failure:
+        if not hasattr(local, "player"):
+            local.player = make_player()
         try:
-            player = make_player()
-            while (job := waiting.get()) is not None:
-                try:
-                    ended.put(player.play(*job))
-                except AgentError as error:
-                    ended.put(Failure(job[0], str(error), player.conversation))
-        except BaseException as error:
-            ended.put(error)
+            return local.player.play(*job)
+        except AgentError as error:
+            return Failure(job[0], str(error), local.player.conversation)
 
-    threads = [threading.Thread(target=work, daemon=True) for _ in range(min(concurrency, count))]
-    for thread in threads:
-        waiting.put(None)
-        thread.start()
-    try:
-        for _ in range(count):
-            result = ended.get()
-            if isinstance(result, BaseException):
-                raise result
-            yield result
-    finally:  # if the caller stops early, threads end after their current episode
-        with suppress(queue.Empty):
-            while True:
-                waiting.get_nowait()
-        for _ in threads:
-            waiting.put(None)
+    waiting = list(jobs)
+    if not waiting:
+        return
+    with ThreadPool(min(concurrency, len(waiting))) as pool:  # its threads end after their current episode
+        yield from pool.imap_unordered(play, waiting)
 
 
 def _content(text: str, images: Sequence[Any]) -> Any:
@@ -187,7 +167,7 @@ def _call(method: Callable[..., Any], *arguments: Any) -> Any:
         return method(*arguments)
     except AgentError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise AgentError(f"the agent raised {described(error)}") from error
 
 
