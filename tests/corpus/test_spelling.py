@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
 
+from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.spelling import NUMBERS, OTHER_WORDS, WELL_SPELT, corrections, normalised_words, plain_words
 
 WORDS = (
@@ -116,3 +119,12 @@ def test_normalised_words__common_words_never_become_numbers() -> None:
 
 def test_normalised_words__a_word_between_a_number_and_another_stays() -> None:
     assert normalised_words("tow then", KNOWN | {"top", "than"}) == ["tow", "then"]
+
+
+def test_corrections__of_the_builtin_corpus_become_numbers_only_where_misspelt() -> None:
+    statements = {task.statement for tasks in load_all_tasks("builtin") for task in tasks}
+    train = {task.statement for tasks in load_all_tasks("builtin", splits=["train"]) for task in tasks}
+    counts = Counter(word for statement in train for word in set(plain_words(statement)))
+    found = corrections(" ".join(statements), frozenset(word for word, count in counts.items() if count > 1))
+    assert found["blcak"] == "black"
+    assert {word: found[word] for word in found if found[word] in NUMBERS} == {"fuor": "four", "thhree": "three"}

@@ -1,12 +1,12 @@
-"""Reports of recordings and training runs with odd values: a page without foreign markup, or one line of error.
+"""Recordings and training runs with odd values: reports on them, and the web application's pages that show them.
 
-Run: python -m tests.stress.hostile_records --count 200
+A report must be a page without foreign markup, or one line of error; a response must come in time and be no 5xx.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
+import copy
 import gzip
 import io
 import json
@@ -14,6 +14,7 @@ import random
 import re
 import shutil
 import tempfile
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -24,6 +25,7 @@ from lilgym_mp.evaluation.episodes import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 
 EPISODES = 8
+SECONDS = 10.0  # for any response, on a busy machine
 MARKUP = "<script>alert(1)</script>"
 ODD_VALUES: tuple[Any, ...] = (
     None, True, -1, 0, 10**30, 1e308, float("nan"), float("inf"), "", MARKUP, "a\x1b[31m\0b", "x" * 20_000, [], {},
@@ -52,10 +54,10 @@ def spoil(value: Any, rng: random.Random) -> str:
     return f"{key}: {str(odd)[:60]!r}"
 
 
-def recorded(directory: Path) -> tuple[list[Any], Any]:
-    """The header and some episodes of a recording, and its metadata."""
-    words = "evaluate --policy random-legal --configuration TowerScratch --record-decisions --record"
-    _quietly([*words.split(), str(directory)])
+def recorded(directory: Path, configuration: str = "TowerScratch") -> tuple[list[Any], Any]:
+    """The header and some episodes of a recording with decisions, and its metadata."""
+    words = ["evaluate", "--policy", "random-legal", "--configuration", configuration, "--record-decisions"]
+    _quietly([*words, "--record", str(directory)])
     file = next(directory.rglob(f"*{SUFFIX}"))
     with gzip.open(file, "rt", encoding="utf-8") as lines:
         rows = [json.loads(line) for _, line in zip(range(1 + EPISODES), lines, strict=False)]
@@ -70,8 +72,8 @@ def _quietly(words: list[str]) -> tuple[int, str]:
         return run_command(words), written.getvalue()
 
 
-def hostile_reports(count: int, seed: int) -> Counter[str]:
-    """Outcomes of `count` reports, each with one spoilt value. Raises AssertionError for any other outcome."""
+def hostile_reports(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Outcomes of `count` reports, each with one spoilt value, and no faults: raises AssertionError for any."""
     rng, outcomes = random.Random(seed), Counter[str]()
     with tempfile.TemporaryDirectory() as base:
         rows, metadata = recorded(Path(base) / "recorded")
@@ -83,7 +85,7 @@ def hostile_reports(count: int, seed: int) -> Counter[str]:
             with contextlib.suppress(KeyError, TypeError):
                 _write(case, parts)
             outcomes[_outcome(case)] += 1
-    return outcomes
+    return outcomes, []
 
 
 def _write(case: Path, parts: Any) -> None:
@@ -118,13 +120,37 @@ def _outcome(case: Path) -> str:
     return "one line"
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
-    print(dict(hostile_reports(args.count, args.seed)))
+def hostile_pages(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Responses by status to what the pages ask for on `count` spoilt recordings, and those that must not happen."""
+    from tests.web.web_app import Browser, server
+
+    rng, outcomes, faults = random.Random(seed), Counter[str](), list[str]()
+    with tempfile.TemporaryDirectory() as name:
+        directory, runs = Path(name), Path(name) / "runs"
+        good = [recorded(directory / each, each)[0] for each in ("TowerFlipIt", "ScatterFlipIt")]
+        runs.mkdir()
+        with server(directory, runs=runs) as app:
+            browser = Browser(app)
+            for _ in range(count):
+                lines = copy.deepcopy(rng.choice(good))
+                spoilt = "; ".join(spoil(rng.choice((lines[:1], lines)), rng) for _ in range(rng.choice((1, 1, 2))))
+                (runs / f"hostile{SUFFIX}").write_bytes(gzip.compress(_lines(lines).encode()))
+                start = time.monotonic()
+                for path, response in _responses(browser):
+                    outcomes[f"response {response.status_code}"] += 1
+                    seconds, start = time.monotonic() - start, time.monotonic()
+                    if response.status_code >= 500 or seconds > SECONDS:
+                        faults.append(f"{path}: {response.status_code}, {seconds:.1f} s ({spoilt})")
+    return outcomes, faults
 
 
-if __name__ == "__main__":
-    main()
+def _responses(browser: Any) -> Iterator[tuple[str, Any]]:
+    """What the pages on recordings ask for."""
+    base = "/api/watch/recordings"
+    paths = [base, "/api/explore/statements?appearance=tower&split=dev", "/watch"]
+    for line in browser.get(base).json()["recordings"]:
+        own = f"{base}/{line['id']}"
+        paths += [own, f"{own}/episodes", f"{own}/episodes?success=true&text=a"]
+        paths += [f"{own}/episodes/{index}" for index in range(4)]
+    for path in paths:
+        yield path, browser.get(path)

@@ -1,11 +1,7 @@
-"""Hostile replies to rows of every kind: none raises, and none takes more than 50 ms of CPU time to score.
-
-Run: python -m tests.stress.hostile_replies
-"""
+"""Hostile replies to rows of every kind: none raises, and none takes more than 50 ms of CPU time to score."""
 
 from __future__ import annotations
 
-import argparse
 import random
 import time
 from collections import Counter
@@ -63,8 +59,8 @@ def hostile_replies(rng: random.Random, example: str) -> Iterator[Any]:
                 yield "".join(map(chr, rng.choices(range(0x110000), k=rng.randrange(1, 500))))
 
 
-def examined(count: int, seed: int) -> tuple[Counter[str], float]:
-    """Scores `count` replies; returns how many had each outcome, and the most CPU seconds that one took."""
+def examined(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Scores `count` replies; returns how many had each outcome, and which took longer than MAX_SECONDS."""
     rng = random.Random(seed)
     sources = [
         (row, hostile_replies(rng, random_reply(row, rng)))
@@ -72,8 +68,7 @@ def examined(count: int, seed: int) -> tuple[Counter[str], float]:
         for appearance in ("tower", "scatter")
         for row in islice(rows(kind, appearance, 5, seed=seed), 1)
     ]
-    outcomes: Counter[str] = Counter()
-    slowest = 0.0
+    outcomes, slow = Counter[str](), list[str]()
     for row, replies in islice(cycle(sources), count):
         reply = next(replies)
         outcome, seconds = _timed(reply, row)
@@ -81,10 +76,9 @@ def examined(count: int, seed: int) -> tuple[Counter[str], float]:
             if seconds > MAX_SECONDS:
                 seconds = min(seconds, _timed(reply, row)[1])
         if seconds > MAX_SECONDS:
-            raise AssertionError(f"{seconds:.3f} s for a {row.kind} of {row.appearance}: {str(reply)[:80]!r}")
-        slowest = max(slowest, seconds)
+            slow.append(f"{seconds:.3f} s for a {row.kind} of {row.appearance}: {str(reply)[:80]!r}")
         outcomes[outcome] += 1
-    return outcomes, slowest
+    return outcomes, slow
 
 
 def _timed(reply: Any, row: Row) -> tuple[str, float]:
@@ -94,16 +88,3 @@ def _timed(reply: Any, row: Row) -> tuple[str, float]:
         Conversation(row).step(reply)
         reward = "return" if row.appearance == "scatter" else "progress"
     return score(reply, row, reward).outcome, time.process_time() - begun
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
-    outcomes, slowest = examined(args.count, args.seed)
-    print(f"{sum(outcomes.values()):,} replies, at most {slowest * 1e3:.1f} ms; {dict(sorted(outcomes.items()))}")
-
-
-if __name__ == "__main__":
-    main()

@@ -2,19 +2,17 @@
 
 Half of the scenes are start scenes of the builtin corpus and, with LILGYM_DATA, of the official one; the others come
 from random valid edits of these and of the empty scene.
-Run: python -m tests.stress.mask_exactness [--scenes 2000] [--appearance scatter] [--rules paper] [--grid 38x10]
 """
 
 from __future__ import annotations
 
-import argparse
 import os
 import random
 from collections.abc import Iterable
-from time import perf_counter
+from itertools import product
 
 from lilgym_mp.actions import AddBlock, AddItem
-from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID, make_appearance
+from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
 from lilgym_mp.scene import Scene
@@ -78,36 +76,15 @@ def wrong_actions(dynamics: Dynamics, scene: Scene, actions: Iterable[int] | Non
     ]
 
 
-def _grid(text: str) -> tuple[int, int]:
-    columns, rows = text.split("x")
-    return int(columns), int(rows)
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--scenes", type=int, default=2000, help="number of scenes per appearance and rule set")
-    parser.add_argument("--appearance", choices=sorted(APPEARANCES), action="append", help="default: all")
-    parser.add_argument("--rules", choices=sorted(RULE_SETS), action="append", help="default: all")
-    parser.add_argument(
-        "--grid", type=_grid, default=RELEASED_GRID, help="Scatter grid as COLUMNSxROWS (default: 19x5)"
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
-    for appearance in args.appearance or sorted(APPEARANCES):
-        for rules in args.rules or sorted(RULE_SETS):
-            dynamics = make_dynamics(make_appearance(appearance, args.grid), rules)
-            start = perf_counter()
-            scenes = scenes_of(dynamics, args.scenes, seed=args.seed)
-            wrong = [(scene, index) for scene in scenes for index in wrong_actions(dynamics, scene)]
-            tried = len(scenes) * dynamics.appearance.action_count
-            print(
-                f"{appearance:8} {rules:8} {len(scenes):,} scenes, {tried:,} actions tried:"
-                f" the mask is wrong about {len(wrong):,} ({perf_counter() - start:.0f} s)",
-                flush=True,
-            )
-            for scene, index in wrong[:3]:
-                print(f"  {dynamics.appearance.decode(index)} in {scene.to_json()}")
-
-
-if __name__ == "__main__":
-    main()
+def compare(count: int, seed: int) -> tuple[dict[str, int], list[str]]:
+    """The actions tried in `count` scenes by appearance and rule set, and those about which the mask is wrong."""
+    tried: dict[str, int] = {}
+    wrong: list[str] = []
+    for appearance, rules in product(sorted(APPEARANCES), sorted(RULE_SETS)):
+        dynamics = make_dynamics(make_appearance(appearance), rules)
+        scenes = scenes_of(dynamics, count, seed=seed)
+        tried[f"{appearance} {rules}"] = len(scenes) * dynamics.appearance.action_count
+        for scene in scenes:
+            found = wrong_actions(dynamics, scene)
+            wrong += [f"{rules}: {dynamics.appearance.decode(index)} in {scene.to_json()}" for index in found]
+    return tried, wrong

@@ -1,13 +1,10 @@
 """Stress test of the program language: adversarial programs against its limits, and mutated ones.
 
-Each attack runs in its own process with limited CPU time and memory. Run:
-python -m tests.stress.program_language --count 2000
+Each attack runs in its own process with limited CPU time and memory.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import random
 import resource
@@ -188,15 +185,8 @@ def fuzz(count: int, seed: int) -> dict[str, int]:
     return dict(found)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=2_000, help="mutated programs")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    for name, source in ATTACKS.items():
-        print(name, json.dumps(run_limited(attack, source)), flush=True)
-    print("mutated programs", run_limited(fuzz, arguments.count, arguments.seed, seconds=600))
-
-
-if __name__ == "__main__":
-    main()
+def measure(count: int, seed: int) -> tuple[dict[str, Any], list[str]]:
+    """Time, memory and outcome of every attack, and the results of `count` random programs, some of them mutated."""
+    found = {name: run_limited(attack, source) for name, source in ATTACKS.items()}
+    found["random programs"] = run_limited(fuzz, count, seed, seconds=600)
+    return found, [f"{name}: {result}" for name, result in found.items() if isinstance(result, str)]

@@ -2,14 +2,11 @@
 
 Random typed programs, a few of them with wrong types, are compared on empty, tower, full and odd scenes: generated
 code, the compiled instructions of batched environments, the canonical form, the printed text, and prefix tokens. The
-grammar below is written by hand, independently of the tables by which the evaluators work. Run:
-python -m tests.stress.program_truth --count 100000
+grammar below is written by hand, independently of the tables by which the evaluators work.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 import re
 from collections import Counter
@@ -261,18 +258,3 @@ def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
         for appearance, chosen in cases.items():
             found.extend(batch_differences(appearance, chosen))
     return compared, found
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=2_000, help="random programs")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    compared, found = compare(arguments.count, arguments.seed)
-    print("\n".join(found))
-    print(json.dumps(compared))
-    raise SystemExit(1 if found else 0)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,19 +1,14 @@
 """Fuzzes every route of the web application: no request may get a 5xx response.
 
-    python -m tests.stress.web_requests [--requests 10000] [--seed 0]
-
 Requests are generated from the application's OpenAPI schema, with values omitted, repeated, or replaced by values of
 another type and by ones that often break servers; some bodies are nonsense. They are sent to an in-process application.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
-import sys
 import tempfile
-import time
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -165,39 +160,23 @@ def _known(clients: list[Any]) -> dict[str, list[Any]]:
     return {"episode_id": episodes, "statement_id": ["tower-dev-001", "scatter-dev-025-a"]}
 
 
-def main() -> int:
-    parser = argparse.ArgumentParser(description="Fuzzes every route of the web application.")
-    parser.add_argument("--requests", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
-    args = parser.parse_args()
+def send(count: int, seed: int) -> tuple[Counter[str], list[str]]:
+    """Sends `count` requests; returns the responses by status, and the requests with a 5xx response."""
     logging.getLogger("lilgym_mp.web").addHandler(logging.StreamHandler())
-    random = Random(args.seed)
-    statuses: Counter[int] = Counter()
-    failed: list[str] = []
-    start = time.monotonic()
+    random, statuses, failed = Random(seed), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         app = create_app(ServeOptions(database=Path(name) / "web.sqlite3"))
         clients = [_client(app) for _ in range(3)]
-        requests = RequestGenerator(app.openapi(), random, _known(clients))
-        for method, path, options in islice(requests, args.requests):
+        for method, path, options in islice(RequestGenerator(app.openapi(), random, _known(clients)), count):
             client = random.choice(clients)
             client.cookies.clear()  # a hostile cookie has been replaced by that of a new visitor
             try:
                 response = client.request(method, path, follow_redirects=False, **options)
             except (ValueError, UnicodeError, TypeError):
-                statuses[0] += 1  # httpx refuses to send it
+                statuses["httpx refuses to send it"] += 1
                 continue
-            statuses[response.status_code] += 1
+            statuses[str(response.status_code)] += 1
             if response.status_code >= 500:
                 failed.append(f"{response.status_code} {method} {path} {str(options)[:300]}")
         app.state.services.close()
-    for line in failed[:20]:
-        print(line)
-    print(f"{sum(statuses.values())} requests, {len(requests.operations)} operations, {time.monotonic() - start:.0f} s")
-    print("by status:", dict(sorted(statuses.items())))
-    print(f"5xx: {len(failed)}")
-    return 1 if failed else 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return statuses, failed

@@ -2,13 +2,11 @@
 
 Each stack of one to four wrappers with random settings is put on five single environments, on a batch of five, and, for
 some stacks, on workers. Either all refuse it with the same kind of error, or spaces, observations, rewards, flags,
-infos, masks and goals are equal at every step. Run: python -m tests.stress.wrapper_stacks --count 200
+infos, masks and goals are equal at every step.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import random
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -174,18 +172,3 @@ def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
         if differing != ["refused"]:
             found.extend(f"{configuration}, {mode.name}, {stack}: {each}" for each in differing)
     return compared, found
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=200, help="random stacks")
-    parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    compared, found = compare(arguments.count, arguments.seed)
-    print("\n".join(found))
-    print(json.dumps(compared))
-    raise SystemExit(1 if found else 0)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,36 @@
+"""Runs a stress test: python -m tests.stress NAME [--count N] [--seed S]. Exits with 1 if anything is wrong."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from importlib import import_module
+
+# By name: the module here and its function, which takes a count and a seed and returns counts of results and faults.
+TESTS = {
+    "corrupt_files": "corrupt_corpora",
+    "hostile_records": "hostile_reports",
+    "hostile_pages": "hostile_pages",
+    "hostile_replies": "examined",
+    "mask_exactness": "compare",
+    "program_language": "measure",
+    "program_truth": "compare",
+    "web_requests": "send",
+    "wrapper_stacks": "compare",
+}
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition(":")[0])
+    parser.add_argument("name", choices=TESTS)
+    parser.add_argument("--count", type=int, default=1_000, metavar="N", help="of cases (default: %(default)s)")
+    parser.add_argument("--seed", type=int, default=0, metavar="S")
+    args = parser.parse_args()
+    module = import_module(f"tests.stress.{'hostile_records' if args.name == 'hostile_pages' else args.name}")
+    results, faults = getattr(module, TESTS[args.name])(args.count, args.seed)
+    print(*faults[:40], json.dumps(dict(results), indent=1), f"faults: {len(faults)}", sep="\n")
+    return int(bool(faults))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
