@@ -73,6 +73,7 @@ CASES = {
         "gamma must be at least 0 and at most 1",
     ),
     "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
+    "negative seed of demo": (["demo", "--seed", "-1"], "--seed must be at least 0, not -1"),
     "no updates in demo": (["demo", "--parser-updates", "0"], "--parser-updates must be at least 1"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, or policies with --policy"),

@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
-from lilgym_mp.cli.experiment import display, format_duration, row
+from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
 from lilgym_mp.options import CommandError
@@ -113,12 +113,8 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
     for planned in (parser, imitation):
         (words,) = planned.evaluate
         chosen = words.index("--configuration")
-        assert words[chosen + 1 : chosen + 5] == (
-            "TowerScratch",
-            "TowerFlipIt",
-            "--corpus",
-            str(tmp_path / "own.jsonl"),
-        )
+        own = "--corpus", str(tmp_path / "own.jsonl")
+        assert words[chosen + 1 : chosen + 5] == ("TowerScratch", "TowerFlipIt", *own)
 
 
 @pytest.mark.parametrize(
@@ -254,17 +250,8 @@ def test_experiment__training_ends_when_the_command_is_killed(tmp_path: Path):
 def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
     """Starts an experiment in a subprocess and waits until its run has some progress."""
     file = write_file(directory / "one.toml", f"{SMALL}steps = {steps}\n{FEW}")
-    command = [
-        sys.executable,
-        "-m",
-        "lilgym_mp",
-        "experiment",
-        str(file),
-        "--out",
-        str(directory / "out"),
-        "--jobs",
-        "2",
-    ]
+    options = ["--out", str(directory / "out"), "--jobs", "2"]
+    command = [sys.executable, "-m", "lilgym_mp", "experiment", str(file), *options]
     with (directory / "output").open("w") as output:
         process = subprocess.Popen(command, stdout=output, stderr=subprocess.STDOUT)
     progress = directory / "out" / "runs" / "ppo-TowerScratch-0" / "progress.jsonl"
@@ -339,33 +326,6 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["before"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"other options: \['before'\], not \['evaluate'\]"):
         make_attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
-
-
-@pytest.mark.parametrize(("given", "used"), [(None, "glibc.malloc.hugetlb=1"), ("glibc.malloc.check=3",) * 2])
-def test_attempt__commands_use_huge_pages_unless_malloc_is_tuned_already(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str | None, used: str
-):
-    monkeypatch.delenv("GLIBC_TUNABLES", raising=False)
-    if given is not None:
-        monkeypatch.setenv("GLIBC_TUNABLES", given)
-
-    def start(command: list[str], *, env: dict[str, str], **_: object) -> None:
-        raise OSError(env["GLIBC_TUNABLES"])
-
-    monkeypatch.setattr(subprocess, "Popen", start)
-    (tmp_path / "logs").mkdir()
-    with pytest.raises(OSError, match=f"^{used}$"):
-        Attempt(PlannedRun("a", ("train",), ()), tmp_path, threads=1)._call(["train"])
-
-
-def test_row__shows_progress_and_time_left(tmp_path: Path):
-    attempt = Attempt(PlannedRun("a", ("train",), (), ("steps", 100)), tmp_path, threads=1)
-    assert row(attempt) == ["a", "waiting", "", "", ""]
-    attempt.run.mkdir(parents=True)
-    (attempt.run / "progress.jsonl").write_text('{"steps": 10}\n{"steps": 25}\n')
-    attempt.status, attempt.seconds = RunStatus.TRAINING, 30.0
-    assert row(attempt) == ["a", "training", "25 %", "0:30", "1:30"]
-    assert format_duration(3601) == "60:01"
 
 
 @pytest.mark.long

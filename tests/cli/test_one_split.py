@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -62,25 +61,9 @@ def test_evaluate__a_missing_split_is_an_error_that_names_the_others(
     assert f"it has scratch tasks of tower {split}" in capsys.readouterr().err
 
 
-def test_evaluate__gives_advice_on_training_for_trained_agents_only(
-    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["evaluate", "--policy", "random-unmasked", "--corpus", corpus, "--split", split]) == 0
-    output = capsys.readouterr().out
-    assert re.search(r"^\| random unmasked .* 1\.0 \|", output, re.MULTILINE)  # it stopped at once
-    assert "train it longer" not in output
-
-
 def test_array_observations__take_the_words_of_that_split(corpus: str, split: str) -> None:
     env = gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split, observation="arrays")
     assert env.observation_space.contains(env.reset(seed=0)[0])
     tokens = tokenized_statement_v0(gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split))
     ids = tokens.reset(seed=0)[0]["statement"]
     assert len(set(ids[ids > 0])) == len(STATEMENT.split())
-
-
-def test_missing_split__is_named_with_the_corpus(
-    tmp_path: Path, corpus: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["play", "ScatterScratch", "--corpus", corpus]) == 2
-    assert "has no tasks for" in capsys.readouterr().err

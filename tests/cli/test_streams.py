@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from argparse import Namespace
 from pathlib import Path
 
 import pytest
@@ -44,17 +45,6 @@ def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str)
         assert done.stderr == "lilgym-mp program: cannot write results: No space left on device\n"
 
 
-def test_interrupt__during_parsing_prints_one_word(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def interrupted() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("lilgym_mp.cli.make_parser", interrupted)
-    assert main(["bench"]) == INTERRUPTED
-    assert capsys.readouterr().err == "interrupted\n"
-
-
 def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -89,22 +79,9 @@ def test_disk_error__is_reported_in_one_line(
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device", str(tmp_path / "file"))
 
-    monkeypatch.setattr("lilgym_mp.cli.program.run", full, raising=False)
-    monkeypatch.setattr("lilgym_mp.cli.make_parser", lambda: _Parser(full))
+    monkeypatch.setattr("lilgym_mp.cli.parse_args", lambda argv: Namespace(command="test", run=full))
     assert main([]) == FAILED
     assert capsys.readouterr().err == f"lilgym-mp test: {tmp_path / 'file'}: No space left on device\n"
-
-
-class _Parser:
-    """Stand-in for parser and arguments of a command."""
-
-    command = "test"
-
-    def __init__(self, run: object) -> None:
-        self.run = run
-
-    def parse_args(self, argv: object, namespace: object = None) -> _Parser:
-        return self
 
 
 @pytest.mark.parametrize("corpus", ["a" * 5_000_000, "no\x1b[31mwhere"])

@@ -79,29 +79,13 @@ def test_train__prints_settings_and_paths(lilgym: LilGym, tmp_path: Path, own: P
 
 
 def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own: Path):
-    options = [
-        "--corpus",
-        str(own),
-        "--schedule",
-        "constant",
-        "--learning-rate",
-        "0.003",
-        "--seed",
-        "4",
-        "--rules",
-        "release",
-    ]
-    trained(lilgym, tmp_path, *options, "--recipe", "paper", "--mask")
+    options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
+    options += ["--recipe", "paper", "--mask"]
+    trained(lilgym, tmp_path, "--corpus", str(own), *options)
     written = json.loads((tmp_path / "run.json").read_text())["identity"]
-    assert (written["recipe_name"], written["recipe"]["mask"], written["recipe"]["critic"]) == (
-        "paper",
-        True,
-        "separate",
-    )
-    assert written["environment"]["rules"] == "release"
-    assert written["recipe"]["rollout"] == 32
-    assert written["recipe"]["learning_rate"] == 0.003
-    assert (written["recipe"]["schedule"], written["recipe"]["seed"]) == ("constant", 4)
+    assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
+    expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
+    assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
 
 
 def test_train__resumes_from_the_directory_alone(lilgym: LilGym, run: Path):
@@ -135,24 +119,10 @@ def test_train__ctrl_c_saves_and_ends_all_processes(tmp_path: Path):
     directory = tmp_path / "run"
     program = "import sys; from lilgym_mp.cli import main\nif __name__ == '__main__': sys.exit(main())"
     (tmp_path / "main.py").write_text(program)
-    command = [
-        sys.executable,
-        tmp_path / "main.py",
-        "train",
-        "ppo",
-        "TowerScratch",
-        "--out",
-        directory,
-        "--steps",
-        "100000000",
-    ]
-    with subprocess.Popen(
-        [*command, *SMALL],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    ) as process:
+    words = ["train", "ppo", "TowerScratch", "--steps", "100000000", "--out"]
+    command = [sys.executable, tmp_path / "main.py", *words, directory, *SMALL]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes, text=True, start_new_session=True) as process:
         while process.poll() is None and not (directory / "progress.jsonl").exists():
             time.sleep(0.05)
         os.killpg(process.pid, signal.SIGINT)
@@ -198,16 +168,6 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_evaluate__is_deterministic(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    for name in ("one.json", "two.json"):
-        command = ["evaluate", run, "--corpus", own, "--sampled", "--seed", 3, "--split", "test"]
-        lilgym(*command, "--json", tmp_path / name)
-    one, two = (json.loads((tmp_path / name).read_text())["results"] for name in ("one.json", "two.json"))
-    for row in (*one, *two):
-        del row["cpu_seconds"]
-    assert one == two
-
-
 def test_evaluate__overwrites_only_with_force(
     lilgym: LilGym, tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
 ):
@@ -222,10 +182,6 @@ def test_evaluate__overwrites_only_with_force(
 def test_evaluate__rejects_a_configuration_that_the_agent_cannot_play(run: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["evaluate", str(run), "--configuration", "ScatterScratch"]) == USAGE_ERROR
     assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
-
-
-def test_evaluate__accepts_other_rules(lilgym: LilGym, run: Path, own: Path):
-    assert "rules release" in lilgym("evaluate", run, "--corpus", own, "--rules", "release")
 
 
 def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym, own: Path):
@@ -294,13 +250,6 @@ def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_p
         assert row["episodes_seen"] == 0
     with Image.open(directory / "imitation.gif") as film:
         assert getattr(film, "n_frames", 1) > 1
-
-
-def test_demo__rejects_a_negative_seed(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(
-        ["demo", "--out", str(tmp_path / "demo"), "--imitation-updates", "1", "--parser-updates", "1", "--seed", "-1"]
-    ) == (USAGE_ERROR)
-    assert "--seed must be at least 0, not -1" in capsys.readouterr().err
 
 
 def test_demo__uses_a_new_directory_each_time(tmp_path: Path):

@@ -14,7 +14,7 @@ from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episodes import Recording, read_episodes
-from lilgym_mp.evaluation.policies import NamedPolicy, WithoutMask, built_in_policy, random_legal
+from lilgym_mp.evaluation.policies import WithoutMask, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
 from tests.corpora import write_own_corpus
@@ -112,11 +112,6 @@ def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: 
     assert not any(decision.optimal for decision in ends)
 
 
-def test_record__decisions_are_judged_only_on_request(tmp_path: Path):
-    episodes = record(tmp_path, "expert").episodes
-    assert all(decision.optimal is None for episode in episodes for decision in episode.decisions or ())
-
-
 class WithoutOutput:
     """Always stops, and has no output."""
 
@@ -147,13 +142,6 @@ def test_evaluate__recording_decisions_does_not_change_episodes():
     assert plain == [episode._replace(decisions=None) for episode in recorded]
 
 
-def test_without_mask__distribution_is_over_all_actions():
-    settings = Settings("TowerScratch")
-    found = evaluate(WithoutMask(random_legal), settings, "dev", record_decisions=True)
-    likeliest = [decision.likeliest[0][1] for episode in found for decision in episode.decisions or ()]
-    assert set(likeliest) == {round(1 / 13, 4)}
-
-
 def test_from_json__is_the_inverse_of_to_json():
     decision = decisions(tower_output(stop=0.1, add=0.6, remove=0.3), ALL_LEGAL, TOWER)[0]
     decision = replace(decision, programs={"exist(all_items)": 0.5}, success_probability=0.5, optimal=True)
@@ -182,11 +170,3 @@ def test_record__rejects_more_decisions_than_actions(tmp_path: Path):
     row["decisions"] = row["decisions"] * 2
     with pytest.raises(ValueError, match=r"\d+ decisions for \d+ actions"):
         type(episode).from_json(row)
-
-
-def test_record__policy_without_output_is_recorded(tmp_path: Path):
-    plan = EvaluationPlan(Settings("TowerScratch"), "dev", record_decisions=True)
-    named = NamedPolicy("without output", lambda settings: WithoutOutput())
-    result = play(named, plan, set())
-    path = Recorder(plan.settings, plan.split, set()).write(tmp_path, result)
-    assert all(episode.decisions is None for episode in read_episodes(path).episodes)

@@ -30,10 +30,6 @@ def test_write_json__overwrites(tmp_path: Path):
     assert len(list(tmp_path.iterdir())) == 1
 
 
-def test_writable_directory__is_created_empty(tmp_path: Path):
-    assert list(writable_directory(tmp_path / "a" / "b").iterdir()) == []
-
-
 def test_writable_directory__error_names_the_path(tmp_path: Path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match=r"cannot write results to .*file/results: Not a directory"):

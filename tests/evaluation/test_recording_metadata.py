@@ -34,10 +34,3 @@ def test_read__is_none_without_a_file_and_names_a_damaged_one(tmp_path: Path):
     (tmp_path / "a.metadata.json").write_text(json.dumps({"date": "today"}))
     with pytest.raises(EpisodesError, match=r"a\.metadata\.json: not valid metadata of a recording"):
         RecordingMetadata.read(recording)
-
-
-def test_commit__is_none_outside_of_a_checkout():
-    named = recording_metadata.commit()
-    assert named is None or re.fullmatch(r"[0-9a-f]{10,}( with changes)?", named)
-    if not (Path(recording_metadata.__file__).parents[2] / ".git").exists():
-        assert named is None

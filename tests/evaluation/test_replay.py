@@ -23,16 +23,8 @@ RESULTS = Path(__file__).parents[2] / "docs" / "results.md"
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     directory = tmp_path_factory.mktemp("kept")
     write_own_corpus(directory / "own.jsonl")
-    options = [
-        "--corpus",
-        str(directory / "own.jsonl"),
-        "--configuration",
-        "TowerScratch",
-        "--passes",
-        "2",
-        "--optimal",
-    ]
-    assert main(["evaluate", "--policy", "random-legal", *options, "--record", str(directory)]) == 0
+    words = ["evaluate", "--policy", "random-legal", "--configuration", "TowerScratch", "--passes", "2", "--optimal"]
+    assert main([*words, "--corpus", str(directory / "own.jsonl"), "--record", str(directory)]) == 0
     return read_episodes(next(directory.glob(f"*{SUFFIX}")))
 
 

@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import AddBlock
 from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.evaluation import (
@@ -35,10 +34,6 @@ def always(action: int) -> Policy:
     return choose
 
 
-def test_action_indices__are_those_used_in_these_tests():
-    assert TOWER.make("dev").dynamics.appearance.decode(ADD_BLUE_LEFT) == AddBlock(0, 2)
-
-
 @pytest.mark.parametrize("configuration", CONFIGURATIONS)
 @pytest.mark.parametrize("passes", [1, 2])
 def test_evaluate__plays_every_task_once_per_pass_in_file_order(configuration: str, passes: int):
@@ -60,10 +55,6 @@ def test_evaluate__plays_every_task_once_for_any_batch_size(batch_size: int):
 def test_evaluate__episodes_depend_on_the_seed():
     assert evaluate(random_legal, TOWER, "dev", seed=3) == evaluate(random_legal, TOWER, "dev", seed=3)
     assert evaluate(random_legal, TOWER, "dev", seed=3) != evaluate(random_legal, TOWER, "dev", seed=4)
-
-
-def test_evaluate__batch_size_does_not_affect_a_deterministic_policy():
-    assert evaluate(always(STOP), TOWER, "dev", batch_size=2) == evaluate(always(STOP), TOWER, "dev", batch_size=25)
 
 
 def test_evaluate__immediate_stop_succeeds_iff_the_start_scene_is_a_solution():
@@ -108,11 +99,6 @@ def test_evaluate__policies_get_the_environments_observations():
 def test_evaluate__rejects_zero_passes_and_environments(numbers: dict[str, int]):
     with pytest.raises(ValueError, match="at least 1, not"):
         evaluate(random_legal, TOWER, "dev", **numbers)
-
-
-def test_evaluate__unknown_split_error_has_the_choices():
-    with pytest.raises(ValueError, match=r"unknown split 'valid'; choose from dev, test, train"):
-        evaluate(random_legal, TOWER, "valid")
 
 
 def empty_observations(count: int) -> Observations:

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation import Settings
 
 
 @pytest.mark.parametrize("grid", [(38, 10), "native"])
@@ -15,20 +15,8 @@ def test_settings__from_json_is_the_inverse_of_to_json(grid: tuple[int, int] | s
     assert Settings.from_json(json.loads(json.dumps(settings.to_json()))) == settings
 
 
-@pytest.mark.parametrize("name", CONFIGURATIONS)
-def test_make__makes_the_configuration(name: str):
-    env = Settings(name).make("dev")
-    assert env.spec is not None
-    assert env.spec.id == f"lilgym_mp/{name}-v0"
-
-
 def test_make__passes_all_settings():
     env = Settings("ScatterScratch", rules="release", horizon=5, grid=(38, 10)).make("test")
     assert env.tasks.provenance.split == "test"
     assert (env.dynamics.rules.name, env.dynamics.horizon) == ("release", 5)
     assert env.dynamics.appearance.action_count == 1 + 380 * 28
-
-
-def test_settings__unknown_configuration_error_has_the_choices():
-    with pytest.raises(ValueError, match=r"unknown configuration 'Tower'; choose from ScatterFlipIt, .*TowerScratch"):
-        Settings("Tower")

@@ -29,14 +29,13 @@ from lilgym_mp.report.aggregation import (
     paired_difference,
 )
 from lilgym_mp.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
-from lilgym_mp.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
+from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
 from lilgym_mp.report.difficulty import comparison_items
 from lilgym_mp.report.html_report import chapters
 from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
 from lilgym_mp.report.language import accuracy_by_phenomenon, read_tags
-from lilgym_mp.report.learning_curves import caption, dev_curves
-from lilgym_mp.report.markdown_report import commits_text
-from lilgym_mp.report.report_data import ReportData, TrainingCurve, load_report_data
+from lilgym_mp.report.learning_curves import dev_curves
+from lilgym_mp.report.report_data import ReportData, load_report_data
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -283,23 +282,6 @@ def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(
     assert (tmp_path / "out" / "precious").read_text() == "x"
 
 
-@pytest.mark.parametrize(
-    ("recipes", "expected", "absent"),
-    [
-        ([{"mask": False}], "no mask of legal actions", "illegal ones masked"),
-        ([{"mask": True}], "illegal ones masked", "no mask"),
-        ([{"mask": False}, {"mask": True}], "masked for some runs alone", "no mask"),
-        ([{}], "not recorded whether masked", "illegal ones"),
-        ([{"mask": False, "stop_forcing": True}], "STOP was forced in training", "NLVR"),
-        ([{"mask": False, "nlvr_reward": True}], "with the NLVR reward", "forced"),
-    ],
-)
-def test_figure_4__caption_says_what_the_recipes_say(recipes: list[dict[str, bool]], expected: str, absent: str):
-    said = caption([TrainingCurve(Path(), "ppo", "TowerScratch", (), recipe=recipe) for recipe in recipes])
-    assert expected in said
-    assert absent not in said
-
-
 def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(tmp_path: Path):
     written(tmp_path)
     recipes = [("ScatterScratch", "ours"), ("ScatterScratch", "other"), ("TowerScratch", "ours")]
@@ -317,12 +299,6 @@ def test_line_chart__of_a_single_evaluation_is_a_point_at_a_whole_number_of_step
     assert first.get_linestyle() != second.get_linestyle()
     low, high = axes.get_xlim()
     assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0]
-
-
-def test_looks__of_56_series_differ_and_stay():
-    looks = Looks()
-    assert len({looks[str(index)] for index in range(56)}) == 56
-    assert looks["0"] == looks["0"] != looks["8"]
 
 
 def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide():
@@ -394,18 +370,6 @@ def test_document__has_tables_pictures_and_provenance_but_no_statement(tmp_path:
     assert {path.name for path in pictures} == set(re.findall(r"\(pictures/(.*?)\)", text))
     assert any("figure-3" in path.name for path in pictures)
     assert not [kept.statement for kept in EPISODES[:2] if kept.statement in text]
-
-
-@pytest.mark.parametrize(
-    ("commits", "text"),
-    [
-        (["abc", "abc"], "commit abc"),
-        (["abc with changes", "abc", "fed", None], "commits abc with changes, abc, fed, unknown"),
-    ],
-)
-def test_document__commits_are_listed_once(commits: list[str | None], text: str):
-    made = [RecordingMetadata(f"2026-01-0{day}", "x", name, "x", {}) for day, name in enumerate(commits, start=1)]
-    assert commits_text(made) == text
 
 
 def test_document__another_page_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
