@@ -50,14 +50,15 @@ class Row:
         return "\n".join(PROMPTS[self.kind](dynamics_of(self.appearance), self.task))
 
     def to_json(self) -> dict[str, Any]:
+        """An unknown level or number of steps is 0, no pair "": rows of all kinds have the same types."""
         return {
             "format": FORMAT,
             "id": self.id,
             "kind": self.kind,
             "appearance": self.appearance,
-            "level": self.level,
-            "steps": self.steps,
-            "pair": self.pair,
+            "level": self.level or 0,
+            "steps": self.steps or 0,
+            "pair": self.pair or "",
             "prompt": self.prompt,
             "task": self.task.to_json(),
         }
@@ -86,7 +87,7 @@ class Row:
         level, steps, pair = (record.get(name) for name in ("level", "steps", "pair"))
         if not all(each is None or type(each) is int for each in (level, steps)) or not isinstance(pair, str | None):
             raise RowError(f"row {task.id!r:.80}: level and steps must be whole numbers, pair a text, or null")
-        return cls(record["kind"], record["appearance"], task, level, steps, pair)
+        return cls(record["kind"], record["appearance"], task, level or None, steps or None, pair or None)
 
 
 @cache

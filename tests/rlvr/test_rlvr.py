@@ -52,6 +52,7 @@ def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_righ
     assert some(kind, appearance) == found
     assert [Row.from_json(json.loads(json.dumps(row.to_json()))) for row in found] == found
     assert len({row.id for row in found}) == len(found)
+    assert None not in found[0].to_json().values()  # which would have no type in a table
     rng = random.Random(0)
     for row in found:
         assert score(expert_reply(row), row)[:2] == (1.0, "success")
