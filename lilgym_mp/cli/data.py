@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.choices import listed
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
-from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically, write_json
+from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically
 from lilgym_mp.options import (
     CORPUS_HELP,
     CommandError,
@@ -59,9 +59,7 @@ def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
     lists = add("list", _list, "list corpora with their task sets")
     lists.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
 
-    stats = add("stats", _stats, "count tasks, words, sentence forms, phenomena and program words")
-    _add_corpus_argument(stats)
-    stats.add_argument("--json", type=Path, metavar="FILE", help="write the counts to FILE as JSON")
+    _add_corpus_argument(add("stats", _stats, "count tasks, words, sentence forms, phenomena and program words"))
 
     _add_corpus_argument(
         add("check", _check, f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
@@ -162,14 +160,10 @@ def _list(args: argparse.Namespace) -> int:
 
 
 def _stats(args: argparse.Namespace) -> int:
-    from lilgym_mp.cli.data_report import statistics_json, statistics_text
+    from lilgym_mp.cli.data_report import statistics_text
     from lilgym_mp.report.corpus_statistics import corpus_statistics
 
-    statistics = corpus_statistics(args.corpus)
-    print(statistics_text(statistics))
-    if args.json:
-        write_json(writable_file(args.json), statistics_json(statistics))
-        print(f"wrote {args.json}")
+    print(statistics_text(corpus_statistics(args.corpus)))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""Corpora, their statistics and tasks as text and JSON, for `lilgym-mp data`."""
+"""Corpora, their statistics and tasks as text, for `lilgym-mp data`."""
 
 from __future__ import annotations
 
@@ -89,34 +89,6 @@ def _heads(groups: Sequence[StatementStatistics]) -> list[str]:
         group.split if group.appearance == last else f"{group.appearance} {group.split}"
         for group, last in zip(groups, before, strict=False)
     ]
-
-
-def statistics_json(statistics: CorpusStatistics) -> dict[str, Any]:
-    """The statistics as JSON: counts only, without statements."""
-    return {
-        "corpus": statistics.corpus,
-        "statements": statistics.statement_count,
-        "programs": statistics.program_count,
-        "words": statistics.word_count,
-        "sets": [
-            {**count._asdict(), "paper": count.paper and {"tasks": count.paper.tasks, "contexts": count.paper.contexts}}
-            for count in statistics.counts
-        ],
-        "splits": [
-            {
-                "appearance": group.appearance,
-                "split": group.split,
-                "statements": len(group.programs),
-                "forms": len(group.forms),
-                "words": len(group.vocabulary),
-                "lengths": sorted(group.word_counts),
-                "phenomena": {phenomenon.value: group.phenomena[phenomenon] for phenomenon in PHENOMENA},
-                "program_words": dict(group.program_words.most_common()),
-                "overlap_with_train": overlap._asdict() if (overlap := statistics.overlap(group)) else None,
-            }
-            for group in statistics.statements
-        ],
-    }
 
 
 def task_lines(task: Task, tasks: TaskSet) -> list[str]:

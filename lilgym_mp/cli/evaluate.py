@@ -277,21 +277,17 @@ def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[S
                 raise CommandError(f"{agent.name} does not play {name}; it plays {', '.join(agent.configurations)}")
     environment = given_environment(args)
     chosen = [Settings(name, **environment) for name in requested or CONFIGURATIONS if name in supported]
-    missing: list[NoTasksError] = []
-    playable = [settings for settings in chosen if _has_tasks(settings, args.split, missing)]
-    if missing and (requested or not playable):
+    with_tasks: list[Settings] = []
+    missing: list[NoTasksError] = []  # say what there is instead
+    for settings in chosen:
+        try:
+            settings.make(args.split)
+            with_tasks.append(settings)
+        except NoTasksError as error:
+            missing.append(error)
+    if missing and (requested or not with_tasks):
         raise missing[0]
-    return playable
-
-
-def _has_tasks(settings: Settings, split: str, missing: list[NoTasksError]) -> bool:
-    """Whether there are tasks; if not, the error that says what there is instead is added to `missing`."""
-    try:
-        settings.make(split)
-    except NoTasksError as error:
-        missing.append(error)
-        return False
-    return True
+    return with_tasks
 
 
 def warnings(results: Sequence[Result]) -> list[str]:

@@ -97,7 +97,7 @@ def display(attempts: Sequence[Attempt], console: Console | None = None) -> Iter
 
     def print_changes() -> None:
         for attempt in attempts:
-            name, status = attempt.planned.name, status_text(attempt)
+            name, status = attempt.planned.name, _status(attempt)
             if printed.get(name, "waiting") != status:
                 print(f"{name}: {status}", flush=True)
             printed[name] = status
@@ -113,24 +113,15 @@ def _table(attempts: Sequence[Attempt]) -> Table:
     for column in ("run", "state", "done", "time", "left"):
         table.add_column(column, justify="left" if column in ("run", "state") else "right")
     for attempt in attempts:
-        table.add_row(*row(attempt))
+        elapsed, done = attempt.seconds, attempt.fraction_done
+        if attempt.began is not None and not elapsed:
+            elapsed = time.monotonic() - attempt.began
+        percent = "" if done is None else f"{100 * done:.0f} %"
+        left = elapsed * (1 - done) / done if done else 0
+        times = (f"{int(seconds) // 60}:{int(seconds) % 60:02d}" if seconds else "" for seconds in (elapsed, left))
+        table.add_row(attempt.planned.name, _status(attempt), percent, *times)
     return table
 
 
-def row(attempt: Attempt) -> list[str]:
-    """A run's name, status, fraction of training done, time so far and time left."""
-    elapsed, done = attempt.seconds, attempt.fraction_done
-    if attempt.began is not None and not elapsed:
-        elapsed = time.monotonic() - attempt.began
-    left = format_duration(elapsed * (1 - done) / done) if done else ""
-    percent = "" if done is None else f"{100 * done:.0f} %"
-    return [attempt.planned.name, status_text(attempt), percent, format_duration(elapsed) if elapsed else "", left]
-
-
-def status_text(attempt: Attempt) -> str:
+def _status(attempt: Attempt) -> str:
     return f"{attempt.status} {attempt.location}".strip()
-
-
-def format_duration(seconds: float) -> str:
-    """Minutes and seconds, such as 61:05."""
-    return f"{int(seconds) // 60}:{int(seconds) % 60:02d}"

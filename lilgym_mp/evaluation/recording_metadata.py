@@ -6,7 +6,6 @@ They are not in the recording itself, so that equal evaluations give equal recor
 from __future__ import annotations
 
 import json
-import os
 import platform
 import subprocess
 from collections.abc import Sequence
@@ -16,6 +15,7 @@ from functools import cache
 from pathlib import Path
 from typing import Self
 
+from lilgym_mp.envs.workers import usable_cores
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.report import software
@@ -99,5 +99,4 @@ def cpu_model() -> str:
 
 def machine() -> str:
     """The CPU model and how many of its cores this process may use."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return f"{cpu_model()}, {cores} cores"
+    return f"{cpu_model()}, {usable_cores()} cores"

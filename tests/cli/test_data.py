@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -113,25 +112,18 @@ def test_list__counts_tasks_and_contexts(data: Run, own: Path):
     ]
 
 
-def test_stats__prints_tables_and_writes_counts(data: Run, own: Path, tmp_path: Path):
-    output = data("stats", own, "--json", tmp_path / "counts.json")
+def test_stats__prints_tables(data: Run, own: Path):
+    output = data("stats", own)
     assert "3 statements with 3 programs" in output
-    assert "existence" in output
-    counts = json.loads((tmp_path / "counts.json").read_text())
-    assert counts["splits"][0]["phenomena"]["exact cardinality"] == 1
-    assert counts["splits"][0]["phenomena"]["syntax: coordination"] == 0
     assert "syntax: prepositional attachment" in output
-    assert "Blue is here" not in (tmp_path / "counts.json").read_text()
+    (row,) = (line for line in output.splitlines() if line.startswith("exact cardinality"))
+    assert float(row.split()[2]) > 0
 
 
 def test_stats__of_released_files_show_the_papers_numbers(data: Run, released: Path, monkeypatch: pytest.MonkeyPatch):
     output = data("stats", released)
     assert "tasks (paper)" in output
     assert "the paper counts 2,661 statements" in output
-
-
-def test_stats__rejects_an_unwritable_output(error_of: Run, own: Path, tmp_path: Path):
-    assert f"cannot write results to {own}" in error_of("stats", own, "--json", own / "counts.json")
 
 
 def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_path: Path):
