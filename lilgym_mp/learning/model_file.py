@@ -94,14 +94,16 @@ def load_model(
 
 
 def load_model_of_kind(
-    kind: str, version: int, path: Path, device: str | torch.device = "cpu"
-) -> tuple[ModelDescription, dict[str, Tensor]]:
-    """`load_model` that also raises ModelFileError for another kind or version."""
-    description, tensors = load_model(path, device)
+    kind: str, version: int, path: Path, device: str
+) -> tuple[ModelDescription, dict[str, Tensor], torch.device]:
+    """As `load_model`, and the device chosen by `select_device`. Raises ModelFileError also for another kind or
+    version."""
+    torch_device = select_device(device)
+    description, tensors = load_model(path, torch_device)
     if (description.kind, description.version) != (kind, version):
         found = f"{description.kind!r}, version {description.version}"
         raise ModelFileError(f"{path}: a model of kind {found}; must be {kind!r}, version {version}")
-    return description, tensors
+    return description, tensors, torch_device
 
 
 @contextmanager

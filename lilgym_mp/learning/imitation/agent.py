@@ -31,7 +31,6 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
-    select_device,
 )
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.rules import Dynamics
@@ -153,8 +152,7 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-    torch_device = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
     with described_network(path):
         built, stop_rules = description.details["network"], description.details["stop_rules"]
         rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}

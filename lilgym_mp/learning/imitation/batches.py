@@ -19,7 +19,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDED_WORDS, Inputs
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.scene import BOX_COUNT, Colour
+from lilgym_mp.scene import Colour
 
 CACHED_STATEMENTS = 20_000
 MAX_CHARACTERS = 1_000  # longer statements are truncated
@@ -229,6 +229,3 @@ def _sample_scenes(entry: DatasetEntry, solved: int, truth_only: int, rng: Rng) 
     if len(halves) < len(classes):
         halves.append(rng.choice(len(truths), truth_only // 2))
     return np.concatenate([with_actions, *halves])
-
-
-assert BOX_COUNT == 3

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
 from lilgym_mp.learning.imitation.box_features import CELLS, FIXED_FEATURES, OFFSETS, RELATIONS
-from lilgym_mp.scene import BOX_COUNT, FOOTPRINT_COUNT, Colour, Shape, Size
+from lilgym_mp.scene import FOOTPRINT_COUNT, Colour, Shape, Size
 
 MAX_STEPS = 8  # classes of the steps-to-go head
 RELATION_GATES = 8  # per relation layer
@@ -389,6 +389,3 @@ def gather_boxes(vectors: Tensor, scenes: Tensor) -> Tensor:
     first = torch.arange(statements, device=scenes.device)[:, None, None] * boxes
     flat = (scenes + first).flatten()
     return vectors.flatten(0, 1).index_select(0, flat).unflatten(0, scenes.shape)
-
-
-assert BOX_COUNT == 3

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,14 +14,13 @@ import numpy as np
 import torch
 
 from lilgym_mp.appearances import make_appearance
-from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
-from lilgym_mp.corpus.records import FLIPIT, SCRATCH
-from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning import timed_run
+from lilgym_mp.learning.agents import scratch_tasks
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -122,7 +119,7 @@ class _Run(TimedRun[StepResult]):
         entries, held_out = split_held_out(
             entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
         )
-        played = dict(_played(settings, recipe, tasks))
+        played = {settings.configuration: tasks, **(scratch_tasks(settings) if recipe.empty_starts else {})}
         self._played_tasks = list(played.values())
         self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
@@ -274,15 +271,6 @@ class _Run(TimedRun[StepResult]):
 def distinct_starts(entries: Iterable[DatasetEntry]) -> list[Any]:
     """The distinct start scenes of the entries, in order."""
     return list(dict.fromkeys(start for entry in entries for start in entry.starts))
-
-
-def _played(settings: Settings, recipe: ImitationRecipe, tasks: TaskSet) -> Iterator[tuple[str, TaskSet]]:
-    """The configurations that the agent will play, with their training tasks."""
-    yield settings.configuration, tasks
-    if settings.start == FLIPIT and recipe.empty_starts:
-        scratch = configuration_name(settings.appearance, SCRATCH)
-        with suppress(NoTasksError):
-            yield scratch, replace(settings, configuration=scratch).make("train").tasks
 
 
 def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:

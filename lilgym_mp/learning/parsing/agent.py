@@ -21,7 +21,6 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
-    select_device,
 )
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser
@@ -125,8 +124,7 @@ class ParseAndPlanAgent:
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    torch_device = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
     details = description.details
     with described_network(path):
         check_shapes(lambda: Parser.from_details(details).network, tensors, path)

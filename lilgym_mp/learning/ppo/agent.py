@@ -21,7 +21,6 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
-    select_device,
 )
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.factory import make_model
@@ -109,8 +108,7 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    torch_device = select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path, torch_device)
+    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
     with described_network(path):
         settings = Settings.from_json(description.details["settings"])
         recipe = PPORecipe.from_json(description.recipe)

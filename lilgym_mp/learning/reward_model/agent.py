@@ -11,12 +11,11 @@ import numpy as np
 import torch
 from torch import nn
 
-from lilgym_mp.arrays import Float64Array, Int64Array
+from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.envs.proposer_verifier import BatchTurn, Partner, PartnerTurn, Role
-from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier import Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.partners import encode_answer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
@@ -26,7 +25,6 @@ from lilgym_mp.learning.model_file import (
     described_network,
     load_model_of_kind,
     load_weights,
-    select_device,
 )
 from lilgym_mp.learning.parsing.agent import ParseAndPlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
@@ -107,16 +105,10 @@ class RewardModelVerifier:
     agent: RewardModelAgent
 
     def __call__(self, turn: PartnerTurn) -> int:
-        return self._answer(turn.game, turn.state.mdp, turn.state.proposal)
-
-    def batch(self, turn: BatchTurn) -> Int64Array:
-        """(k,) actions."""
-        return np.array([self._answer(turn.game, state.mdp, state.proposal) for state in turn.states()], np.int64)
-
-    def _answer(self, game: Game, state: State, proposal: int | None) -> int:
+        game, proposal = turn.game, turn.state.proposal
         if proposal not in (None, STOP_ACTION):
             return encode_answer(game, accepts=True)
-        probability = self.agent.success_probability(state)
+        probability = self.agent.success_probability(turn.state.mdp)
         if game.config.verdict_bins is None:
             return encode_answer(game, accepts=probability > 0.5)
         return game.encode_action(Role.VERIFIER, round(probability * (game.config.verdict_bins - 1)))
@@ -138,8 +130,7 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
     """The agent in a model file; it plays on the CPU. Raises ModelFileError naming the file and what is wrong."""
-    select_device(device)
-    description, tensors = load_model_of_kind(KIND, VERSION, path)
+    description, tensors, _ = load_model_of_kind(KIND, VERSION, path, device)
     with described_network(path):
         recipe = RewardModelRecipe.from_json(description.recipe)
         vocabulary = Vocabulary(tuple(description.details["vocabulary"]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -17,13 +16,11 @@ from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.arrays import Float64Array, Int64Array
-from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.held_out import held_out_digests, statement_digest
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import BUILTIN
-from lilgym_mp.corpus.records import FLIPIT, SCRATCH
-from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.agents import scratch_tasks
 from lilgym_mp.learning.imitation.batches import vocabulary_of
 from lilgym_mp.learning.model_file import select_device
 from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
@@ -110,11 +107,7 @@ class _Run(TimedRun[tuple[float, float]]):
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
         tasks = settings.make("train").tasks
-        played = {settings.configuration: tasks}
-        if settings.start == FLIPIT:
-            scratch = configuration_name(settings.appearance, SCRATCH)
-            with suppress(NoTasksError):
-                played[scratch] = replace(settings, configuration=scratch).make("train").tasks
+        played = {settings.configuration: tasks, **scratch_tasks(settings)}
         self._configurations = tuple(played)
         identity = {
             "learner": KIND,

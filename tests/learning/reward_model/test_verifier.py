@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -41,4 +42,5 @@ def test_verifier__reports_the_nearest_probability():
     settings = GameSettings("tower", "flipit", "audit", corpus="builtin", split="dev", verdict_bins=5)
     setup = settings.setup()
     state = setup.game.config.dynamics.start(setup.tasks[0])  # never a goal
-    assert RewardModelVerifier(model)._answer(setup.game, state, STOP_ACTION) == 1  # of 0, 1/4, 1/2, 3/4, 1
+    turn: Any = SimpleNamespace(game=setup.game, state=SimpleNamespace(mdp=state, proposal=STOP_ACTION))
+    assert RewardModelVerifier(model)(turn) == 1  # of 0, 1/4, 1/2, 3/4, 1
