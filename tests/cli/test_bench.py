@@ -104,8 +104,6 @@ def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--only", "speed"], "invalid choice: 'speed' (choose from"),
-        (["--configurations", "Tower"], "invalid choice: 'Tower' (choose from"),
         (["--num-envs", "8", "0"], "--num-envs must be at least 1, not 0"),
         (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),
     ],

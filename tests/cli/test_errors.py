@@ -20,7 +20,6 @@ CASES = {
         " TowerScratch",
     ),
     "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
-    "unknown learner": (["train", "TowerScratch"], "invalid choice: 'TowerScratch' (choose from"),
     "unknown configuration to imitate": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
     "no time for imitation": (
         ["train", "imitation", "TowerScratch", "--minutes", "0"],
@@ -45,15 +44,12 @@ CASES = {
     "a program without a truth": (["program", "run", "count(all_items)"], "must return a bool, not int"),
     "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in TowerScratch, TowerFlipIt"),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
-    "unknown split": (["evaluate", "--split", "valid"], "invalid choice: 'valid'"),
-    "unknown rules": (["play", "TowerScratch", "--rules", "mine"], "invalid choice: 'mine'"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
     "unknown recipe of ppo": (
         ["train", "ppo", "TowerScratch", "--recipe", "best"],
         "unknown recipe 'best'; choose from ours, paper, release",
     ),
-    "unknown model of ppo": (["train", "ppo", "TowerScratch", "--model", "gpt"], "invalid choice: 'gpt'"),
     "no pretrained weights": (
         ["train", "ppo", "TowerScratch", "--model", "c3-bert"],
         "the model 'c3-bert' needs pretrained weights: name a directory with --weights",

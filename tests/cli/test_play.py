@@ -173,13 +173,6 @@ def test_ruled__numbers_are_at_the_start_of_their_cells():
     assert [line.split()[-1] for line in rows if line[-1].isdigit()] == ["0", "1", "2", "3", "4"]
 
 
-def test_ruled__fine_grids_have_only_some_numbers():
-    numbers, *_ = ruled(text(scene(), [], coloured=False), (95, 20)).split("\n")
-    counted = [int(number) for number in numbers.split()]
-    assert counted == sorted(counted)
-    assert counted[0] == 0
-
-
 @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
 def test_play__terminal_has_line_editing():
     """Backspace deletes characters, and the up arrow recalls the last line."""

@@ -127,15 +127,6 @@ def test_record__policy_without_output_has_no_decisions():
         assert all(episode.decisions is None for episode in evaluate(policy, settings, "dev", record_decisions=True))
 
 
-class OutputForbidden(WithoutOutput):
-    def output(self, legal: np.ndarray, chosen: np.ndarray) -> PolicyOutput:
-        raise AssertionError("output requested although nothing is recorded")
-
-
-def test_evaluate__gets_outputs_only_if_decisions_are_recorded():
-    assert evaluate(OutputForbidden(), Settings("TowerScratch"), "dev")
-
-
 def test_evaluate__recording_decisions_does_not_change_episodes():
     settings = Settings("TowerFlipIt")
     plain, recorded = (evaluate(random_legal, settings, "dev", record_decisions=on) for on in (False, True))

@@ -25,24 +25,11 @@ ROOT = Path(__file__).resolve().parent.parent.parent
 IGNORED = shutil.ignore_patterns(".*", "build", "dist", "*.egg-info")
 _FAILED = re.compile(r"^(?:FAILED|ERROR) (\S+?::[^\s\[]+|\S+\.py)", re.MULTILINE)
 
-OPPOSITES: Mapping[type[ast.AST], type[Any]] = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-    ast.Is: ast.IsNot,
-    ast.IsNot: ast.Is,
-    ast.In: ast.NotIn,
-    ast.NotIn: ast.In,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
-}
+PAIRS: Sequence[tuple[type[Any], type[Any]]] = (
+    *((ast.Lt, ast.LtE), (ast.Gt, ast.GtE), (ast.Eq, ast.NotEq), (ast.Is, ast.IsNot), (ast.In, ast.NotIn)),
+    *((ast.And, ast.Or), (ast.Add, ast.Sub), (ast.BitAnd, ast.BitOr)),
+)
+OPPOSITES: Mapping[type[Any], type[Any]] = {**dict(PAIRS), **{second: first for first, second in PAIRS}}
 
 # By file and function: the tests of which one must fail.
 RULES: Mapping[str, tuple[str, ...]] = {

@@ -17,21 +17,8 @@ MEGABYTE = 1_000_000
 PIECES = (
     *("ADD(LEFT, BLUE)", "STOP", "add left blue", "remove", "ADD(", "ADD((((", "true", "false", "<think>", "</think>"),
     *("<answer>", "</answer>", "\\boxed{", "Action:", "Answer: ", "LEFT:", "MIDDLE: ;;;", "RIGHT: blue; black", "1. "),
-    *(
-        "small blue circle (1, 2); ",
-        "\x00",
-        "\x1b[31m",
-        "\ud800",
-        "\u202e",
-        "９",
-        "²",
-        "\n",
-        "\r\n",
-        " ",
-        "\t",
-        ",",
-        "->",
-    ),
+    *("small blue circle (1, 2); ", "\x00", "\x1b[31m", "\ud800", "\u202e", "９", "²"),
+    *("\n", "\r\n", " ", "\t", ",", "->"),
     *("{", "}", "[" * 40, "lambda x: ", "exist(all_items)", "9" * 5_000, "-", "`", "*" * 30, "é", "\u2028", "not "),
     *("import os; os.abort()", "__import__('os')", "eval(", "while True: pass", "print(1)", "{{7*7}}", "'; DROP TABLE"),
 )

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-from pathlib import Path
-
 import pytest
+from gymnasium.vector import AutoresetMode
 
-from tests.stress.broken_rules import ROOT, RULES, first_failure, mutants, replaced
+from tests.stress import program_truth, wrapper_stacks
+from tests.stress.broken_rules import ROOT, RULES, mutants
 from tests.stress.corrupt_files import CORRUPTIONS, corrupt_corpora
 from tests.stress.hostile_records import hostile_pages, hostile_reports
 
@@ -42,30 +40,23 @@ def test_broken_rules__name_functions_with_something_to_break_and_tests() -> Non
         assert all((ROOT / test).exists() for test in tests), rule
 
 
-def test_broken_rules__are_caught_by_their_test_and_restored(tmp_path: Path) -> None:
-    source = "class Rule:\n    def holds(self, x):\n        return not x and x + 2 > 1\n"
-    (tmp_path / "rule.py").write_text(source)
-    test = "from rule import Rule\n\ndef test_rule():\n    assert Rule().holds(0)\n    assert not Rule().holds(-1)\n"
-    (tmp_path / "test_rule.py").write_text(test)
-    changes = dict(mutants(source, "Rule.holds"))
-    assert {change.partition(" -> ")[2] for change in changes} == {
-        *("+x", "not x or x + 2 > 1", "x + 2 >= 1", "x - 2", "3", "2"),
-    }
-    with replaced(tmp_path / "rule.py", changes["line 3: not x -> +x"]):
-        assert first_failure(tmp_path, ("test_rule.py",)) == "test_rule.py::test_rule"
-    assert (tmp_path / "rule.py").read_text() == source
-    assert first_failure(tmp_path, ("test_rule.py",)) is None
+@pytest.mark.parametrize("count", [200, pytest.param(2_000, marks=pytest.mark.long)])
+def test_random_programs__have_the_same_truth_in_every_form(count: int) -> None:
+    compared, differences = program_truth.compare(count=count, seed=20)
+    assert not differences
+    assert compared["with generated code"] > count / 5
+    assert min(compared["true"], compared["false"], compared["errors"]) > count / 2
 
 
-def test_children__handle_interrupts_even_if_the_shell_ignored_them():
-    """As under `nohup make test &`."""
-    code = """
-import signal, subprocess, sys
-signal.signal(signal.SIGINT, signal.SIG_IGN)
-from tests.conftest import pytest_configure
-pytest_configure()
-child = "import signal; print(signal.getsignal(signal.SIGINT) is signal.default_int_handler)"
-subprocess.run([sys.executable, "-c", child], check=True)
-"""
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "True\n"
+def test_random_wrapper_stacks__play_alike_on_single_batched_and_worker_environments() -> None:
+    compared, found = wrapper_stacks.compare(count=8, seed=3)
+    assert not found
+    assert compared["played"] >= 20
+    assert compared["also by workers"]
+
+
+def test_entries_of_steps__are_absent_from_infos_where_every_environment_only_resets() -> None:
+    stack = [("stop_forcing", {"mode": "replace"}), ("channels_first", {})]
+    for mode in (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP):
+        for seed in range(3):
+            assert not list(wrapper_stacks.differences("ScatterScratch", stack, mode, seed, workers=False))

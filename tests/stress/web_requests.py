@@ -23,18 +23,8 @@ from lilgym_mp.web.visitors import VISITOR_COOKIE
 METHODS = ("get", "post", "put", "delete", "patch")
 HOSTILE_VALUES: tuple[Any, ...] = (
     *(None, True, -1, 0, 2**31, 2**63, 10**400, -(10**30), 0.5, 1e308, [], {}, [[]] * 50, {"a": {"b": [1]}}),
-    *(
-        "",
-        " ",
-        "\0",
-        "a\0b",
-        "\ud800",
-        "\u202e",
-        "é" * 300,
-        "x" * 9_000,
-        "'; DROP TABLE annotations; --",
-        "../../etc/passwd",
-    ),
+    *("", " ", "\0", "a\0b", "\ud800", "\u202e", "é" * 300, "x" * 9_000),
+    *("'; DROP TABLE annotations; --", "../../etc/passwd"),
     *("<script>alert(1)</script>", "{{7*7}}", "%00", "%2e%2e/", "NaN", "1e999", "exist(" * 70, "lambda x: " * 90),
     *("all_items + all_items", "unique(all_items)", "ADD(-1, 0, CIRCLE, BLUE, SMALL)", "STOP", "ADD(LEFT, BLUE)"),
 )
