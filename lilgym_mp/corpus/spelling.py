@@ -57,6 +57,7 @@ WELL_SPELT = frozenset(_WORDS.split()) | NUMBERS.keys()
 OTHER_WORDS = frozenset(_OTHER_WORDS.split())  # English words that would be taken for errors in those, and are kept
 MIN_LENGTH = 3  # shortest word that a correction gives
 MIN_REPLACED = 4  # letters; in shorter words no letter is replaced
+MIN_VARIED = 5  # letters; a shorter word of WELL_SPELT is kept, a longer one can become a variant ("colours": "colors")
 MIN_BEHEADED = 5  # letters; shorter words do not get a first letter
 CACHED_WORDS = 20_000
 _WORD = re.compile(r"[a-z]+|[0-9]+")
@@ -109,7 +110,7 @@ def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, tuple[s
     words = _typed_words(statement)
     may_leave_out = _INTERJECTION.match(statement.lower()) is not None
     for typed, word in zip(words, _with_first_letter(words), strict=True):
-        is_kept = word in known or word in WELL_SPELT or word in OTHER_WORDS
+        is_kept = word in known or word in NUMBERS or word in OTHER_WORDS
         parts = (word,) if is_kept else _corrected(word, known)
         yield typed, () if may_leave_out and parts == (word,) and not {word} & (known | WELL_SPELT) else parts
         may_leave_out = False
@@ -120,9 +121,11 @@ def _corrected(word: str, known: frozenset[str]) -> tuple[str, ...]:
     choices = WELL_SPELT & (known | NUMBERS.keys())
     cuts = ((word[:at], word[at:]) for at in range(1, len(word)))
     splits = [cut for cut in cuts if choices.issuperset(cut)]
-    if len(splits) == 1:
-        return splits[0]
     near = [other for other in choices if len(other) >= MIN_LENGTH and _is_error(word, other)]
+    if word in WELL_SPELT:
+        near = [other for other in near if len(word) >= MIN_VARIED and len(other) != len(word)]
+    elif len(splits) == 1:
+        return splits[0]
     if len(near) > 1:
         near = [other for other in near if (other[0], other[-1]) == (word[0], word[-1])]
     return (near[0],) if len(near) == 1 else (word,)
