@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from enum import StrEnum
 from functools import lru_cache
 from itertools import combinations
-from typing import NamedTuple
 
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.programs.syntax import (
@@ -148,7 +147,9 @@ def _has_negation(tree: Node) -> bool:
         uses(tree, "NOT")
         or any(isinstance(node, Not) for node in walk(tree))
         or any(
-            operator in ("!=", "not in") or _says_none(left, operator, right) or literal_bool(right) is False
+            operator in ("!=", "not in")
+            or _says_none(left, operator, right)
+            or (isinstance(right, Constant) and right.value is False)
             for left, operator, right in comparisons(tree)
         )
     )
@@ -185,7 +186,8 @@ def _has_presupposition(tree: Node) -> bool:
     """
     if uses(tree, "min"):
         return True
-    if any(not are_neighbours(*arguments(call)) for call in calls(tree, "unique")):
+    subjects = [arguments(call)[0] for call in calls(tree, "unique")]
+    if not all(isinstance(subject, Call) and subject.word.group == "related items" for subject in subjects):
         return True
     return any(
         selections(one) & selections(other)
@@ -304,14 +306,6 @@ def syntactic_phenomena(statement: str) -> frozenset[SyntacticPhenomenon]:
 # Queries on syntax trees: counts, comparisons, selections, conjunctions
 
 
-class Compared(NamedTuple):
-    """A comparison `left operator right`, written with an operator or a word."""
-
-    left: Node
-    operator: str
-    right: Node
-
-
 def word_name(node: Node) -> str | None:
     """The name of the word that the node calls or refers to."""
     return node.word.name if isinstance(node, Call | WordName) else None
@@ -336,30 +330,29 @@ def arguments(node: Node) -> tuple[Node, ...]:
     return tuple(children(node)) if isinstance(node, Call) else ()
 
 
-def comparisons(tree: Node) -> Iterator[Compared]:
-    """Every comparison in the tree; a constant operand is moved to the right."""
+def comparisons(tree: Node) -> Iterator[tuple[Node, str, Node]]:
+    """Left side, operator and right side of every comparison, written with an operator or a word.
+
+    A constant operand is moved to the right.
+    """
     for node in walk(tree):
         if isinstance(node, Comparison):
             lefts = (node.left, *node.rights)
-            found = [Compared(*pair) for pair in zip(lefts, node.operators, node.rights, strict=False)]
+            found = list(zip(lefts, node.operators, node.rights, strict=False))
         elif isinstance(node, Call) and node.word.group == "comparison":
             left, right = arguments(node)
-            found = [Compared(left, _OPERATOR_OF_WORD.get(node.word.name, "=="), right)]
+            found = [(left, _OPERATOR_OF_WORD.get(node.word.name, "=="), right)]
         else:
             continue
         for left, operator, right in found:
             if isinstance(left, Constant) and not isinstance(right, Constant):
-                yield Compared(right, MIRRORED.get(operator, operator), left)
+                yield right, MIRRORED.get(operator, operator), left
             else:
-                yield Compared(left, operator, right)
+                yield left, operator, right
 
 
 def literal_int(node: Node) -> int | None:
     return node.value if isinstance(node, Constant) and type(node.value) is int else None
-
-
-def literal_bool(node: Node) -> bool | None:
-    return node.value if isinstance(node, Constant) and isinstance(node.value, bool) else None
 
 
 def is_literal(node: Node) -> bool:
@@ -378,17 +371,11 @@ def is_count(node: Node) -> bool:
     return any(counted_set(part) is not None for part in parts)
 
 
-def selected_from(node: Node) -> Node | None:
-    """The set that the node selects from."""
-    return arguments(node)[0] if word_name(node) in FILTERING and arguments(node) else None
-
-
 def selection_sources(node: Node) -> Iterator[Node]:
     """The set that the node selects from, followed by the set that one was selected from, and so on."""
-    found = selected_from(node)
-    while found is not None:
-        yield found
-        found = selected_from(found)
+    while word_name(node) in FILTERING and arguments(node):
+        node = arguments(node)[0]
+        yield node
 
 
 def structure_key(node: Node, bound: tuple[str, ...] = ()) -> tuple[object, ...]:
@@ -438,18 +425,13 @@ def counts_values(node: Node) -> bool:
     return counted is not None and word_name(counted) in _VALUE_SETS
 
 
-def are_neighbours(items: Node) -> bool:
-    """Whether the items are the result of a related-items word, such as `get_above`."""
-    return isinstance(items, Call) and items.word.group == "related items"
-
-
 def selections(tree: Node) -> set[tuple[object, ...]]:
     """Keys of the sets that the tree selects, without those that depend on variables bound in the tree."""
     bound_inside = {node.parameter for node in walk(tree) if isinstance(node, Lambda)}
     return {
         structure_key(node)
         for node in walk(tree)
-        if selected_from(node) is not None and not bound_inside & free_variables(node)
+        if any(selection_sources(node)) and not bound_inside & free_variables(node)
     }
 
 
