@@ -7,12 +7,10 @@ compares them with an untrained network, random policies and the expert, and wri
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from shutil import get_terminal_size
 
 from lilgym_mp import options
 from lilgym_mp.cli.experiment_plan import PlannedRun
@@ -21,7 +19,7 @@ from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, tr
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
+from lilgym_mp.evaluation.report import results_json, results_markdown, shown_results
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.terminal import Progress
@@ -112,19 +110,16 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     """Writes and prints the results."""
     parser = directory / RUNS / PARSE_AND_PLAN
     explanation = _explanation(parser, plan.settings)
-    summary = "\n\n".join([str(plan), table(results), supervision_table(results), legend(results)])
     write_json(directory / "results.json", results_json(results, with_episodes=True))
-    write_text(directory / "results.md", f"{summary}\n")
+    write_text(directory / "results.md", f"{plan}\n\n{results_markdown(results)}\n")
     write_text(directory / "explanation.txt", f"{explanation}\n")
     films = {name: directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)}
     for name, film in films.items():
         (result,) = (result for result in results if result.name == name)
         evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
         film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
-    if sys.stdout.isatty():
-        summary = f"{plan}\n\n{terminal_tables(results, get_terminal_size().columns)}"
     print(
-        f"\n{summary}\n\n{explanation}\n\n"
+        f"\n{plan}\n\n{shown_results(results)}\n\n{explanation}\n\n"
         f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"
         f"films:   {', '.join(map(str, films.values()))}\n"
         f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate them on other tasks, such as:\n"

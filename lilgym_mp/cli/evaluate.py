@@ -7,12 +7,10 @@ one. Random policies are evaluated too, for comparison, unless --policy or --alo
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
-from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from lilgym_mp.choices import choose
@@ -31,7 +29,7 @@ from lilgym_mp.evaluation.policies import (
 )
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.report import legend, results_json, supervision_table, table, terminal_tables
+from lilgym_mp.evaluation.report import results_json, shown_results
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.options import (
@@ -149,10 +147,7 @@ def run(args: argparse.Namespace) -> int:
         for plan in plans:
             results += _played(named, plan, args, progress)
             print(f"{plan}: done", flush=True)
-    if sys.stdout.isatty():
-        print(f"\n{terminal_tables(results, get_terminal_size().columns)}")
-    else:
-        print(f"\n{table(results)}\n\n{supervision_table(results)}\n\n{legend(results)}")
+    print(f"\n{shown_results(results)}")
     for warning in warnings(results):
         print(warning)
     if args.json is not None:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
+from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
 
@@ -72,6 +73,17 @@ def terminal_tables(results: Sequence[Result], width: int) -> str:
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
     return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
+
+
+def results_markdown(results: Sequence[Result]) -> str:
+    """All tables and the legend."""
+    return "\n\n".join([table(results), supervision_table(results), legend(results)])
+
+
+def shown_results(results: Sequence[Result]) -> str:
+    """The results laid out for the terminal, or as Markdown if standard output is none."""
+    columns = get_terminal_size().columns
+    return terminal_tables(results, columns) if sys.stdout.isatty() else results_markdown(results)
 
 
 def supervision_table(results: Sequence[Result]) -> str:
