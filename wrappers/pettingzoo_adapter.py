@@ -16,7 +16,8 @@ from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
 from lilgym_mp.arrays import BoolArray, Int8Array
-from lilgym_mp.envs.proposer_verifier.engine import MASK, PARTS, BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.rules import State
@@ -79,22 +80,22 @@ class TransformedAgent:
 
     def rewards(self, rewards: Sequence[float]) -> list[float]:
         """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
-        state, mdp, before = self._engine.state, self._mdp, self._potential
-        is_over = self.has_restarted or not state.movers
+        mdp, last, potential = self._engine.state.mdp, self._mdp, self._potential
+        is_over = self.has_restarted or not self._engine.movers
         if self.has_restarted:
             self.reset()
-        elif mdp is not None and (is_over or state.mdp is not mdp):
-            self._mdp = None if is_over else state.mdp
-            self._potential = np.zeros(1) if is_over else self.transformation.potentials([state.mdp])
-        if mdp is None or (state.mdp is mdp and not is_over):
+        elif last is not None and (is_over or mdp.steps != last.steps):
+            self._mdp = None if is_over else mdp
+            self._potential = np.zeros(1) if is_over else self.transformation.potentials([mdp])
+        if last is None or (mdp.steps == last.steps and not is_over):
             return list(rewards)
         after, ones = 0.0 if is_over else self._potential, np.ones(len(rewards))
-        return self.transformation.rewards(np.array(rewards, np.float64), before * ones, after * ones).tolist()
+        return self.transformation.rewards(np.array(rewards, np.float64), potential * ones, after * ones).tolist()
 
     @property
     def has_restarted(self) -> bool:
         """Whether no turn of the game has been played: after a step, a wrapper such as MultiEpisodeEnv has reset it."""
-        return self._engine.last_step is None
+        return not self._engine.has_played
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         parts, mask = observation[PARTS], observation[MASK]
@@ -130,7 +131,7 @@ class TransformedAgent:
 
     @property
     def _proposes(self) -> bool:
-        return self._role is Role.PROPOSER and Role.PROPOSER in self._engine.state.movers
+        return self._role is Role.PROPOSER and Role.PROPOSER in self._engine.movers
 
     def _state(self, mask: Int8Array | None) -> GameEnvState:
         return GameEnvState(self.transformation.env_description, self._engine, mask)

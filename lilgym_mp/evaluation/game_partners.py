@@ -22,8 +22,8 @@ from lilgym_mp.envs.proposer_verifier import (
     Role,
     TargetOnlyVerifier,
 )
-from lilgym_mp.envs.proposer_verifier.partners import encode_answer, encode_answers
-from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, encode_answers
+from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.render import draw
 from lilgym_mp.rules import Dynamics, State
@@ -81,7 +81,7 @@ class ExpertProposer:
         return self._plans[key]
 
 
-class AgentPartner:
+class AgentPartner(BatchPartner):
     """A single-agent trained agent in one seat.
 
     It acts on the half-size image, the statement and the target, whatever its seat's view: a proposer proposes the
@@ -92,18 +92,7 @@ class AgentPartner:
         self._policy = policy
         self._needs_masks: bool = getattr(policy, "needs_masks", True)
 
-    def __call__(self, turn: PartnerTurn) -> int:
-        game, state = turn.game, turn.state
-        legal = game.config.dynamics.legal_mask(state.mdp)[None] if self._needs_masks else None
-        chosen = int(self._chosen([state.mdp], np.zeros(1, np.int64), legal, turn.rng)[0])
-        if turn.role is Role.PROPOSER:
-            action = game.encode_action(Role.PROPOSER, chosen)
-            return action if turn.action_mask[action] else turn.random_action()
-        is_edit = state.proposal not in (None, NO_CHOICE, STOP_ACTION)
-        return encode_answer(game, accepts=is_edit or chosen == STOP_ACTION)
-
     def batch(self, turn: BatchTurn) -> Int64Array:
-        """The actions in many games."""
         games, indices = turn.games, turn.indices
         legal = games.legal()[indices] if self._needs_masks else None
         chosen = self._chosen([games.mdp(index) for index in indices.tolist()], turn.episodes, legal, turn.rngs[0])
@@ -111,8 +100,7 @@ class AgentPartner:
             actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
             is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
             return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
-        is_edit = games.proposals[indices] > STOP_ACTION
-        return encode_answers(turn.game, is_edit | (chosen == STOP_ACTION))
+        return encode_answers(turn.game, turn.is_edit | (chosen == STOP_ACTION))
 
     def _chosen(
         self, states: Sequence[State], episodes: Int64Array, legal: BoolArray | None, rng: np.random.Generator

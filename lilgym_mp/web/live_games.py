@@ -43,7 +43,7 @@ class LiveGame:
 
     @property
     def over(self) -> bool:
-        return not self.engine.state.movers
+        return not self.engine.movers
 
     def legal(self, role: Role) -> list[int]:
         """Indices of the agent's legal actions except "wait"; empty if it has chosen or the game is over."""
@@ -56,13 +56,13 @@ class LiveGame:
         """Plays turns until a person must act or the game is over. Responds with 422 if a partner cannot play."""
         try:
             for _ in range(MAX_PARTNER_TURNS):
-                movers = self.engine.state.movers
+                movers = self.engine.movers
                 if not movers or any(self._choose(role) is None for role in movers):
                     return
                 proposer, verifier = (self.chosen[role] if role in movers else None for role in Role)
-                step = self.engine.step(proposer, verifier)
+                result = self.engine.step(proposer, verifier)
                 self.chosen = [None, None]
-                self.rewards = [total + reward for total, reward in zip(self.rewards, step.rewards, strict=True)]
+                self.rewards = [total + reward for total, reward in zip(self.rewards, result.rewards, strict=True)]
         except (PartnerError, ValueError) as fault:
             raise http_error(422, f"the partner cannot play this game: {fault}") from None
 

@@ -15,8 +15,6 @@ from lilgym_mp.task import Task
 
 # Plain ints for arrays: with enum members NumPy runs Python code, which takes microseconds and can swallow a Ctrl-C.
 CORRECT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(status) for status in ActionStatus)
-_EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # indexed by whether the edit is valid
-_STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # indexed by whether the target is reached
 
 
 class Core(ABC):
@@ -30,8 +28,6 @@ class Core(ABC):
         self._tasks = list(tasks)
         self._buffers = buffers
         self._all_env_ids = np.arange(len(buffers.action))
-        results = dynamics.step_results
-        self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
 
     def set_task(self, index: int, task: Task) -> None:
         """Replaces a task that no environment plays."""
@@ -42,23 +38,6 @@ class Core(ABC):
         self._buffers.task[env_ids] = tasks
         self._buffers.steps[env_ids] = 0
         self._start_episodes(env_ids, tasks)
-
-    def step(self, env_ids: Int64Array | None) -> None:
-        """Takes `buffers.action` in environments (k,), ascending, or in all; `rules.Dynamics.step` for arrays."""
-        buffers = self._buffers
-        chosen = slice(None) if env_ids is None else env_ids
-        env_ids = self._all_env_ids if env_ids is None else env_ids
-        actions = buffers.action[chosen]
-        steps = buffers.steps[chosen] + 1
-        last = steps >= self.dynamics.horizon
-        reasons = self._edit(env_ids, actions, self._applies.take(last))
-        status = _EDIT_STATUS.take(reasons == NO_REASON)
-        stops = (actions == 0).nonzero()[0]
-        if len(stops):
-            status[stops] = _STOP_STATUS.take(self._solved(env_ids[stops]))
-        buffers.steps[chosen] = steps
-        buffers.result[chosen] = result_index(status, last=last)
-        buffers.invalid[chosen] = reasons
 
     def wait(self, env_ids: Int64Array) -> None:
         """`rules.Dynamics.wait` for environments (k,)."""
@@ -78,6 +57,10 @@ class Core(ABC):
         self._buffers.goal[:] = self._solved(self._all_env_ids)
 
     @abstractmethod
+    def step(self, env_ids: Int64Array | None) -> None:
+        """Takes `buffers.action` in environments (k,), ascending, or in all; `rules.Dynamics.step` for arrays."""
+
+    @abstractmethod
     def write_masks(self) -> None:
         """Updates `buffers.mask` of all environments."""
 
@@ -88,13 +71,6 @@ class Core(ABC):
     @abstractmethod
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         """Sets scenes and images of environments (k,) to the start scenes of tasks (k,)."""
-
-    @abstractmethod
-    def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        """Makes valid edits where `applies` (k,).
-
-        Returns (k,) why actions are invalid, as in `buffers.invalid`; NO_REASON for valid edits and STOP.
-        """
 
     @abstractmethod
     def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]:

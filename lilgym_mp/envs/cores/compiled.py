@@ -11,19 +11,21 @@ import numpy as np
 
 from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
 from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.envs.buffers import Buffers
+from lilgym_mp.envs.buffers import NO_REASON, Buffers
 from lilgym_mp.envs.cores import kernels
-from lilgym_mp.envs.cores.base import Core
+from lilgym_mp.envs.cores.base import CORRECT_STOP, INVALID_EDIT, VALID_EDIT, WRONG_STOP, Core
 from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, DrawingTables, Scenes, StartScenes, compiling
 from lilgym_mp.envs.cores.program_evaluator import ArrayProgramEvaluator, BoxLowering
 from lilgym_mp.observation import EMPTY
 from lilgym_mp.render import draw, image_shape, shrink_of
 from lilgym_mp.render.canvas import LARGEST_PATCH
 from lilgym_mp.render.drawing import palette, stamp
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.rules import Dynamics, result_index
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 from lilgym_mp.task import Task
 
+_EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # indexed by whether the edit is valid
+_STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # indexed by whether the target is reached
 NO_VERSION = -2  # older than any version by more than one added item
 _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 
@@ -33,6 +35,8 @@ class CompiledCore(Core):
 
     def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
+        results = dynamics.step_results
+        self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
         rows, capacity = BOX_COUNT * len(buffers.action), buffers.items.shape[2]
         side = BOX_SIDE // shrink_of(image_size)
         self._image_size = image_size
@@ -65,6 +69,29 @@ class CompiledCore(Core):
         self._has_start[index] = False
         self._targets[index] = task.target
         self._evaluator.forget(index)
+
+    def step(self, env_ids: Int64Array | None) -> None:
+        buffers = self._buffers
+        chosen = slice(None) if env_ids is None else env_ids
+        env_ids = self._all_env_ids if env_ids is None else env_ids
+        actions = buffers.action[chosen]
+        steps = buffers.steps[chosen] + 1
+        last = steps >= self.dynamics.horizon
+        reasons = self._edit(env_ids, actions, self._applies.take(last))
+        status = _EDIT_STATUS.take(reasons == NO_REASON)
+        stops = (actions == 0).nonzero()[0]
+        if len(stops):
+            status[stops] = _STOP_STATUS.take(self._solved(env_ids[stops]))
+        buffers.steps[chosen] = steps
+        buffers.result[chosen] = result_index(status, last=last)
+        buffers.invalid[chosen] = reasons
+
+    @abstractmethod
+    def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
+        """Makes valid edits where `applies` (k,).
+
+        Returns (k,) why actions are invalid, as in `buffers.invalid`; NO_REASON for valid edits and STOP.
+        """
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for task in tasks.tolist():

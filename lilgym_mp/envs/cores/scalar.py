@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
-
-from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.arrays import Int64Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.observation import item_array
 from lilgym_mp.render import Canvas
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
@@ -22,35 +21,53 @@ class ScalarCore(Core):
     def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         super().__init__(dynamics, tasks, buffers)
         self._scenes = [tasks[0].start] * len(buffers.action)
-        self._canvases = [Canvas(image_size, image) for image in buffers.image]
+        self._image_size = image_size
+        self._canvases = self._new_canvases()
+
+    def _new_canvases(self) -> list[Canvas]:
+        return [Canvas(self._image_size, image) for image in self._buffers.image]
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """A copy's canvases draw into its own buffers."""
+        self.__dict__.update(state)
+        self._canvases = self._new_canvases()
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:
         for env_id, task in zip(env_ids.tolist(), tasks.tolist(), strict=True):
             self._scenes[env_id] = self._tasks[task].start
             self._canvases[env_id].show(self._scenes[env_id])
 
-    def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
-        decode, apply = self.dynamics.appearance.decode, self.dynamics.appearance.apply
-        placement, scenes = self.dynamics.rules.placement, self._scenes
-        reasons: list[int] = []
-        for env_id, action, done in zip(env_ids.tolist(), actions.tolist(), applies.tolist(), strict=True):
-            reason = NO_REASON
-            if action != 0:
-                scene, invalid = apply(scenes[env_id], decode(action), placement)
-                if invalid is not None:
-                    reason = REASON_INDICES[invalid]
-                elif done:
-                    scenes[env_id] = scene
-                    self._canvases[env_id].show(scene)
-            reasons.append(reason)
-        return np.array(reasons, np.int64)
+    def step(self, env_ids: Int64Array | None) -> None:
+        buffers, dynamics, scenes = self._buffers, self.dynamics, self._scenes
+        for env_id in (self._all_env_ids if env_ids is None else env_ids).tolist():
+            action = dynamics.appearance.decode(int(buffers.action[env_id]))
+            after, result, invalid = dynamics.step(self.state(env_id), action)
+            if after.scene is not scenes[env_id]:
+                scenes[env_id] = after.scene
+                self._canvases[env_id].show(after.scene)
+            buffers.steps[env_id] = after.steps
+            buffers.result[env_id] = result.code
+            buffers.invalid[env_id] = NO_REASON if invalid is None else REASON_INDICES[invalid]
+
+    def state(self, env_id: int) -> State:
+        buffers = self._buffers
+        return State(self._tasks[buffers.task[env_id]], self._scenes[env_id], int(buffers.steps[env_id]))
+
+    def wait(self, env_ids: Int64Array) -> None:
+        buffers = self._buffers
+        for env_id in env_ids.tolist():
+            after, result, _ = self.dynamics.wait(self.state(env_id))
+            buffers.steps[env_id], buffers.result[env_id] = after.steps, result.code
+            buffers.invalid[env_id] = NO_REASON
 
     def _scenes_of(self, env_ids: Int64Array) -> list[Scene]:
         return [self._scenes[env_id] for env_id in env_ids.tolist()]
 
     def write_masks(self) -> None:
-        for mask, scene in zip(self._buffers.mask, self._scenes, strict=True):
-            mask[:] = self.dynamics.appearance.legal_mask(scene, self.dynamics.rules.placement)
+        masks, legal_mask = self._buffers.mask, self.dynamics.appearance.legal_mask
+        placement = self.dynamics.rules.placement
+        for env_id, scene in enumerate(self._scenes):
+            masks[env_id] = legal_mask(scene, placement)
 
     def write_items(self) -> None:
         items = self._buffers.items

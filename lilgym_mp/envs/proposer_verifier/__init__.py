@@ -21,6 +21,7 @@ from lilgym_mp.envs.proposer_verifier.metrics import (
     play_games,
     summarise,
 )
+from lilgym_mp.envs.proposer_verifier.observations import read_text
 from lilgym_mp.envs.proposer_verifier.partners import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
@@ -41,7 +42,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOL
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
-from lilgym_mp.envs.proposer_verifier.views import VIEWS, View, read_text
+from lilgym_mp.envs.proposer_verifier.views import VIEWS, View
 from lilgym_mp.extras import install
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None

@@ -16,20 +16,12 @@ from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import checked_count, checked_flag, checked_seed
-from lilgym_mp.envs.proposer_verifier.engine import (
-    AgentObservation,
-    Info,
-    agent_infos,
-    agent_spaces,
-    intent_option,
-    truth_info,
-)
+from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, intent_option
 from lilgym_mp.envs.proposer_verifier.game import TurnError
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.game_arrays import Info
+from lilgym_mp.envs.proposer_verifier.observations import AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
-from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.proposer_verifier.views import ImagePart, make_parts, with_tasks
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings, with_tasks
 from lilgym_mp.envs.single import next_draws
 
 BatchStep = tuple[
@@ -88,12 +80,12 @@ class BatchedGames:
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}
         self.single_action_spaces: dict[str, spaces.Discrete] = {}
-        self._parts = make_parts(setup)
-        for agent, parts, count in zip(AGENTS, self._parts, setup.game.action_counts, strict=True):
+        self._games = ObservedGames(setup, num_games)
+        for agent, parts, count in zip(AGENTS, self._games.parts, setup.game.action_counts, strict=True):
             self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
         self._copies = checked_flag("copy", copy)
-        self._games = GameArrays(setup, num_games)
         self._all = np.arange(num_games)
+        self._own_turn_rewards = np.zeros((len(Role), num_games))
         self._is_started = False
         self._generators: list[np.random.Generator] = []  # empty before the first reset
         self._draws: list[list[int]] = [[] for _ in range(num_games)]  # task indices drawn in advance, next one last
@@ -134,6 +126,7 @@ class BatchedGames:
                 tasks[position] = self._sample_task_index(index) if task is None else task
             if intent is None:
                 intents[position] = int(setup.sample_intent(self._generators[index]))
+        self._own_turn_rewards[:, indices] = 0
         self._games.start(indices, tasks if sampled is None else sampled, intents)
 
     def _sampled(self, indices: Int64Array) -> Int64Array:
@@ -157,11 +150,15 @@ class BatchedGames:
         if not self._is_started:
             raise ResetNeeded("call reset first")
         games = self._games
-        games.step(*self._checked_actions(actions))
-        rewards, terminated, truncated = games.rewards, games.terminated, games.truncated
+        proposers, verifiers = self._checked_actions(actions)
+        moved = games.movers.copy()
+        games.step(proposers, verifiers)
+        self._own_turn_rewards = np.where(moved, 0.0, self._own_turn_rewards) + games.rewards
+        rewards = dict(zip(AGENTS, games.rewards.copy(), strict=True))
+        terminated, truncated = games.terminated.copy(), games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
         infos: dict[str, Any] = {
-            "own_turn_rewards": games.own_turn_rewards.T.copy(),
+            "own_turn_rewards": self._own_turn_rewards.T.copy(),
             "probability": games.probabilities,
             "is_success": games.successes,
         }
@@ -171,7 +168,7 @@ class BatchedGames:
             infos |= self._final_infos(ended)
             self._start(ended, {})
         infos |= self._infos()
-        return self._observations(), dict(zip(AGENTS, rewards, strict=True)), terminated, truncated, infos
+        return self._observations(), rewards, terminated, truncated, infos
 
     def _infos(self) -> dict[str, Any]:
         """The info entries of the games now in play."""
@@ -199,41 +196,15 @@ class BatchedGames:
         return array.astype(np.int64, copy=False)
 
     def _observations(self) -> dict[str, AgentObservation]:
-        return self._observe(self._all, copies_images=self._copies)
-
-    def _observe(self, indices: Int64Array, *, copies_images: bool = True) -> dict[str, AgentObservation]:
-        """Both agents' observations of games (k,) as arrays (k, ...); parts that both see are encoded once."""
-        games = self._games
-        encoded: dict[int, NDArray[Any]] = {}  # by id of the part
-        for part in (part for parts in self._parts for part in parts.values()):
-            if not copies_images and isinstance(part, ImagePart):
-                encoded[id(part)] = games.images
-            elif id(part) not in encoded:
-                encoded[id(part)] = part.encode_batch(games, indices)
-        return {
-            AGENTS[role]: {
-                "observation": {key: encoded[id(part)] for key, part in self._parts[role].items()},
-                "action_mask": games.masks(role, indices),
-            }
-            for role in Role
-        }
+        return self._games.observe_both(self._all, None if self._copies else self._games.images)
 
     def _final_infos(self, ended: Int64Array) -> dict[str, Any]:
         """The info entries for games (k,) that have just ended."""
         infos: list[dict[str, Info] | None] = [None] * self.num_games
         for index in ended.tolist():
-            infos[index] = self._final_info(index)
-        observations = FinalObservations(self.num_games, ended, self._observe(ended))
+            infos[index] = dict(zip(AGENTS, self._games.infos(index), strict=True))
+        observations = FinalObservations(self.num_games, ended, self._games.observe_both(ended))
         return {"final_observation": observations, "final_info": tuple(infos)}
-
-    def _final_info(self, index: int) -> dict[str, Info]:
-        setup, games = self._setup, self._games
-        shared: Info = {}
-        if setup.reveals_truth:
-            intent = Intent(int(games.intents[index]))
-            shared = truth_info(setup, games.mdp(index), intent, games.last_judgement(index))
-        infos = agent_infos(shared | games.end_info(index), games.last_illegal(index))
-        return dict(zip(AGENTS, infos, strict=True))
 
     def close(self) -> None:
         """Does nothing: there are no resources besides memory."""

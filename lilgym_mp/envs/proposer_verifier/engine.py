@@ -1,9 +1,9 @@
-"""The current game and its observations: GameEngine, and the base of both PettingZoo environments around it."""
+"""One game in play, and the base of both PettingZoo environments around it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, SupportsIndex, cast
+from typing import Any, NamedTuple, SupportsIndex, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -15,26 +15,22 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
+from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
-from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, Part, Value, make_parts, with_tasks
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings, GameSetup, with_tasks
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer
-from lilgym_mp.envs.single import end_info
 from lilgym_mp.observation import image_space
 from lilgym_mp.render import draw
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
 from lilgym_mp.task import Task
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
-
-NESTED = "nested"
-PARTS, MASK, IMAGE = "observation", "action_mask", "image"  # keys of nested observations
-AgentObservation = dict[str, Any]  # {"observation": {key: array}, "action_mask": int8 (actions,)}
-Info = dict[str, Any]
+NESTED, IMAGE = "nested", "image"
 
 
 def role_of(agent: object) -> Role:
@@ -54,52 +50,43 @@ def intent_option(options: Mapping[str, Any]) -> Intent | None:
     return choose("intent", options["intent"], INTENTS) if "intent" in options else None
 
 
-def truth_info(setup: GameSetup, mdp: State, intent: Intent, judgement: Judgement | None = None) -> Info:
-    """Info entries of the setting `reveal_truth`."""
-    info: Info = {
-        "truth": mdp.task.truth(mdp.scene),
-        "goal_reached": setup.game.config.dynamics.goal_reached(mdp),
-        "intent": intent.name.lower(),
-    }
-    if judgement is not None:
-        info["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
-    return info
+class TurnResult(NamedTuple):
+    """The result of one turn. Pairs are by Role."""
 
-
-def agent_infos(shared: Info, illegal: tuple[bool, bool]) -> tuple[Info, Info]:
-    """Both agents' infos, by Role: the shared entries and "illegal_choice"."""
-    proposer, verifier = ({**shared, "illegal_choice": True} if wrong else shared.copy() for wrong in illegal)
-    return proposer, verifier
+    rewards: tuple[float, float]
+    terminated: bool
+    truncated: bool
+    infos: tuple[Info, Info]
 
 
 class GameEngine:
-    """The state of the current game, a random generator, observation encoders and rendering."""
+    """One game: a batch of one, with a random generator and rendering."""
+
+    index = 0  # of the game in `games`
 
     def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
-        self.setup = setup
+        self.setup = setup  # from the next reset on
         self.game = setup.game
+        self.games = ObservedGames(setup, 1)
+        self.rng, _ = seeding.np_random()
         self._renderer = Renderer(render_mode)
         self.render_mode = self._renderer.mode
-        self.rng, _ = seeding.np_random()
-        self.parts = make_parts(setup)
-        proposer, verifier = self.parts
-        shared = {key: part.encode for key, part in proposer.items() if verifier.get(key) is part}
-        self._shared_encoders = list(shared.items())
-        self._own_encoders = tuple(
-            [(key, part.encode) for key, part in parts.items() if key not in shared] for parts in self.parts
-        )
-        self._shared_values: dict[str, Value] = {}  # cache of the shared parts, encoded from `_encoded_state`
-        self._encoded_state: GameState | None = None
-        self.last_step: GameStep | None = None
-        self._state: GameState | None = None
-        self._last_actions = ""  # as text, for the caption
+        self._actions = np.zeros((len(Role), 1), np.int64)  # by Role, of the last turn
+        self._is_started = False
+        self.has_played = False  # whether a turn of this game has been played
+        self._last_actions, self._last_result = "", ""  # as text, for the caption
 
     @property
     def state(self) -> GameState:
         """The state of the game. Raises ResetNeeded before the first reset."""
-        if self._state is None:
+        if not self._is_started:
             raise ResetNeeded("call reset first")
-        return self._state
+        return self.games.state(0)
+
+    @property
+    def movers(self) -> tuple[Role, ...]:
+        """The agents to act; empty before the first reset and after the end."""
+        return self.games.movers_of(0)
 
     def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
@@ -109,114 +96,78 @@ class GameEngine:
         if seed is not None:
             self.rng, _ = seeding.np_random(seed)
         setup, options = self.setup, options or {}
-        tasks = setup.tasks
-        index = tasks.index_of(options["task"]) if "task" in options else setup.sample_task_index(self.rng)
+        task = setup.tasks.index_of(options["task"]) if "task" in options else setup.sample_task_index(self.rng)
         intent = intent_option(options)
-        state = self._state = self.game.start(tasks[index], setup.sample_intent(self.rng) if intent is None else intent)
-        self.last_step = None
-        self._last_actions = ""
+        intent = setup.sample_intent(self.rng) if intent is None else intent
+        if self.games.setup is not setup:
+            self.games = ObservedGames(setup, 1)
+        self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
+        self._is_started, self.has_played = True, False
+        self._last_actions = self._last_result = ""
         if self.render_mode == "human":
             self.render()
-        if not setup.reveals_truth:
-            return {}, {}
-        info = {"task": tasks[index].id, **truth_info(setup, state.mdp, state.intent)}
+        info = self.games.truth_info(0)
+        if info:
+            info = {"task": setup.tasks[task].id, **info}
         return info, info.copy()
 
-    def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> GameStep:
-        """Plays one turn. Raises ResetNeeded before reset and after the end; otherwise as `Game.step`."""
-        state = self._state
-        if state is None or not state.movers:
-            raise ResetNeeded("call reset first" if state is None else "the game is over; call reset before acting")
-        step = self.last_step = self.game.step(state, proposer, verifier)
-        self._state = step.state
+    def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> TurnResult:
+        """Plays one turn; the action of an agent out of turn is ignored, and illegal unless it is "wait" or None.
+
+        Raises ResetNeeded before reset and after the end, TurnError for None from an agent that is to move, ActionError
+        for an action outside the action space.
+        """
+        games, movers = self.games, self.movers
+        if not movers:
+            raise ResetNeeded("the game is over; call reset before acting" if self._is_started else "call reset first")
+        actions = self._actions
+        for role, action in ((PROPOSER, proposer), (VERIFIER, verifier)):
+            actions[role, 0] = self._wait(role) if action is None else self.game.checked_action(role, action)
         if self.render_mode is not None:
-            answered = None if state.proposal is None else self.game.encode_action(PROPOSER, state.proposal)
-            described = [
-                f"{AGENTS[role]}: {self.game.describe(role, action)}"
-                for role, action in ((PROPOSER, proposer if answered is None else answered), (VERIFIER, verifier))
-                if action is not None
-            ]
-            self._last_actions = ";  ".join(described)
+            self._last_actions = self._describe_actions(movers)
+        games.step(actions[PROPOSER], actions[VERIFIER])
+        self.has_played = True
+        proposer_reward, verifier_reward = games.rewards[:, 0].tolist()
+        if self.render_mode is not None:
+            outcome = games.last_outcome(0)
+            rewards = f"rewards {proposer_reward:+.1f} and {verifier_reward:+.1f}"
+            self._last_result = "" if outcome is None else f"{outcome}, {rewards}"
         if self.render_mode == "human":
             self.render()
-        return step
-
-    def step_both(self, proposer: SupportsIndex, verifier: SupportsIndex) -> tuple[GameStep, tuple[Info, Info]]:
-        """Plays one turn with an action from each agent; returns the step and both infos.
-
-        In turn-based protocols the action of the agent out of turn is ignored, and illegal unless it is "wait".
-        """
-        game = self.game
-        if not game.turn_based:
-            step = self.step(proposer, verifier)
-            return step, self.infos(step)
-        if VERIFIER in self.state.movers:
-            idle, waited = PROPOSER, game.is_wait(PROPOSER, proposer)
-            step = self.step(None, verifier)
-        else:
-            idle, waited = VERIFIER, game.is_wait(VERIFIER, verifier)
-            step = self.step(proposer, None)
-        infos = self.infos(step)
-        if not waited:
-            infos[idle]["illegal_choice"] = True
-        return step, infos
-
-    def infos(self, step: GameStep) -> tuple[Info, Info]:
-        """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
-        state, _, terminated, truncated, transition, illegal, _, _ = step
-        is_over, reveals_truth = terminated or truncated, self.setup.reveals_truth
-        if not (is_over or reveals_truth or illegal[0] or illegal[1]):
-            return {}, {}
-        shared: Info = {}
-        if reveals_truth:
-            shared = truth_info(self.setup, state.mdp, state.intent, step.judgement)
-        if transition is not None and is_over:
-            shared |= end_info(transition.outcome, transition.invalid)
-        return agent_infos(shared, illegal)
-
-    def observe_both(self) -> tuple[AgentObservation, AgentObservation]:
-        """Both agents' observations, by Role; they share the arrays of parts that both see."""
-        state, game = self.state, self.game
-        proposer: dict[str, Value] = {}
-        for key, encode in self._shared_encoders:
-            proposer[key] = encode(state)
-        verifier = proposer.copy()
-        proposer_encoders, verifier_encoders = self._own_encoders
-        for key, encode in proposer_encoders:
-            proposer[key] = encode(state)
-        for key, encode in verifier_encoders:
-            verifier[key] = encode(state)
-        return (
-            {PARTS: proposer, MASK: game.legal_mask(state, PROPOSER)},
-            {PARTS: verifier, MASK: game.legal_mask(state, VERIFIER)},
+        return TurnResult(
+            (proposer_reward, verifier_reward), bool(games.terminated[0]), bool(games.truncated[0]), games.infos(0)
         )
 
+    def _wait(self, role: Role) -> int:
+        """The action "wait". Raises TurnError for an agent that is to move."""
+        wait = self.game.wait_actions[role]
+        if wait is None or role in self.movers:
+            raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
+        return wait
+
+    def _describe_actions(self, movers: tuple[Role, ...]) -> str:
+        """The actions to be played, or the pending proposal and the answer."""
+        chosen = {role: int(self._actions[role, 0]) for role in movers}
+        proposal = self.games.state(0).proposal
+        if proposal is not None:
+            chosen = {PROPOSER: self.game.encode_action(PROPOSER, proposal), **chosen}
+        return ";  ".join(f"{AGENTS[role]}: {self.game.describe(role, action)}" for role, action in chosen.items())
+
     def observe(self, role: Role) -> AgentObservation:
-        """One agent's observation. Until the state changes, both agents' share the arrays of parts that both see."""
-        state = self.state
-        if state is not self._encoded_state:
-            self._shared_values = {key: encode(state) for key, encode in self._shared_encoders}
-            self._encoded_state = state
-        parts = self._shared_values.copy()
-        for key, encode in self._own_encoders[role]:
-            parts[key] = encode(state)
-        return {PARTS: parts, MASK: self.game.legal_mask(state, role)}
+        """One agent's observation: new arrays. Raises ResetNeeded before the first reset."""
+        if not self._is_started:
+            raise ResetNeeded("call reset first")
+        return self.games.observe(role, 0)
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        return self._renderer.render(self.state.mdp.scene, self._caption())
-
-    def _caption(self) -> list[str]:
-        mdp, last = self.state.mdp, self.last_step
+        mdp = self.state.mdp
         horizon = self.game.config.dynamics.horizon
         lines = [
             mdp.task.statement,
             f"Make it {mdp.task.target}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
         ]
-        if last is not None and last.transition is not None:
-            outcome, rewards = last.transition.outcome, " and ".join(f"{reward:+.1f}" for reward in last.rewards)
-            lines.append(f"{outcome}, rewards {rewards}")
-        return lines
+        return self._renderer.render(mdp.scene, [*lines, self._last_result] if self._last_result else lines)
 
     def close(self) -> None:
         self._renderer.close()
@@ -272,19 +223,19 @@ class BaseGameEnv:
         self.action_spaces: dict[str, spaces.Discrete] = {}
         self._converters: dict[str, Convert] = {}  # by agent; none for nested observations
         for role, agent in zip(Role, AGENTS, strict=True):
-            nested, self.action_spaces[agent] = agent_spaces(engine.parts[role], engine.game.action_counts[role])
+            nested, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
             self.observation_spaces[agent] = nested
             if form is not None:
                 self.observation_spaces[agent], self._converters[agent] = form(cast("spaces.Dict", nested[PARTS]))
         self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
         self.state_space = image_space(engine.setup.image_size)
 
-    def _with_masks(self, infos: dict[str, Info]) -> dict[str, Info]:
+    def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
         """Both agents' infos, with the masks if these are not in the observations."""
+        by_agent = {AGENTS[PROPOSER]: infos[PROPOSER], AGENTS[VERIFIER]: infos[VERIFIER]}
         if not self._converters:
-            return infos
-        masks = {agent: self.engine.game.legal_mask(self.engine.state, role) for agent, role in ROLES.items()}
-        return {agent: {**info, MASK: masks[agent]} for agent, info in infos.items()}
+            return by_agent
+        return {agent: {**info, MASK: self.engine.games.masks(ROLES[agent], 0)} for agent, info in by_agent.items()}
 
     def observation_space(self, agent: str) -> Any:
         """{"observation": the agent's parts, "action_mask": int8 (actions,)}, or another form's."""
@@ -310,7 +261,7 @@ class BaseGameEnv:
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on; it must keep their statements."""
-        self.engine.setup = with_tasks(self.engine.setup, change(self.tasks))
+        self.engine.setup = with_tasks(self.engine.setup, change(self.tasks), keep_spaces=True)
 
     @property
     def dynamics(self) -> Dynamics:

@@ -9,8 +9,10 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
-from lilgym_mp.envs.proposer_verifier.engine import NESTED, PARTS, BaseGameEnv, Info, role_of
-from lilgym_mp.envs.proposer_verifier.game import GameStep, TurnError
+from lilgym_mp.envs.proposer_verifier.engine import NESTED, BaseGameEnv, TurnResult, role_of
+from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.game_arrays import Info
+from lilgym_mp.envs.proposer_verifier.observations import PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 
@@ -35,7 +37,7 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         self._cumulative_rewards = dict.fromkeys(AGENTS, 0.0)
         self.terminations = dict.fromkeys(AGENTS, False)
         self.truncations = dict.fromkeys(AGENTS, False)
-        self.infos = self._with_masks(dict(zip(AGENTS, infos, strict=True)))
+        self.infos = self._with_masks(infos)
         self.agent_selection = AGENTS[Role.PROPOSER]
         self._pending = None
         self._skip_agent_selection = None
@@ -63,15 +65,16 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         else:
             self._update(self.engine.step(action, None))
 
-    def _update(self, step: GameStep) -> None:
+    def _update(self, turn: TurnResult) -> None:
         """Sets rewards, flags, infos and the next agent after a turn."""
-        infos = self.engine.infos(step)
-        self.rewards = {PROPOSER_NAME: step.rewards[0], VERIFIER_NAME: step.rewards[1]}
+        rewards, terminated, truncated, infos = turn
+        self.rewards = dict(zip(AGENTS, rewards, strict=True))
         self._accumulate_rewards()
-        self.terminations = dict.fromkeys(AGENTS, step.terminated)
-        self.truncations = dict.fromkeys(AGENTS, step.truncated)
-        self.infos = self._with_masks({PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]})
-        self.agent_selection = AGENTS[step.state.movers[0] if step.state.movers else Role.PROPOSER]
+        self.terminations = dict.fromkeys(AGENTS, terminated)
+        self.truncations = dict.fromkeys(AGENTS, truncated)
+        self.infos = self._with_masks(infos)
+        movers = self.engine.movers
+        self.agent_selection = AGENTS[movers[0] if movers else Role.PROPOSER]
 
 
 class StrictOrderEnforcing(OrderEnforcingWrapper[str, Any, SupportsIndex | None]):
@@ -96,7 +99,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         """`options`: "task", an id of the split; "intent", "helpful" or "sneaky". Others are ignored."""
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
-        return self._observations(), self._with_masks({PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]})
+        return self._observations(), self._with_masks(infos)
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
         """Raises ActionError for an action outside the action space, TurnError unless exactly both agents act,
@@ -105,8 +108,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
             raise ResetNeeded("no agent is active; call reset before step")
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
-        step, infos = self.engine.step_both(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
-        _, rewards, terminated, truncated, _, _, _, _ = step
+        rewards, terminated, truncated, infos = self.engine.step(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
         if terminated or truncated:
             self.agents = []
         return (
@@ -114,15 +116,14 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
             {PROPOSER_NAME: rewards[0], VERIFIER_NAME: rewards[1]},
             {PROPOSER_NAME: terminated, VERIFIER_NAME: terminated},
             {PROPOSER_NAME: truncated, VERIFIER_NAME: truncated},
-            self._with_masks({PROPOSER_NAME: infos[0], VERIFIER_NAME: infos[1]}),
+            self._with_masks(infos),
         )
 
     def _observations(self) -> dict[str, Any]:
-        proposer, verifier = self.engine.observe_both()
-        if self._converters:
-            proposer = self._converters[PROPOSER_NAME](proposer[PARTS])
-            verifier = self._converters[VERIFIER_NAME](verifier[PARTS])
-        return {PROPOSER_NAME: proposer, VERIFIER_NAME: verifier}
+        nested = self.engine.games.observe_both(0)
+        if not self._converters:
+            return nested
+        return {agent: convert(nested[agent][PARTS]) for agent, convert in self._converters.items()}
 
 
 def raw_env(*, render_mode: str | None = None, observations: str = NESTED, **settings: Any) -> ProposerVerifierAEC:

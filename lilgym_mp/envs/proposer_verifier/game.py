@@ -1,23 +1,20 @@
-"""The core of the game: actions, masks, and the pure step function."""
+"""The rules of one game: actions, their names and masks, and a table of all decisions and rewards."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple, SupportsIndex
+from typing import SupportsIndex
 
 import numpy as np
 
 from lilgym_mp.actions import checked_index, describe
-from lilgym_mp.arrays import BoolArray, Int8Array
+from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.protocols import (
     AGENTS,
-    NO_CHOICE,
-    NOBODY_MOVES,
     PROPOSER,
     STOP_ACTION,
     VERIFIER,
-    VERIFIER_MOVES,
     GameProtocol,
     MDPMove,
     ProposalType,
@@ -26,111 +23,54 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
     TurnDecision,
     TurnInput,
 )
-from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, RewardScheme, judgement_in
-from lilgym_mp.rules import State, Transition
-from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
-from lilgym_mp.tuples import new_tuple
+from lilgym_mp.envs.proposer_verifier.rewards import Intent, RewardScheme, judgement_in
 
 SILENCE = 0  # the empty message
-INT8 = np.dtype(np.int8)
 WAIT_NAME = "wait"
-NOTHING, WAIT, PROPOSAL, STOP = MDPMove  # module constants: faster to read than enum members
-EDIT = int(ProposalType.EDIT)
-
-Pair = tuple[float, float]  # by Role
 
 
 class TurnError(ValueError):
-    """An agent acted out of turn, did not act in its turn, or acted after the end."""
-
-
-class PastTurn(NamedTuple):
-    """A turn in the history."""
-
-    proposal: int  # or NO_CHOICE
-    answer: int  # or NO_CHOICE
-    messages: tuple[int, int]  # the last of each agent, by Role
-
-
-class GameState(NamedTuple):
-    """The state of a game. `mdp.steps` counts the rounds."""
-
-    mdp: State
-    movers: tuple[Role, ...]  # the agents to act; empty after the end
-    intent: Intent
-    proposal: int | None = None  # index of the proposed action that awaits the verifier's answer
-    refused: int | None = None  # index of the action refused last; None once an action has been played
-    rejections: int = 0  # in this round
-    messages: tuple[int, int] = (SILENCE, SILENCE)  # the last of each agent, by Role
-    history: tuple[PastTurn, ...] = ()  # the last turns, oldest first
-
-
-class GameStep(NamedTuple):
-    """The result of one turn. Pairs are by Role."""
-
-    state: GameState
-    rewards: Pair
-    terminated: bool
-    truncated: bool
-    transition: Transition | None  # of the MDP; None if it took no step
-    illegal: tuple[bool, bool]  # whose choice was illegal, so counted as no choice
-    decision: TurnDecision
-    mdp_before: State  # the judged scene is that of this state
-
-    @property
-    def judgement(self) -> Judgement | None:
-        """The verifier's judgement of a claim in this turn, if any."""
-        if self.decision.probability is None:
-            return None
-        return judgement_in(self.decision, holds=self.mdp_before.task.solved_by(self.mdp_before.scene))
+    """An agent did not act in its turn, or actions are not for exactly both agents."""
 
 
 class DecisionTable:
-    """Lookup table of every decision of the protocol and every reward, computed once per game.
-
-    `Game.step` reads one entry; `game_arrays` indexes it for many games at once.
-    """
+    """Lookup table of every decision of the protocol and every reward, computed once per game."""
 
     decisions: tuple[TurnDecision, ...]
-    # Index of the decision, by: is_answer, ProposalType, answer, exchanges_spent (the fields of TurnInput). The last
-    # proposal type and the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
-    indices: list[list[list[list[int]]]]
-    # Both agents' rewards, by: index of the decision, index of the MDP's StepResult, whether the claim holds, Intent.
-    rewards: list[list[list[list[Pair]]]]
+    # (turns, proposal types, answers, 2) index of the decision, by the fields of TurnInput. The last proposal type and
+    # the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
+    indices: Int64Array
+    # (2, decisions, results + 1, 2, 2) rewards by Role, index of the decision, index of the MDP's StepResult, whether
+    # the claim holds, Intent.
+    rewards: Float64Array
     no_mdp_step: int  # index used for the StepResult if the MDP takes no step
-    needs_truth: list[bool]  # by index of the decision: whether its rewards depend on whether the claim holds
+    # By index of the decision:
+    mdp_moves: Int64Array  # (decisions,)
+    needs_answer: BoolArray  # (decisions,)
+    probabilities: Float64Array  # (decisions,) NaN without a judgement
+    needs_truth: BoolArray  # (decisions,) whether rewards depend on whether the claim holds
 
     def __init__(self, protocol: GameProtocol, config: ProtocolConfig, rewards: RewardScheme) -> None:
         found: dict[TurnDecision, int] = {}
-
-        def index(turn_input: TurnInput) -> int:
-            return found.setdefault(protocol.decide(config, turn_input), len(found))
-
         answers = (*range(len(protocol.answers(config))), None)
         turns = (False, True) if protocol.turn_based else (False,)
-        self.indices = [
-            [
-                [[index(TurnInput(turn, proposal, answer, spent)) for spent in (False, True)] for answer in answers]
-                for proposal in ProposalType
-            ]
-            for turn in turns
-        ]
+        self.indices = np.empty((len(turns), len(ProposalType), len(answers), 2), np.int64)
+        for turn, kind, answer, spent in np.ndindex(self.indices.shape):
+            turn_input = TurnInput(turns[turn], ProposalType(kind), answers[answer], bool(spent))
+            decision = protocol.decide(config, turn_input)
+            self.indices[turn, kind, answer, spent] = found.setdefault(decision, len(found))
         self.decisions = tuple(found)
+        mdp_moves, needs_answer, probabilities, _ = zip(*self.decisions, strict=True)
+        self.mdp_moves, self.needs_answer = np.array(mdp_moves, np.int64), np.array(needs_answer)
+        self.probabilities = np.array(probabilities, np.float64)
         results = config.dynamics.step_results
         self.no_mdp_step = len(results)
         mdp_rewards = [*(result.reward for result in results), 0.0]
-        self.rewards = [
-            [
-                [
-                    [rewards(reward, judgement_in(decision, holds=holds), intent) for intent in Intent]
-                    for holds in (False, True)
-                ]
-                for reward in mdp_rewards
-            ]
-            for decision in self.decisions
-        ]
-        self.needs_truth = [any(false != true for false, true in pairs) for pairs in self.rewards]
+        self.rewards = np.empty((len(Role), len(found), len(mdp_rewards), 2, len(Intent)))
+        for index, result, holds, intent in np.ndindex(self.rewards.shape[1:]):
+            judgement = judgement_in(self.decisions[index], holds=bool(holds))
+            self.rewards[:, index, result, holds, intent] = rewards(mdp_rewards[result], judgement, Intent(intent))
+        self.needs_truth = (self.rewards[..., 0, :] != self.rewards[..., 1, :]).any(axis=(0, 2, 3))
 
 
 def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
@@ -142,7 +82,7 @@ def _frozen_mask(size: int, legal: Iterable[int]) -> Int8Array:
 
 @dataclass(eq=False, repr=False)
 class Game:
-    """The rules of one game, as pure functions of states.
+    """The rules of one game; `game_arrays.GameArrays` plays it.
 
     An agent's action is choice x (message_size + 1) + message. The proposer's choices are the actions of the MDP, the
     verifier's the answers of the protocol. In turn-based protocols there is one more choice, "wait", the only legal
@@ -154,13 +94,13 @@ class Game:
     rewards: RewardScheme
     message_sizes: tuple[int, int]  # number of messages besides silence, by Role
     message_cost: float  # to the sender, for each message but silence
-    history_length: int  # turns kept in the state
+    history_length: int  # turns kept
     homogeneous: bool  # both action spaces have the size of the larger one; the surplus actions are illegal
 
     def __post_init__(self) -> None:
         dynamics, ending = self.config.dynamics, self.config.ending
         self.turn_based = self.protocol.turn_based
-        self.decision_table = DecisionTable(self.protocol, self.config, self.rewards)
+        self.decision_table = table = DecisionTable(self.protocol, self.config, self.rewards)
         # Legal in an agent's turn, by Role; "wait" follows them.
         edits_and_stop = range(
             STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1, dynamics.appearance.action_count
@@ -175,134 +115,31 @@ class Game:
             _frozen_mask(count, [] if wait is None else [wait])
             for count, wait in zip(self.action_counts, self.wait_actions, strict=True)
         ]
+        self._stop = stops[PROPOSER]  # the proposer's actions from here on are illegal in its turn
+        self._may_stop = ending.proposer_may_stop
         self.answer_mask = _frozen_mask(verifier, range(stops[VERIFIER]))  # the verifier's in its turn
-        self._has_messages = any(self.message_sizes)
+        # Whether a rejection can cost no round.
+        self.has_free_rejections = bool(((table.mdp_moves == MDPMove.NOTHING) & ~table.needs_answer).any())
         # Whether a proposal can be refused and the episode go on.
-        self.has_refusals = self.turn_based and any(
-            self.decision_table.decisions[index].mdp_move < PROPOSAL
-            for answers in self.decision_table.indices[True]
-            for indices in answers
-            for index in indices
-        )
-        self._proposer_mask_is_mdp = proposer == dynamics.appearance.action_count and ending.proposer_may_stop
+        self.has_refusals = self.turn_based and bool((table.mdp_moves[table.indices[1]] < MDPMove.PROPOSAL).any())
 
-    def start(self, task: Task, intent: Intent = Intent.HELPFUL) -> GameState:
-        return GameState(self.config.dynamics.start(task), self.protocol.first_movers, intent)
-
-    def step(
-        self, state: GameState, proposer: SupportsIndex | None = None, verifier: SupportsIndex | None = None
-    ) -> GameStep:
-        """Applies the actions of the agents to move; None for an agent out of turn.
-
-        An illegal choice counts as no choice (`protocols`). Raises TurnError if an agent acts out of turn or fails to
-        act, ActionError for an action outside the action space.
-        """
-        mdp, movers, intent, proposal, refused, rejections, messages, _ = state
-        if not movers:
-            raise TurnError("the game is over; start a new one")
-        choice, proposer_message, proposer_illegal = self._decode_action(movers, PROPOSER, proposer)
-        answer, verifier_message, verifier_illegal = self._decode_action(movers, VERIFIER, verifier)
-        if proposal is None:
-            proposal = choice
-        table = self.decision_table
-        proposal_type = EDIT if proposal > STOP_ACTION else proposal
-        index = table.indices[movers[0]][proposal_type][answer][rejections >= self.config.exchanges]
-        decision = table.decisions[index]
-        mdp_move, needs_answer, _, _ = decision
-        if mdp_move is NOTHING:
-            transition, after, result, terminated, truncated = None, mdp, table.no_mdp_step, False, False
-            rejections += not needs_answer
+    def proposer_masks(self, legal: BoolArray) -> Int8Array:
+        """(..., actions) masks of proposers in their turn, new arrays, from the MDP's (..., choices)."""
+        messages, count = self.message_sizes[PROPOSER] + 1, self.action_counts[PROPOSER]
+        if legal.shape[-1] == count:
+            masks = legal.astype(np.int8)
         else:
-            transition = self._step_mdp(mdp, mdp_move, proposal)
-            after, (result, _, _, terminated, truncated, _), _ = transition
-            rejections = 0
-        if mdp_move >= PROPOSAL:
-            refused = None
-        elif movers == VERIFIER_MOVES:
-            refused = proposal
-        holds = table.needs_truth[index] and mdp.task.solved_by(mdp.scene)
-        rewards = table.rewards[index][result][holds][intent]
-        if self._has_messages:
-            cost = self.message_cost
-            rewards = (rewards[0] - cost * bool(proposer_message), rewards[1] - cost * bool(verifier_message))
-            messages = (
-                messages[0] if proposer_message is None else proposer_message,
-                messages[1] if verifier_message is None else verifier_message,
-            )
-        if terminated or truncated:
-            next_movers = NOBODY_MOVES
-        else:
-            next_movers = VERIFIER_MOVES if needs_answer else self.protocol.first_movers
-        history = ()
-        if self.history_length:
-            history = (*state.history, PastTurn(choice, answer, messages))[-self.history_length :]
-        pending = proposal if needs_answer else None
-        next_state = new_tuple(GameState, (after, next_movers, intent, pending, refused, rejections, messages, history))
-        illegal = (proposer_illegal, verifier_illegal)
-        return new_tuple(GameStep, (next_state, rewards, terminated, truncated, transition, illegal, decision, mdp))
-
-    def proposed_scene(self, state: GameState) -> Scene:
-        """The scene after the pending proposal; the current one if there is none, or it is STOP or invalid."""
-        mdp, proposal = state.mdp, state.proposal
-        if proposal is None or proposal == STOP_ACTION:
-            return mdp.scene
-        dynamics = self.config.dynamics
-        return dynamics.step(mdp._replace(steps=0), dynamics.appearance.decode(proposal)).state.scene
-
-    def _decode_action(
-        self, movers: tuple[Role, ...], role: Role, action: SupportsIndex | None
-    ) -> tuple[int, int | None, bool]:
-        """The choice, or NO_CHOICE; the message, None out of turn; whether the choice is illegal."""
-        if role not in movers:
-            if action is not None:
-                raise TurnError(f"{AGENTS[role]} acted out of turn: it is the turn of {AGENTS[role.other]}")
-            return NO_CHOICE, None, False
-        if action is None:
-            raise TurnError(f"it is the turn of {AGENTS[role]}: it must act")
-        choices = self.choices[role]
-        if type(action) is int and action in choices and not self._has_messages:  # fast path
-            return action, SILENCE, False
-        choice, message = divmod(self.checked_action(role, action), self.message_sizes[role] + 1)
-        if choice in choices:
-            return choice, message, False
-        return NO_CHOICE, SILENCE, True
-
-    def _step_mdp(self, mdp: State, mdp_move: MDPMove, proposal: int) -> Transition:
-        """The MDP's transition in a turn that uses up a round."""
-        dynamics = self.config.dynamics
-        if mdp_move is WAIT:
-            return dynamics.wait(mdp)
-        return dynamics.step(mdp, dynamics.appearance.decode(STOP_ACTION if mdp_move is STOP else proposal))
+            masks = np.zeros((*legal.shape[:-1], count), np.int8)
+            masks[..., : self._stop] = legal if messages == 1 else legal.repeat(messages, axis=-1)
+        if not self._may_stop:
+            masks[..., :messages] = 0
+        return masks
 
     def checked_action(self, role: Role, action: SupportsIndex) -> int:
         """`action` as an int. Raises ActionError if it is not in the action space of `role`."""
+        if type(action) is int and 0 <= action < self.action_counts[role]:  # fast path
+            return action
         return checked_index(action, self.action_counts[role], AGENTS[role])
-
-    def legal_mask(self, state: GameState, role: Role) -> Int8Array:
-        """(actions,) a new array: 1 for each legal action of `role`; there is always at least one."""
-        if self.turn_based and role not in state.movers:
-            return self.wait_masks[role].copy()
-        if role is VERIFIER:
-            return self.answer_mask.copy()
-        legal = self.config.dynamics.legal_mask(state.mdp)
-        return legal.view(INT8) if self._proposer_mask_is_mdp else self.proposer_masks(legal)
-
-    def proposer_masks(self, legal: BoolArray) -> Int8Array:
-        """(..., actions) masks of proposers in their turn from the MDP's (..., choices), which may be overwritten."""
-        if not self.config.ending.proposer_may_stop:
-            legal[..., STOP_ACTION] = False
-        count, choices = self.action_counts[PROPOSER], legal.shape[-1]
-        if choices == count:
-            return legal.view(INT8)
-        masks = np.zeros((*legal.shape[:-1], count), INT8)
-        messages = self.message_sizes[PROPOSER] + 1
-        masks[..., : choices * messages] = legal if messages == 1 else legal.repeat(messages, axis=-1)
-        return masks
-
-    def is_wait(self, role: Role, action: SupportsIndex) -> bool:
-        """Whether `action` is "wait". Raises ActionError as `checked_action`."""
-        wait = self.wait_actions[role]
-        return (type(action) is int and action == wait) or self.checked_action(role, action) == wait
 
     def describe(self, role: Role, action: SupportsIndex) -> str:
         """An action's name, such as "ADD(LEFT, BLUE)", "accept" or "reject, message 2"."""

@@ -1,11 +1,11 @@
-"""The vectorised form of `Game.step`, on top of a core that steps N MDPs.
+"""Plays the game: the states of one game or of many, on top of a core that steps their MDPs.
 
 Decisions and rewards are looked up in the game's `DecisionTable`; this module has no rules of its own.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -14,132 +14,183 @@ from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int
 from lilgym_mp.envs.batched import ResultTable
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.proposer_verifier.game import EDIT, SILENCE, GameState, PastTurn
-from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, MDPMove, Role
+from lilgym_mp.envs.proposer_verifier.game import SILENCE
+from lilgym_mp.envs.proposer_verifier.protocols import (
+    NO_CHOICE,
+    PROPOSER,
+    STOP_ACTION,
+    VERIFIER,
+    MDPMove,
+    ProposalType,
+    Role,
+)
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
-from lilgym_mp.envs.proposer_verifier.views import GameSetup
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.rules import State
+from lilgym_mp.rules import Outcome, State
+from lilgym_mp.scene import Scene
 
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
+EDIT = int(ProposalType.EDIT)
+_MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether each agent is to move
+
+NOWHERE = np.zeros(0, np.int64)
+
+Info = dict[str, Any]
+
+
+class GameState(NamedTuple):
+    """The state of a game, for scripted partners and tests. `mdp.steps` counts the rounds."""
+
+    mdp: State
+    movers: tuple[Role, ...]  # the agents to act; empty after the end
+    intent: Intent
+    proposal: int | None  # index of the proposed action that awaits the verifier's answer
+    refused: int | None  # index of the action refused last; None once an action has been played
+    rejections: int  # in this round
+    messages: tuple[int, int]  # the last of each agent, by Role
+
+
+def _select(condition: Any, value: Any, otherwise: Any) -> Any:
+    """`np.where` for a single game, for scalars."""
+    return value if condition else otherwise
 
 
 class GameArrays:
-    """The states of N games and the results of the last turn."""
+    """The states of N games and the results of the last turn.
+
+    Methods that take `indices` expect the index of one game, or indices (k,) of several, which give the result a
+    leading axis (k,).
+    """
 
     def __init__(self, setup: GameSetup, num_games: int) -> None:
+        self.setup = setup
         self.game = game = setup.game
         dynamics = game.config.dynamics
         actions, capacity = dynamics.appearance.action_count, setup.item_capacity
         specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
         self._core = make_core(dynamics, setup.tasks, self._buffers, setup.image_size)
-        self._mdp_results = ResultTable.of(dynamics)
-        # The decision table as arrays, by index of the decision
+        self._mdp_results = results = ResultTable.of(dynamics)
+        self._continues = ~(results.terminated | results.truncated)  # by step result
+        self._indices = np.arange(num_games)
+        # All games as NumPy indexes them in a step: a single one as scalars, which are several times faster.
+        self._all: Any = 0 if num_games == 1 else slice(None)
+        self._where: Any = _select if num_games == 1 else np.where
         table = game.decision_table
-        mdp_moves, needs_answer, probabilities, _ = zip(*table.decisions, strict=True)
-        self._decision_indices = np.array(table.indices)  # (turns, proposal types, answers, 2) as in the table
-        self._mdp_moves = np.array(mdp_moves, np.int64)
-        self._needs_answer = np.array(needs_answer)
-        self._probabilities = np.array(probabilities, np.float64)  # NaN without a judgement
-        is_shown = ~np.isnan(self._probabilities) & setup.reveals_truth
-        self._needs_truth = is_shown | np.array(table.needs_truth)  # whether rewards or infos depend on it
-        self._reward_table = np.moveaxis(np.array(table.rewards), -1, 0)  # (2, decisions, results + 1, 2, 2) by Role
-        self._no_answers = np.zeros(num_games, np.int64)
+        is_shown = ~np.isnan(table.probabilities) & setup.reveals_truth
+        self._needs_truth = is_shown | table.needs_truth  # (decisions,) whether rewards or infos depend on it
+        self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
-        self._first_movers = np.array([[role in game.protocol.first_movers] for role in Role])  # (2, 1)
         self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
         self.refused = np.full(num_games, NO_CHOICE)  # as `GameState.refused`
         self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) by Role, the agent's last message
         # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
-        self.history = np.full((num_games, game.history_length, len(PastTurn._fields) + 1), NO_CHOICE)
-        # (2, N) by Role, the rewards since the agent's last own turn, or since the start of the game
-        self.own_turn_rewards = np.zeros((len(Role), num_games))
-        # Of the last turn:
+        self.history = np.full((num_games, game.history_length, 2 + len(Role)), NO_CHOICE)
+        # Of the last turn, overwritten by the next one:
         self.rewards = np.zeros((len(Role), num_games))  # (2, N) by Role
         self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
         self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
-        self._results = np.zeros(num_games, np.int64)  # indices of the step results
+        self._results = np.full(num_games, table.no_mdp_step)  # indices of the step results
         self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
 
     def start(self, indices: Int64Array, tasks: Int64Array, intents: Int64Array) -> None:
         """Starts games (k,) with the tasks of indices (k,) and intents (k,)."""
         self._core.start(indices, tasks)
         self._has_masks = self._has_items = False
-        self._rejections[indices] = 0
-        self.own_turn_rewards[:, indices] = 0
-        self.movers[:, indices] = self._first_movers
-        self.intents[indices] = intents
-        self.proposals[indices] = NO_CHOICE
-        self.refused[indices] = NO_CHOICE
-        self.messages[:, indices] = SILENCE
-        self.history[indices] = NO_CHOICE
+        started: Any = slice(None) if len(indices) == len(self.intents) else indices  # a slice is faster
+        self._rejections[started] = 0
+        self.movers[PROPOSER, started] = True
+        self.movers[VERIFIER, started] = not self.game.turn_based
+        self.intents[started] = intents
+        self.proposals[started] = self.refused[started] = NO_CHOICE
+        self.messages[:, started] = SILENCE
+        self.history[started] = NO_CHOICE
 
     def step(self, proposers: Int64Array, verifiers: Int64Array) -> None:
         """Plays one turn of every game; actions (N,) of agents out of turn are ignored."""
-        game, moved = self.game, self.movers
-        choice, proposer_message = self._decode_actions(PROPOSER, proposers)
-        answer, verifier_message = self._decode_actions(VERIFIER, verifiers)
-        proposal, is_answer = choice, self._no_answers
+        every, where, game, table = self._all, self._where, self.game, self.game.decision_table
+        choice, proposer_message = self._decode_actions(PROPOSER, proposers[every])
+        answer, verifier_message = self._decode_actions(VERIFIER, verifiers[every])
+        proposal, is_answer = choice, 0
         if game.turn_based:
-            is_answer = self.movers[VERIFIER].astype(np.int64)
-            proposal = np.where(is_answer, self.proposals, choice)
-        exchanges_spent = (self._rejections >= game.config.exchanges).astype(np.int64)
-        decision = self._decision_indices[is_answer, np.minimum(proposal, EDIT), answer, exchanges_spent]
-        self._decisions = decision
-        needed = self._needs_truth[decision]
-        self._holds = (needed & self.goals_reached() if needed.any() else needed).astype(np.int64)
-        mdp_move, needs_answer = self._mdp_moves[decision], self._needs_answer[decision]
+            is_answer = where(self.movers[VERIFIER, every], 1, 0)
+            proposal = where(is_answer, self.proposals[every], choice)
+        rejections, exchanges_spent = self._rejections[every], 0
+        if game.has_free_rejections:
+            exchanges_spent = where(rejections >= game.config.exchanges, 1, 0)
+        decision = table.indices[is_answer, where(proposal > EDIT, EDIT, proposal), answer, exchanges_spent]
+        mdp_move, needs_answer = table.mdp_moves[decision], table.needs_answer[decision]
+        holds = self._claims_hold(decision)
         result = self._step_mdps(mdp_move, proposal)
-        self.rewards = self._reward_table[:, decision, result, self._holds, self.intents]
-        self.terminated, self.truncated = self._mdp_results.terminated[result], self._mdp_results.truncated[result]
-        self._rejections = np.where(mdp_move == NOTHING, self._rejections + ~needs_answer, 0)
+        self._decisions[every] = decision
+        self.rewards[:, every] = table.rewards[:, decision, result, holds, self.intents[every]]
+        results = self._mdp_results
+        self.terminated[every], self.truncated[every] = results.terminated[result], results.truncated[result]
+        is_active = self._continues[result]
+        if game.has_free_rejections:
+            rejections = where(needs_answer, rejections, rejections + 1)
+            self._rejections[every] = where(mdp_move == NOTHING, rejections, 0)
         if game.has_refusals:
-            refused = np.where(is_answer, proposal, self.refused)
-            self.refused = np.where(mdp_move >= PROPOSAL, NO_CHOICE, refused)
-        is_active = ~(self.terminated | self.truncated)
+            refused = where(is_answer, proposal, self.refused[every])
+            self.refused[every] = where(mdp_move >= PROPOSAL, NO_CHOICE, refused)
         if game.turn_based:
-            self.proposals = np.where(needs_answer, proposal, NO_CHOICE)
-            self.movers = np.array([is_active & ~needs_answer, needs_answer])
+            self.proposals[every] = where(needs_answer, proposal, NO_CHOICE)
+            self.movers[PROPOSER, every] = is_active != needs_answer  # a game that needs an answer is active
+            self.movers[VERIFIER, every] = needs_answer
         else:
-            self.movers = np.array([is_active, is_active])
+            self.movers[:, every] = is_active
         for role, message in ((PROPOSER, proposer_message), (VERIFIER, verifier_message)):
             if message is not None:
-                self.rewards[role] -= game.message_cost * (message > SILENCE)
-        self.own_turn_rewards = np.where(moved, 0.0, self.own_turn_rewards) + self.rewards
-        self._results = result
+                self.rewards[role, every] -= game.message_cost * (message > SILENCE)
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
-            self.history[:, -1] = np.stack([choice, answer, *self.messages], axis=1)
+            self.history[every, -1] = np.stack([choice, answer, *self.messages[:, every]], axis=-1)
 
-    def _decode_actions(self, role: Role, actions: Int64Array) -> tuple[Int64Array, Int64Array | None]:
-        """(N,) choices, NO_CHOICE if out of turn or illegal; (N,) messages, None if `role` has none."""
-        movers, size, own = self.movers[role], self.game.message_sizes[role], self.game.choices[role]
+    def _decode_actions(self, role: Role, actions: Any) -> tuple[Any, Any]:
+        """By game: the choices, NO_CHOICE if out of turn or illegal; the messages, None if `role` has none."""
+        every, where = self._all, self._where
+        movers, size, own = self.movers[role, every], self.game.message_sizes[role], self.game.choices[role]
         choice, message = np.divmod(actions, size + 1) if size else (actions, None)
-        legal = movers & (choice >= own.start) & (choice < own.stop)
+        is_legal = movers & (choice >= own.start) & (choice < own.stop)
         wait_action = self.game.wait_actions[role]
-        self._illegal[role] = ~legal & (movers if wait_action is None else movers | (actions != wait_action))
+        chooses = movers if wait_action is None else movers | (actions != wait_action)
+        self._illegal[role, every] = chooses != is_legal
         if message is not None:
-            message = np.where(legal, message, SILENCE)
-            self.messages[role] = np.where(movers, message, self.messages[role])
-        return np.where(legal, choice, NO_CHOICE), message
+            message = where(is_legal, message, SILENCE)
+            self.messages[role, every] = where(movers, message, self.messages[role, every])
+        return where(is_legal, choice, NO_CHOICE), message
 
-    def _step_mdps(self, mdp_move: Int64Array, proposal: Int64Array) -> Int64Array:
-        """Steps the MDPs as decided. (N,) indices of step results, or `no_mdp_step`."""
-        buffers = self._buffers
-        buffers.action[:] = np.where(mdp_move == STOP, STOP_ACTION, proposal)
-        buffers.result[:] = self.game.decision_table.no_mdp_step
-        acting, waiting = (mdp_move >= PROPOSAL).nonzero()[0], (mdp_move == WAIT).nonzero()[0]
+    def _claims_hold(self, decision: Any) -> Any:
+        """By game: 1 if a claim judged in this turn holds, otherwise 0, also where nothing depends on it."""
+        every, needed = self._all, self._needs_truth[decision]
+        is_needed = self._judges and np.any(needed)
+        self._holds[every] = self._where(needed, self.goals_reached()[every], False) if is_needed else False
+        return self._holds[every]
+
+    def _step_mdps(self, mdp_move: Any, proposal: Any) -> Any:
+        """Steps the MDPs as decided. By game: indices of step results, or `no_mdp_step`."""
+        buffers, every = self._buffers, self._all
+        buffers.action[every] = self._where(mdp_move == STOP, STOP_ACTION, proposal)
+        buffers.result[every] = self.game.decision_table.no_mdp_step
+        acting, waiting = self._games_where(mdp_move >= PROPOSAL), self._games_where(mdp_move == WAIT)
         if len(acting):
-            self._core.step(None if len(acting) == len(mdp_move) else acting)
+            self._core.step(None if len(acting) == len(buffers.action) else acting)
             self._has_masks = self._has_items = False
         if len(waiting):
             self._core.wait(waiting)
-        return buffers.result.astype(np.int64)
+        self._results[every] = buffers.result[every]
+        return self._results[every]
+
+    def _games_where(self, condition: Any) -> Int64Array:
+        """(k,) indices of the games where it is met."""
+        if self._all == 0:
+            return self._indices if condition else NOWHERE
+        return condition.nonzero()[0]
 
     @property
     def images(self) -> UInt8Array:
@@ -163,20 +214,26 @@ class GameArrays:
             self._has_items = True
         return self._buffers.items
 
-    def masks(self, role: Role, indices: Int64Array) -> Int8Array:
-        """(k, actions) a new array: `Game.legal_mask` of games (k,)."""
+    def masks(self, role: Role, indices: int | Int64Array) -> Int8Array:
+        """(..., actions) a new array: 1 for each legal action of `role`; there is always at least one."""
         game = self.game
+        if isinstance(indices, int):
+            if game.turn_based and not self.movers[role, indices]:
+                return game.wait_masks[role].copy()
+            return game.answer_mask.copy() if role is VERIFIER else game.proposer_masks(self.legal()[indices])
         if not game.turn_based:
-            if role is VERIFIER:
-                return np.repeat(game.answer_mask[None], len(indices), axis=0)
-            return game.proposer_masks(self.legal()[indices])
+            return self._masks_in_turn(role, indices)
         masks = np.repeat(game.wait_masks[role][None], len(indices), axis=0)
         moving = self.movers[role, indices].nonzero()[0]
-        if role is VERIFIER:
-            masks[moving] = game.answer_mask
-        elif len(moving):
-            masks[moving] = game.proposer_masks(self.legal()[indices[moving]])
+        if len(moving):
+            masks[moving] = self._masks_in_turn(role, indices[moving])
         return masks
+
+    def _masks_in_turn(self, role: Role, indices: Int64Array) -> Int8Array:
+        """(k, actions) a new array, for agents that are to move."""
+        if role is VERIFIER:
+            return np.repeat(self.game.answer_mask[None], len(indices), axis=0)
+        return self.game.proposer_masks(self.legal()[indices])
 
     def legal(self) -> BoolArray:
         """(N, actions of the MDP); read-only."""
@@ -185,17 +242,22 @@ class GameArrays:
             self._has_masks = True
         return self._buffers.mask
 
+    def movers_of(self, index: int) -> tuple[Role, ...]:
+        """The agents to act in a game; empty after its end."""
+        proposer, verifier = self.movers[:, index].tolist()
+        return _MOVERS[proposer][verifier]
+
     def mdp(self, index: int) -> State:
         """The MDP's state in a game."""
         return self._core.state(index)
 
     def state(self, index: int) -> GameState:
-        """The state of a game that goes on, without its history."""
+        """The state of a game."""
         proposal, refused = int(self.proposals[index]), int(self.refused[index])
         proposer_message, verifier_message = self.messages[:, index].tolist()
         return GameState(
             self.mdp(index),
-            tuple(role for role in Role if self.movers[role, index]),
+            self.movers_of(index),
             Intent(int(self.intents[index])),
             None if proposal == NO_CHOICE else proposal,
             None if refused == NO_CHOICE else refused,
@@ -203,11 +265,44 @@ class GameArrays:
             (proposer_message, verifier_message),
         )
 
-    def end_info(self, index: int) -> dict[str, Any]:
-        """`end_info` of a game that ended in the last turn."""
-        reason = int(self._buffers.invalid[index])
-        outcome = self.game.config.dynamics.step_results[self._results[index]].outcome
-        return end_info(outcome, None if reason == NO_REASON else INVALID_REASONS[reason])
+    def proposed_scene(self, index: int) -> Scene:
+        """The scene of a game after the pending proposal; the current one if that is none, STOP or invalid."""
+        mdp, proposal = self.mdp(index), int(self.proposals[index])
+        if proposal <= STOP_ACTION:
+            return mdp.scene
+        dynamics = self.game.config.dynamics
+        return dynamics.step(mdp._replace(steps=0), dynamics.appearance.decode(proposal)).state.scene
+
+    def infos(self, index: int) -> tuple[Info, Info]:
+        """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
+        illegal, is_over = self._illegal[:, index].tolist(), self.terminated[index] or self.truncated[index]
+        if not (is_over or self.setup.reveals_truth or any(illegal)):
+            return {}, {}
+        shared = self.truth_info(index)
+        if shared and (judgement := self.last_judgement(index)) is not None:
+            shared["judgement"] = {"probability": judgement.probability, "holds": judgement.holds}
+        if is_over:
+            reason, outcome = int(self._buffers.invalid[index]), self.last_outcome(index)
+            assert outcome is not None
+            shared |= end_info(outcome, None if reason == NO_REASON else INVALID_REASONS[reason])
+        proposer, verifier = ({**shared, "illegal_choice": True} if wrong else shared.copy() for wrong in illegal)
+        return proposer, verifier
+
+    def truth_info(self, index: int) -> Info:
+        """The info entries of the setting `reveal_truth`; {} without it."""
+        if not self.setup.reveals_truth:
+            return {}
+        mdp = self.mdp(index)
+        return {
+            "truth": mdp.task.truth(mdp.scene),
+            "goal_reached": self.game.config.dynamics.goal_reached(mdp),
+            "intent": Intent(int(self.intents[index])).name.lower(),
+        }
+
+    def last_outcome(self, index: int) -> Outcome | None:
+        """The MDP's outcome in the last turn of a game; None if it took no step."""
+        results, result = self.game.config.dynamics.step_results, self._results[index]
+        return results[result].outcome if result < len(results) else None
 
     def last_judgement(self, index: int) -> Judgement | None:
         """The judgement in the last turn of a game; `holds` is valid only if the settings reveal the truth."""
@@ -217,7 +312,7 @@ class GameArrays:
     @property
     def probabilities(self) -> Float64Array:
         """(N,) `Judgement.probability` in the last turn, NaN without a judgement."""
-        return self._probabilities[self._decisions]
+        return self.game.decision_table.probabilities[self._decisions]
 
     @property
     def holds(self) -> BoolArray:
@@ -233,8 +328,3 @@ class GameArrays:
         """(N,) whether the statement has the target value; read-only."""
         self._core.write_goals()
         return self._buffers.goal
-
-    def last_illegal(self, index: int) -> tuple[bool, bool]:
-        """By Role: whether the agent's choice in the last turn of a game was illegal."""
-        proposer, verifier = self._illegal[:, index].tolist()
-        return proposer, verifier

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, OracleVerifier, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, make_parts
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.rules import Outcome
 
 CALIBRATION_BINS = 10
@@ -119,8 +119,7 @@ class _Match:
     def __init__(self, setup: GameSetup, partners: tuple[Partner, Partner], tasks: Sequence[int], seed: int) -> None:
         self._setup, self._partners, self._tasks = setup, partners, np.array(tasks, np.int64)
         self._slots = min(len(tasks), LARGEST_BATCH)
-        self._games = GameArrays(setup, self._slots)
-        self._parts = make_parts(setup)
+        self._games = ObservedGames(setup, self._slots)
         self._rngs = [np.random.default_rng([seed, number]) for number in range(len(tasks))]
         self._playing = np.arange(self._slots)  # (slots,) number of the game played, -1 if none is left
         self._next = self._slots
@@ -152,7 +151,7 @@ class _Match:
     def _turn(self, role: Role, slots: Int64Array) -> BatchTurn:
         numbers = self._playing[slots]
         rngs = [self._rngs[number] for number in numbers.tolist()]
-        return BatchTurn(self._games, self._parts, self._setup.tasks, role, slots, numbers, rngs)
+        return BatchTurn(self._games, role, slots, numbers, rngs)
 
     def _record(self) -> None:
         """Notes the turn just played, and starts the next games in slots whose game has ended."""
@@ -180,8 +179,8 @@ class _Match:
             task.id,
             task.statement,
             task.target,
-            Outcome(self._games.end_info(slot)["outcome"]),
-            self._games.mdp(slot).steps,
+            self._games.last_outcome(slot),
+            int(self._games.rounds[slot]),
             (proposer_return, verifier_return),
             tuple(self._judgements[number]),
         )

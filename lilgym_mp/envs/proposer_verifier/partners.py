@@ -1,12 +1,13 @@
 """Partner policies: scripted ones, frozen models, and any callable.
 
 A partner is a function of a `PartnerTurn`, which can be indexed like its observation: turn["action_mask"]. It may also
-have a method `batch(turn: BatchTurn)` that returns actions (k,), to act in many games at once.
+have a method `batch(turn: BatchTurn)` that returns actions (k,), to act in many games at once; `BatchPartner` needs
+nothing else.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, SupportsIndex
@@ -17,12 +18,11 @@ from numpy.typing import NDArray
 from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.proposer_verifier.engine import AgentObservation
-from lilgym_mp.envs.proposer_verifier.game import Game, GameState
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.views import Part
 
 
 class PartnerError(ValueError):
@@ -30,15 +30,26 @@ class PartnerError(ValueError):
 
 
 class GameInPlay(Protocol):
-    """What a partner's turn reads of a game."""
+    """One of `games`, and its observations."""
 
     @property
-    def game(self) -> Game: ...
+    def games(self) -> ObservedGames: ...
 
     @property
-    def state(self) -> GameState: ...
+    def index(self) -> int: ...
 
     def observe(self, role: Role) -> AgentObservation: ...
+
+
+@dataclass(frozen=True)
+class GameOfBatch:
+    """The game of a batch with this index."""
+
+    games: ObservedGames
+    index: int
+
+    def observe(self, role: Role) -> AgentObservation:
+        return self.games.observe(role, self.index)
 
 
 @dataclass
@@ -51,12 +62,12 @@ class PartnerTurn:
 
     @property
     def game(self) -> Game:
-        return self.engine.game
+        return self.engine.games.game
 
     @property
     def state(self) -> GameState:
         """The full state, including the truth: for scripted partners, not for learned policies."""
-        return self.engine.state
+        return self.engine.games.state(self.engine.index)
 
     @cached_property
     def full_observation(self) -> AgentObservation:
@@ -66,11 +77,11 @@ class PartnerTurn:
     @property
     def observation(self) -> dict[str, Any]:
         """The observation without the mask."""
-        return self.full_observation["observation"]
+        return self.full_observation[PARTS]
 
     @property
     def action_mask(self) -> Int8Array:
-        return self.full_observation["action_mask"]
+        return self.full_observation[MASK]
 
     def __getitem__(self, key: str) -> Any:
         return self.full_observation[key]
@@ -81,39 +92,27 @@ class PartnerTurn:
         return int(legal[self.rng.integers(len(legal))])
 
 
-@dataclass(frozen=True)
-class BatchGame:
-    """One game of a batch, as partners read it."""
-
-    games: GameArrays
-    parts: tuple[Mapping[str, Part], Mapping[str, Part]]  # by Role
-    index: int
-
-    @property
-    def game(self) -> Game:
-        return self.games.game
-
-    @property
-    def state(self) -> GameState:
-        return self.games.state(self.index)
-
-    def observe(self, role: Role) -> AgentObservation:
-        indices = np.array([self.index])
-        parts = {key: part.encode_batch(self.games, indices)[0] for key, part in self.parts[role].items()}
-        return {"observation": parts, "action_mask": self.games.masks(role, indices)[0]}
-
-
 @dataclass
 class BatchTurn:
     """The turns of one agent in k games. Observations and masks are computed lazily."""
 
-    games: GameArrays
-    parts: tuple[Mapping[str, Part], Mapping[str, Part]]  # by Role
-    tasks: TaskSet
+    games: ObservedGames
     role: Role
     indices: Int64Array  # (k,) of the games in the batch
     episodes: Int64Array  # (k,) a number for each game, never used again: for partners that keep a plan
     rngs: Sequence[np.random.Generator]  # (k,) each game's own
+
+    @classmethod
+    def of(cls, turn: PartnerTurn) -> BatchTurn:
+        """A turn in one game, with its observation."""
+        engine = turn.engine
+        batch = cls(engine.games, turn.role, np.array([engine.index]), np.zeros(1, np.int64), [turn.rng])
+        batch.action_mask = turn.action_mask[None]
+        return batch
+
+    @property
+    def tasks(self) -> TaskSet:
+        return self.games.setup.tasks
 
     @property
     def game(self) -> Game:
@@ -122,7 +121,7 @@ class BatchTurn:
     @cached_property
     def observation(self) -> dict[str, NDArray[Any]]:
         """The parts of the agent's observations, arrays (k, ...)."""
-        return {key: part.encode_batch(self.games, self.indices) for key, part in self.parts[self.role].items()}
+        return {key: part.encode(self.games, self.indices) for key, part in self.games.parts[self.role].items()}
 
     @cached_property
     def action_mask(self) -> Int8Array:
@@ -133,6 +132,11 @@ class BatchTurn:
     def task_indices(self) -> Int64Array:
         """(k,) indices in `tasks`."""
         return self.games.tasks[self.indices]
+
+    @property
+    def is_edit(self) -> BoolArray:
+        """(k,) whether an edit awaits the verifier's answer, rather than a claim or nothing."""
+        return self.games.proposals[self.indices] > STOP_ACTION
 
     def goals_reached(self) -> BoolArray:
         """(k,) whether the statement has the target value: for scripted partners, not for learned policies."""
@@ -154,7 +158,7 @@ class BatchTurn:
 
     def single_turns(self) -> list[PartnerTurn]:
         return [
-            PartnerTurn(BatchGame(self.games, self.parts, index), self.role, rng)
+            PartnerTurn(GameOfBatch(self.games, index), self.role, rng)
             for index, rng in zip(self.indices.tolist(), self.rngs, strict=True)
         ]
 
@@ -191,6 +195,17 @@ def batch_actions(partner: Partner, turn: BatchTurn) -> Int64Array:
     return actions.astype(np.int64, copy=False)
 
 
+class BatchPartner:
+    """A partner whose `batch` also plays single games."""
+
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        """(k,) actions."""
+        raise NotImplementedError
+
+    def __call__(self, turn: PartnerTurn) -> int:
+        return int(self.batch(BatchTurn.of(turn))[0])
+
+
 @dataclass(frozen=True)
 class RandomPartner:
     """A uniformly random legal action, for either agent."""
@@ -203,7 +218,7 @@ class RandomPartner:
 
 
 @dataclass(frozen=True)
-class OracleVerifier:
+class OracleVerifier(BatchPartner):
     """Accepts a claim if it holds, and every other proposal.
 
     `error_rate`: probability of the opposite judgement. With verdict bins it states the most extreme probability.
@@ -215,44 +230,31 @@ class OracleVerifier:
         if not 0 <= self.error_rate <= 1:
             raise ValueError(f"error_rate must be between 0 and 1, not {self.error_rate!r}")
 
-    def __call__(self, turn: PartnerTurn) -> int:
-        game, state = turn.game, turn.state
-        if state.proposal not in (None, STOP_ACTION):
-            return encode_answer(game, accepts=True)
-        holds = game.config.dynamics.goal_reached(state.mdp)
-        errs = self.error_rate > 0 and turn.rng.random() < self.error_rate
-        return encode_answer(game, accepts=holds != errs)
-
     def batch(self, turn: BatchTurn) -> Int64Array:
         errs = turn.uniform() < self.error_rate if self.error_rate else np.zeros(len(turn.indices), np.bool_)
-        is_edit = turn.games.proposals[turn.indices] > STOP_ACTION
-        return encode_answers(turn.game, is_edit | (turn.goals_reached() != errs))
+        return encode_answers(turn.game, turn.is_edit | (turn.goals_reached() != errs))
 
 
 @dataclass(frozen=True)
-class ConstantVerifier:
+class ConstantVerifier(BatchPartner):
     """Accepts everything, or rejects everything."""
 
     accepts: bool
-
-    def __call__(self, turn: PartnerTurn) -> int:
-        return encode_answer(turn.game, accepts=self.accepts)
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         return encode_answers(turn.game, np.full(len(turn.indices), self.accepts))
 
 
 @dataclass(frozen=True)
-class TargetOnlyVerifier:
+class TargetOnlyVerifier(BatchPartner):
     """Accepts a claim if the target value is `accepted`, and every edit: the baseline of verifiers that have learned
     only how often claims hold for each target value."""
 
     accepted: bool = False
 
-    def __call__(self, turn: PartnerTurn) -> int:
-        state = turn.state
-        is_edit = state.proposal not in (None, STOP_ACTION)
-        return encode_answer(turn.game, accepts=is_edit or state.mdp.task.target == self.accepted)
+    def batch(self, turn: BatchTurn) -> Int64Array:
+        targets = np.array([turn.tasks[index].target for index in turn.task_indices.tolist()])
+        return encode_answers(turn.game, turn.is_edit | (targets == self.accepted))
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)

@@ -30,9 +30,7 @@ class Role(IntEnum):
 
 PROPOSER, VERIFIER = Role  # module constants: reading Role.PROPOSER takes ten times as long, in every step
 PROPOSER_MOVES: tuple[Role, ...] = (PROPOSER,)
-VERIFIER_MOVES: tuple[Role, ...] = (VERIFIER,)
 BOTH_MOVE: tuple[Role, ...] = (PROPOSER, VERIFIER)
-NOBODY_MOVES: tuple[Role, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,21 +1,32 @@
-"""The settings of the game, with defaults, and the game built from them."""
+"""The settings of the game, with defaults, and the setup built from them: the game, its tasks and its views."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from functools import partial
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, partial
 from typing import Any, TypeVar
+
+import numpy as np
 
 from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.choices import choose
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
+from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig
-from lilgym_mp.envs.proposer_verifier.rewards import Costs, Rewards, RewardScheme, checked_number, make_reward_scheme
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, ViewSpec, make_view
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig, Role
+from lilgym_mp.envs.proposer_verifier.rewards import (
+    Costs,
+    Intent,
+    Rewards,
+    RewardScheme,
+    checked_number,
+    make_reward_scheme,
+)
+from lilgym_mp.envs.proposer_verifier.views import View, ViewSpec, make_view
+from lilgym_mp.observation import item_capacity
 from lilgym_mp.render import shrink_of
 from lilgym_mp.rules import make_dynamics
 
@@ -77,6 +88,7 @@ class GameSettings:
         return GameSetup(
             game,
             tasks,
+            tasks,
             self.image_size,
             views,
             _share("sneaky_share", self.sneaky_share),
@@ -118,3 +130,69 @@ def _share(name: str, value: Any) -> float:
     if not 0 <= checked_number(name, value) <= 1:
         raise ValueError(f"{name} must be between 0 and 1, not {value!r}")
     return float(value)
+
+
+@dataclass(frozen=True)
+class GameSetup:
+    """What stays the same from episode to episode: the game, tasks, image size and views."""
+
+    game: Game
+    tasks: TaskSet
+    space_tasks: TaskSet  # determine the sizes of observation spaces
+    image_size: str
+    views: tuple[View, View]  # by Role
+    sneaky_share: float  # probability of a sneaky episode, if intents are drawn
+    reveals_truth: bool  # in infos
+
+    @cached_property
+    def fixed_intent(self) -> Intent | None:
+        """The proposer's intent if it is the same in every episode; None if it is drawn."""
+        rewards = self.game.rewards
+        if rewards.draws_intent:
+            return None
+        return Intent.SNEAKY if rewards.uses("sneaky", Role.PROPOSER) else Intent.HELPFUL
+
+    def sample_task_index(self, rng: np.random.Generator) -> int:
+        """The index of the next episode's task, uniformly drawn."""
+        return int(rng.integers(len(self.tasks)))
+
+    def sample_intent(self, rng: np.random.Generator) -> Intent:
+        """The next episode's intent; uses `rng` only if intents are drawn."""
+        if self.fixed_intent is not None:
+            return self.fixed_intent
+        return Intent.SNEAKY if rng.random() < self.sneaky_share else Intent.HELPFUL
+
+    @cached_property
+    def vocabulary(self) -> Vocabulary:
+        """The words of the corpus's train split, whatever the split in play."""
+        return Vocabulary.from_statements(task.statement for task in self._training_tasks)
+
+    @cached_property
+    def statement_length(self) -> int:
+        """Number of token ids per statement, as in `TokenizedStatement`; the longest statement of the split fits."""
+        return default_length(task.statement for tasks in (self.space_tasks, self._training_tasks) for task in tasks)
+
+    @cached_property
+    def _training_tasks(self) -> TaskSet:
+        return training_tasks(self.space_tasks)
+
+    @cached_property
+    def item_capacity(self) -> int:
+        """The most items a box can have."""
+        return item_capacity(self.space_tasks, self.game.config.dynamics)
+
+    @cached_property
+    def max_statement_bytes(self) -> int:
+        """UTF-8 length of the longest statement."""
+        return max(len(task.statement.encode()) for task in self.space_tasks)
+
+
+def with_tasks(setup: GameSetup, tasks: TaskSet, *, keep_spaces: bool = False) -> GameSetup:
+    """The game with other tasks; `keep_spaces`: whether observation spaces stay the same, which must fit these tasks.
+
+    Raises ValueError for tasks of another appearance.
+    """
+    own, given = setup.tasks.provenance.appearance, tasks.provenance.appearance
+    if own != given:
+        raise ValueError(f"the game is played on {own}; tasks of {given} do not fit it")
+    return replace(setup, tasks=tasks, space_tasks=setup.space_tasks if keep_spaces else tasks)

@@ -11,8 +11,10 @@ from gymnasium.error import ResetNeeded
 
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
-from lilgym_mp.envs.proposer_verifier.engine import MASK, PARTS, AgentObservation, BaseGameEnv, role_of
-from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
+from lilgym_mp.envs.proposer_verifier.game import Game
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
@@ -66,6 +68,14 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         return self.engine.game
 
     @property
+    def games(self) -> ObservedGames:
+        return self.engine.games
+
+    @property
+    def index(self) -> int:
+        return self.engine.index
+
+    @property
     def state(self) -> GameState:
         """The full state of the game."""
         return self.engine.state
@@ -80,14 +90,14 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             self._observations, infos = ({}, self.env.infos) if self._takes_turns else results
             self._info = {"task": self.state.mdp.task.id, **infos[self.agent]}
             self._play_partner()
-            if self.state.movers:
+            if self.engine.movers:
                 return self.observe(self._role)[PARTS], self._info | {"skipped_games": skipped}
         raise RuntimeError(f"{self.agent} had no turn in {MAX_RESETS} games with partner {self.partner!r}")
 
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
         """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
         ResetNeeded before reset and after the end."""
-        role, movers = self._role, self.state.movers
+        role, movers = self._role, self.engine.movers
         if not movers:
             raise ResetNeeded("the game is over; call reset before acting")
         actions = {role: self.game.checked_action(role, action)}
@@ -96,9 +106,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self._reward, self._info = 0.0, {}
         self._play(actions)
         self._play_partner()
-        step = self.engine.last_step
-        assert step is not None
-        return self.observe(role)[PARTS], self._reward, step.terminated, step.truncated, self._info
+        terminated, truncated = bool(self.games.terminated[0]), bool(self.games.truncated[0])
+        return self.observe(role)[PARTS], self._reward, terminated, truncated, self._info
 
     def _play(self, actions: dict[Role, int]) -> None:
         """Plays one turn with the actions of the agents to move, and adds up the agent's reward and info."""
@@ -117,7 +126,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
 
     def _play_partner(self) -> None:
         """Plays the partner's turns until it is the agent's turn or the game is over."""
-        while (movers := self.state.movers) and self._role not in movers:
+        while (movers := self.engine.movers) and self._role not in movers:
             self._play({self._role.other: self._partner_action()})
 
     def _partner_action(self) -> int:

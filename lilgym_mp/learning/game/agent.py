@@ -15,9 +15,11 @@ from torch import Tensor
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, PartnerTurn, Role
+from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, NO_CHOICE
+from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
+from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.agents import AgentError
@@ -72,7 +74,7 @@ class GameAgent:
         raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate-game`")
 
 
-class SeatPartner:
+class SeatPartner(BatchPartner):
     """A trained agent as one agent of a game with the same protocol, whatever the views of that game.
 
     An illegal action, which only a proposer trained without a mask can choose, becomes the first legal one.
@@ -83,6 +85,7 @@ class SeatPartner:
         self._network, self._mask, self._sampled = network, mask, sampled
         self._table = BoxImageTable()
         self._reader: SituationReader | None = None
+        self._setup: GameSetup | None = None  # that the reader is for
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) legal actions. Raises AgentError for a game with other actions."""
@@ -95,32 +98,19 @@ class SeatPartner:
         with torch.no_grad():
             return self._policy(turn).choice.log_prob(torch.full((len(turn.indices),), ACCEPT)).exp().cpu().numpy()
 
-    def __call__(self, turn: PartnerTurn) -> int:
-        """A legal action. Raises AgentError for a game with other actions."""
-        game, state = turn.game, turn.state
-        situations = self._reader_for(game).read_state(state, self.role)
-        legal = None
-        if self.role is Role.PROPOSER and self._mask:
-            refused = NO_CHOICE if state.refused is None else state.refused
-            legal = proposer_choices(game, turn.action_mask[None], np.array([refused]))
-        task = state.mdp.task
-        policy = self._read(situations, [task.statement], np.array([int(task.target)]), legal)
-        action = int(self._act(policy, lambda: turn.rng.random(1))[0])
-        return action if turn.action_mask[action] else int(turn.action_mask.argmax())
-
-    def _reader_for(self, game: Game) -> SituationReader:
-        own = self._network.game
+    def _reader_for(self, setup: GameSetup) -> SituationReader:
+        own, game = self._network.game, setup.game
         if game.action_counts != own.action_counts or game.protocol is not own.protocol:
             raise AgentError(
                 f"this {AGENTS[self.role]} was trained on protocol {own.protocol.name!r} with {own.action_counts}"
                 f" actions; the game has protocol {game.protocol.name!r} with {game.action_counts}"
             )
-        if self._reader is None:
-            self._reader = SituationReader(self.settings.setup())
+        if self._reader is None or self._setup is not setup:
+            self._reader, self._setup = SituationReader(setup), setup
         return self._reader
 
     def _policy(self, turn: BatchTurn) -> AgentPolicy:
-        situations = self._reader_for(turn.game).read(turn.games, self.role, turn.indices)
+        situations = self._reader_for(turn.games.setup).read(turn.games, self.role, turn.indices)
         tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
         legal = None
         if self.role is Role.PROPOSER and self._mask:

@@ -11,11 +11,11 @@ import numpy as np
 
 from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, make_parts
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, SituationReader, with_hidden_facts
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
@@ -132,8 +132,7 @@ class RolloutPlayer:
     ) -> None:
         """`setup`: a game of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
         self._setup, self._recipe, self._partners = setup, recipe, partners
-        self._arrays = GameArrays(setup, recipe.envs)
-        self._parts = make_parts(setup)
+        self._arrays = ObservedGames(setup, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
         self._reader = SituationReader(setup)
@@ -251,8 +250,7 @@ class RolloutPlayer:
         return with_hidden_facts(context, self._arrays, indices)
 
     def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
-        rngs = [rng] * len(indices)
-        return BatchTurn(self._arrays, self._parts, self._setup.tasks, role, indices, self._episodes[indices], rngs)
+        return BatchTurn(self._arrays, role, indices, self._episodes[indices], [rng] * len(indices))
 
     def _claims(
         self,

@@ -10,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 
 from lilgym_mp.arrays import Int16Array, Int64Array
-from lilgym_mp.envs.proposer_verifier.game import Game, GameState
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
-from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, PROPOSER, Role
-from lilgym_mp.envs.proposer_verifier.views import GameSetup, ItemArrayPart, ProposedScenePart
+from lilgym_mp.envs.proposer_verifier.observations import ItemArrayPart, ProposedScenePart
+from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, Role
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 
 CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "goal")  # 0 where an agent does not know it
 ROLE, INTENT, PENDING, MESSAGE, REFUSED, ROUNDS, GOAL = range(len(CONTEXT))
@@ -34,7 +35,7 @@ class Situations(NamedTuple):
 
 
 class SituationReader:
-    """Reads situations from batches of games and from single ones."""
+    """Reads situations from games."""
 
     def __init__(self, setup: GameSetup) -> None:
         self._game = setup.game
@@ -42,47 +43,19 @@ class SituationReader:
         self._proposed = ProposedScenePart(setup, self._scene) if setup.game.turn_based else self._scene
 
     def read(self, games: GameArrays, role: Role, indices: Int64Array) -> Situations:
-        """Of the games (k,)."""
+        """The situations of `role` in games (k,)."""
         scene = self._scene if role is PROPOSER else self._proposed
-        context = self._context(
-            role,
-            games.intents[indices],
-            games.proposals[indices],
-            games.refused[indices],
-            games.messages[:, indices],
-            games.rounds[indices],
-        )
-        return Situations(scene.encode_batch(games, indices), context)
-
-    def read_state(self, state: GameState, role: Role) -> Situations:
-        """Of a single game."""
-        scene = self._scene if role is PROPOSER else self._proposed
-        proposal, refused = (NO_CHOICE if action is None else action for action in (state.proposal, state.refused))
-        intent, proposals, refusals = (np.array([value]) for value in (int(state.intent), proposal, refused))
-        messages, rounds = np.array(state.messages)[:, None], np.array([state.mdp.steps])
-        context = self._context(role, intent, proposals, refusals, messages, rounds)
-        return Situations(np.asarray(scene.encode(state), np.int16)[None], context)
-
-    def _context(
-        self,
-        role: Role,
-        intents: Int64Array,
-        proposals: Int64Array,
-        refused: Int64Array,
-        messages: Int64Array,
-        rounds: Int64Array,
-    ) -> Int64Array:
-        context = np.zeros((len(intents), len(CONTEXT)), np.int64)
+        context = np.zeros((len(indices), len(CONTEXT)), np.int64)
         context[:, ROLE] = role
-        context[:, MESSAGE] = messages[role.other]
-        context[:, ROUNDS] = np.minimum(rounds, MOST_ROUNDS)
+        context[:, MESSAGE] = games.messages[role.other, indices]
+        context[:, ROUNDS] = np.minimum(games.rounds[indices], MOST_ROUNDS)
         if role is PROPOSER:
-            context[:, REFUSED] = refused + 1
+            context[:, REFUSED] = games.refused[indices] + 1
             if self._game.rewards.draws_intent:
-                context[:, INTENT] = intents + 1
+                context[:, INTENT] = games.intents[indices] + 1
         else:
-            context[:, PENDING] = np.minimum(proposals + 1, EDIT_PENDING)
-        return context
+            context[:, PENDING] = np.minimum(games.proposals[indices] + 1, EDIT_PENDING)
+        return Situations(scene.encode(games, indices), context)
 
 
 def with_hidden_facts(context: Int64Array, games: GameArrays, indices: Int64Array) -> Int64Array:

@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
-from lilgym_mp.envs.proposer_verifier.views import with_tasks
+from lilgym_mp.envs.proposer_verifier.settings import with_tasks
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS

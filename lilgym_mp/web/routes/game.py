@@ -32,7 +32,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
-from lilgym_mp.envs.proposer_verifier.views import GameSetup
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
 from lilgym_mp.web.app_services import AppServices, Services

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
-from lilgym_mp.envs.proposer_verifier.game import GameState, GameStep
-from lilgym_mp.envs.proposer_verifier.views import GameSetup
+from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays, GameState
+from lilgym_mp.envs.proposer_verifier.rewards import Judgement
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup, with_tasks
+from lilgym_mp.rules import Outcome
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.task import Task
 
@@ -34,29 +38,52 @@ WAIT = TOWER.action_count  # the proposer's, in turn-based games without message
 
 
 def setup(**settings: Any) -> GameSetup:
-    return replace(GameSettings.of(**settings).setup(), tasks=TASKS)
+    return with_tasks(GameSettings.of(**settings).setup(), TASKS)
 
 
 def game(**settings: Any) -> Game:
     return setup(**settings).game
 
 
-def final_step(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> GameStep:
+class Step(NamedTuple):
+    """One turn of a game. Pairs are by Role."""
+
+    state: GameState
+    rewards: tuple[float, ...]
+    terminated: bool
+    truncated: bool
+    outcome: Outcome | None  # None if the MDP took no step
+    illegal: tuple[bool, ...]
+    judgement: Judgement | None
+
+
+class OneGame:
+    """A game of the only task, played with the actions of the agents to move."""
+
+    def __init__(self, game: Game, intent: Intent = Intent.HELPFUL) -> None:
+        self.games = GameArrays(replace(setup(), game=game, reveals_truth=True), 1)
+        self.games.start(np.zeros(1, int), np.zeros(1, int), np.array([intent]))
+
+    @property
+    def state(self) -> GameState:
+        return self.games.state(0)
+
+    def step(self, *actions: int) -> Step:
+        """Plays a turn; for an agent out of turn, 0."""
+        games, movers, given = self.games, self.state.movers, iter(actions)
+        games.step(*(np.array([next(given) if role in movers else 0]) for role in Role))
+        illegal = tuple(role in movers and "illegal_choice" in games.infos(0)[role] for role in Role)
+        rewards = tuple(games.rewards[:, 0].tolist())
+        ends = bool(games.terminated[0]), bool(games.truncated[0])
+        return Step(self.state, rewards, *ends, games.last_outcome(0), illegal, games.last_judgement(0))
+
+
+def final_step(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> Step:
     """The last step of a game with these actions; pairs in the simultaneous protocol."""
     return all_steps(game, *actions, intent=intent)[-1]
 
 
-def all_steps(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[GameStep]:
+def all_steps(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> list[Step]:
     """All steps of a game with these actions."""
-    state: GameState = game.start(SOME_BLUE, intent)
-    steps: list[GameStep] = []
-    for action in actions:
-        if isinstance(action, tuple):
-            step = game.step(state, *action)
-        elif state.movers == (Role.PROPOSER,):
-            step = game.step(state, action)
-        else:
-            step = game.step(state, None, action)
-        steps.append(step)
-        state = step.state
-    return steps
+    played = OneGame(game, intent)
+    return [played.step(*action) if isinstance(action, tuple) else played.step(action) for action in actions]

@@ -94,7 +94,7 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
             assert {agent: rewards[agent][index] for agent in AGENTS} == reward
             assert (terminated[index], truncated[index]) == (ends[PROPOSER], cuts[PROPOSER])
             assert infos["is_success"][index] == info[PROPOSER].get("is_success", False)
-            judgement = single.engine.last_step.judgement
+            judgement = single.engine.games.last_judgement(0)
             if judgement is None:
                 assert np.isnan(infos["probability"][index])
             else:

@@ -21,12 +21,12 @@ GAMES = [
 def test_indices__lead_to_the_protocols_decisions(settings: dict[str, Any]):
     this = game(**settings)
     table, decide = this.decision_table, this.protocol.decide
-    for is_answer, by_proposal in enumerate(table.indices):
+    for is_answer in range(len(table.indices)):
         for proposal in ProposalType:
             for answer in (*this.choices[1], NO_CHOICE):
                 for spent in (False, True):
                     turn_input = TurnInput(bool(is_answer), proposal, None if answer == NO_CHOICE else answer, spent)
-                    decision = table.decisions[by_proposal[proposal][answer][spent]]
+                    decision = table.decisions[table.indices[is_answer, proposal, answer, int(spent)]]
                     assert decision == decide(this.config, turn_input)
 
 
@@ -34,19 +34,19 @@ def test_indices__lead_to_the_protocols_decisions(settings: dict[str, Any]):
 def test_rewards__equal_the_reward_scheme(rewards: str):
     this = game(rewards=rewards, false_accept_cost=3.0)
     table = this.decision_table
-    stop = table.indices[True][ProposalType.STOP][ACCEPT][False]
+    stop = table.indices[1, ProposalType.STOP, ACCEPT, 0]
     for result in this.config.dynamics.step_results:
         for holds in (False, True):
             for intent in Intent:
                 expected = this.rewards(result.reward, Judgement(1.0, final=True, holds=holds), intent)
-                assert table.rewards[stop][result.code][holds][intent] == expected
+                assert tuple(table.rewards[:, stop, result.code, int(holds), intent]) == expected
 
 
 def test_rewards__without_an_mdp_step_depend_only_on_the_judgement():
     this = game(protocol="critique", rewards="correctness", false_reject_cost=0.5)
     table = this.decision_table
-    rejected = table.indices[True][ProposalType.STOP][NO_CHOICE][False]
-    assert table.rewards[rejected][table.no_mdp_step] == [[(0.0, 0.0)] * 2, [(0.0, -0.5)] * 2]
+    rejected = table.indices[1, ProposalType.STOP, NO_CHOICE, 0]
+    assert table.rewards[:, rejected, table.no_mdp_step].tolist() == [[[0.0] * 2, [0.0] * 2], [[0.0] * 2, [-0.5] * 2]]
 
 
 @pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("sneaky", True)])

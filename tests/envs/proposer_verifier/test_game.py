@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium.error import ResetNeeded
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
-from lilgym_mp.envs.proposer_verifier.protocols import BOTH_MOVE, NOBODY_MOVES, PROPOSER_MOVES, VERIFIER_MOVES
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
 from lilgym_mp.rules import Outcome
 from tests.envs.proposer_verifier.games import (
     ACCEPT,
@@ -20,19 +22,16 @@ from tests.envs.proposer_verifier.games import (
     CONTINUE,
     REJECT,
     REMOVE_FROM_EMPTY,
-    SOME_BLUE,
     STOP_NOW,
     STOPS,
     VERIFIER_STOPS,
     WAIT,
+    OneGame,
     all_steps,
     final_step,
     game,
+    setup,
 )
-
-
-def outcome(step: Any) -> Outcome | None:
-    return None if step.transition is None else step.transition.outcome
 
 
 def items(step: Any) -> int:
@@ -41,45 +40,45 @@ def items(step: Any) -> int:
 
 def test_veto__a_proposal_has_no_effect_until_answered():
     step = final_step(game(), ADD_BLUE)
-    assert step.transition is None
+    assert step.outcome is None
     assert step.rewards == (0.0, 0.0)
-    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (VERIFIER_MOVES, ADD_BLUE, 0)
+    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == ((VERIFIER,), ADD_BLUE, 0)
 
 
 def test_veto__an_accepted_edit_is_a_step_of_the_mdp():
     step = final_step(game(), ADD_BLUE, ACCEPT)
-    assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 1)
-    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == (PROPOSER_MOVES, None, 1)
+    assert (step.outcome, step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 1)
+    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == ((PROPOSER,), None, 1)
 
 
 def test_veto__a_rejection_keeps_the_scene_and_uses_up_a_step():
     step = final_step(game(), ADD_BLUE, REJECT)
-    assert (outcome(step), step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
+    assert (step.outcome, step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
     assert step.state.mdp.steps == 1
 
 
 def test_veto__an_accepted_stop_ends_the_episode_as_the_mdp_does():
     right = final_step(game(), ADD_BLUE, ACCEPT, STOPS, ACCEPT)
     wrong = final_step(game(), ADD_BLACK, ACCEPT, STOPS, ACCEPT)
-    assert (outcome(right), right.rewards, right.terminated) == (Outcome.SUCCESS, (1.0, 1.0), True)
-    assert (outcome(wrong), wrong.rewards, wrong.terminated) == (Outcome.WRONG_STOP, (-1.0, -1.0), True)
-    assert right.state.movers == NOBODY_MOVES
+    assert (right.outcome, right.rewards, right.terminated) == (Outcome.SUCCESS, (1.0, 1.0), True)
+    assert (wrong.outcome, wrong.rewards, wrong.terminated) == (Outcome.WRONG_STOP, (-1.0, -1.0), True)
+    assert right.state.movers == ()
 
 
 def test_veto__a_rejected_stop_does_not_end_the_episode():
     step = final_step(game(), STOPS, REJECT)
-    assert (outcome(step), step.terminated, step.state.movers) == (Outcome.CONTINUES, False, PROPOSER_MOVES)
+    assert (step.outcome, step.terminated, step.state.movers) == (Outcome.CONTINUES, False, (PROPOSER,))
 
 
 def test_veto__an_accepted_invalid_action_ends_the_episode_a_rejected_one_does_not():
-    assert outcome(final_step(game(), REMOVE_FROM_EMPTY, ACCEPT)) is Outcome.INVALID_ACTION
-    assert outcome(final_step(game(), REMOVE_FROM_EMPTY, REJECT)) is Outcome.CONTINUES
+    assert final_step(game(), REMOVE_FROM_EMPTY, ACCEPT).outcome is Outcome.INVALID_ACTION
+    assert final_step(game(), REMOVE_FROM_EMPTY, REJECT).outcome is Outcome.CONTINUES
 
 
 @pytest.mark.parametrize("answer", [ACCEPT, REJECT])
 def test_veto__the_horizon_counts_rounds(answer: int):
     step = final_step(game(horizon=2), ADD_BLUE, REJECT, ADD_BLUE, answer)
-    assert (outcome(step), step.terminated, step.rewards) == (Outcome.HORIZON, True, (-1.0, -1.0))
+    assert (step.outcome, step.terminated, step.rewards) == (Outcome.HORIZON, True, (-1.0, -1.0))
 
 
 def test_veto__under_the_release_rules_the_horizon_truncates():
@@ -89,13 +88,13 @@ def test_veto__under_the_release_rules_the_horizon_truncates():
 
 @pytest.mark.parametrize("ending", ["proposer", "either"])
 def test_ending__by_the_proposer_its_stop_needs_no_answer(ending: str):
-    assert outcome(final_step(game(ending=ending), STOPS)) is Outcome.WRONG_STOP
+    assert final_step(game(ending=ending), STOPS).outcome is Outcome.WRONG_STOP
 
 
 @pytest.mark.parametrize("ending", ["verifier", "either"])
 def test_ending__by_the_verifier_its_stop_is_judged_on_the_scene_before_the_proposal(ending: str):
     step = final_step(game(ending=ending), ADD_BLUE, VERIFIER_STOPS)
-    assert (outcome(step), items(step)) == (Outcome.WRONG_STOP, 0)
+    assert (step.outcome, items(step)) == (Outcome.WRONG_STOP, 0)
     assert step.judgement is not None
     assert (step.judgement.accepted, step.judgement.holds) == (True, False)
 
@@ -109,52 +108,52 @@ def test_ending__determines_whether_the_verifier_can_choose_stop(protocol: str):
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
 def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
     this = game(protocol=protocol, ending="verifier")
-    state = this.start(SOME_BLUE)
-    assert not this.legal_mask(state, Role.PROPOSER)[STOPS]
-    step = this.step(state, STOPS, CONTINUE if protocol == "joint" else None)
-    assert (step.illegal[Role.PROPOSER], outcome(step), items(step)) == (True, Outcome.CONTINUES, 0)
+    played = OneGame(this)
+    assert not played.games.masks(Role.PROPOSER, 0)[STOPS]
+    step = played.step(STOPS, *([CONTINUE] if protocol == "joint" else []))
+    assert (step.illegal[Role.PROPOSER], step.outcome, items(step)) == (True, Outcome.CONTINUES, 0)
 
 
 def test_joint__the_edit_is_made_while_the_verifier_continues():
     step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE))
-    assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, BOTH_MOVE)
+    assert (step.outcome, items(step), step.state.movers) == (Outcome.CONTINUES, 1, (PROPOSER, VERIFIER))
 
 
 def test_joint__a_stop_is_judged_on_the_scene_before_the_edit():
-    assert outcome(final_step(game(protocol="joint"), (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+    assert final_step(game(protocol="joint"), (ADD_BLUE, STOP_NOW)).outcome is Outcome.WRONG_STOP
     step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE), (ADD_BLACK, STOP_NOW))
-    assert (outcome(step), items(step)) == (Outcome.SUCCESS, 1)
+    assert (step.outcome, items(step)) == (Outcome.SUCCESS, 1)
 
 
 def test_joint__by_agreement_only_both_stops_together_end_the_episode():
     this = game(protocol="joint", ending="agreement")
-    assert outcome(final_step(this, (STOPS, CONTINUE))) is Outcome.CONTINUES
+    assert final_step(this, (STOPS, CONTINUE)).outcome is Outcome.CONTINUES
     step = final_step(this, (ADD_BLUE, STOP_NOW))
-    assert (outcome(step), items(step)) == (Outcome.CONTINUES, 1)
-    assert outcome(final_step(this, (STOPS, STOP_NOW))) is Outcome.WRONG_STOP
+    assert (step.outcome, items(step)) == (Outcome.CONTINUES, 1)
+    assert final_step(this, (STOPS, STOP_NOW)).outcome is Outcome.WRONG_STOP
 
 
 def test_joint__by_either_each_stop_ends_the_episode():
     this = game(protocol="joint", ending="either")
-    assert outcome(final_step(this, (STOPS, CONTINUE))) is Outcome.WRONG_STOP
-    assert outcome(final_step(this, (ADD_BLUE, STOP_NOW))) is Outcome.WRONG_STOP
+    assert final_step(this, (STOPS, CONTINUE)).outcome is Outcome.WRONG_STOP
+    assert final_step(this, (ADD_BLUE, STOP_NOW)).outcome is Outcome.WRONG_STOP
 
 
 def test_audit__the_proposer_moves_until_it_stops():
     steps = all_steps(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
-    assert [step.state.movers for step in steps] == [PROPOSER_MOVES, PROPOSER_MOVES, VERIFIER_MOVES]
-    assert [outcome(step) for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
+    assert [step.state.movers for step in steps] == [(PROPOSER,), (PROPOSER,), (VERIFIER,)]
+    assert [step.outcome for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
 
 
 @pytest.mark.parametrize("verdict", [0, 1])
 def test_audit__the_verdict_ends_the_episode_whatever_it_is(verdict: int):
     step = final_step(game(protocol="audit"), ADD_BLUE, STOPS, verdict)
-    assert (outcome(step), step.judgement.probability, step.judgement.holds) == (Outcome.SUCCESS, float(verdict), True)
+    assert (step.outcome, step.judgement.probability, step.judgement.holds) == (Outcome.SUCCESS, float(verdict), True)
 
 
 def test_audit__without_a_stop_there_is_no_verdict():
     step = final_step(game(protocol="audit", horizon=1), ADD_BLUE)
-    assert (outcome(step), step.judgement, step.state.movers) == (Outcome.HORIZON, None, NOBODY_MOVES)
+    assert (step.outcome, step.judgement, step.state.movers) == (Outcome.HORIZON, None, ())
 
 
 @pytest.mark.parametrize(("bins", "expected"), [(2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
@@ -166,14 +165,14 @@ def test_audit__bins_state_their_midpoints(bins: int, expected: list[float]):
 
 def test_critique__a_rejection_is_free_and_the_proposer_moves_again():
     step = final_step(game(protocol="critique"), ADD_BLUE, REJECT)
-    assert (step.transition, step.rewards) == (None, (0.0, 0.0))
-    assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == (PROPOSER_MOVES, 1, 0)
+    assert (step.outcome, step.rewards) == (None, (0.0, 0.0))
+    assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == ((PROPOSER,), 1, 0)
 
 
 def test_critique__after_the_last_exchange_the_next_proposal_needs_no_answer():
     this = game(protocol="critique", exchanges=1)
     step = final_step(this, ADD_BLACK, REJECT, ADD_BLUE)
-    assert (outcome(step), items(step), step.state.movers) == (Outcome.CONTINUES, 1, PROPOSER_MOVES)
+    assert (step.outcome, items(step), step.state.movers) == (Outcome.CONTINUES, 1, (PROPOSER,))
     assert step.state.rejections == 0
 
 
@@ -251,27 +250,23 @@ def test_rewards__are_weighted_sums():
     assert final_step(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
 
 
-def test_step__out_of_turn_is_refused():
-    this = game()
-    state = this.start(SOME_BLUE)
-    with pytest.raises(TurnError, match="verifier_0 acted out of turn: it is the turn of proposer_0"):
-        this.step(state, ADD_BLUE, ACCEPT)
+def test_engine__needs_the_action_of_the_agent_to_move():
+    engine = GameEngine(setup())
+    with pytest.raises(ResetNeeded, match="call reset first"):
+        engine.step(ADD_BLUE, None)
+    engine.reset(0, None)
     with pytest.raises(TurnError, match="it is the turn of proposer_0: it must act"):
-        this.step(state)
+        engine.step(None, ACCEPT)
+    engine.step(ADD_BLUE, None)
+    assert engine.movers == (VERIFIER,)
 
 
-def test_step__after_the_end_is_refused():
-    this = game(ending="proposer")
-    over = final_step(this, STOPS).state
-    with pytest.raises(TurnError, match="the game is over"):
-        this.step(over, ADD_BLUE)
-
-
-@pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, None, [1]])
-def test_step__refuses_invalid_actions(action: Any):
-    this = game()
-    with pytest.raises((ActionError, TurnError), match="proposer_0"):
-        this.step(this.start(SOME_BLUE), action)
+@pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, [1]])
+def test_engine__refuses_invalid_actions(action: Any):
+    engine = GameEngine(setup())
+    engine.reset(0, None)
+    with pytest.raises(ActionError, match="proposer_0"):
+        engine.step(action, None)
 
 
 def test_describe__names_actions():
@@ -292,24 +287,23 @@ GAMES = {
 
 
 @given(st.sampled_from(sorted(GAMES)), st.lists(st.integers(0, 10_000), min_size=40, max_size=40))
-def test_step__is_pure_ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
+def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str, int], chances: list[int]):
     this = GAMES[key]
-    state = this.start(SOME_BLUE)
+    played = OneGame(this)
     for chance in chances:
-        if not state.movers:
+        movers = played.state.movers
+        if not movers:
             break
-        actions = [chance % this.action_counts[role] if role in state.movers else None for role in Role]
-        step = this.step(state, *actions)
-        assert this.step(state, *actions) == step
-        for role in state.movers:
-            mask = this.legal_mask(state, role)
-            assert mask.dtype == np.int8
-            assert mask.any()
-            if mask[actions[role]]:
+        actions = {role: chance % this.action_counts[role] for role in movers}
+        masks = {role: played.games.masks(role, 0) for role in movers}
+        step = played.step(*actions.values())
+        for role in movers:
+            assert masks[role].dtype == np.int8
+            assert masks[role].any()
+            if masks[role][actions[role]]:
                 assert not step.illegal[role]
-                assert role is Role.VERIFIER or outcome(step) is not Outcome.INVALID_ACTION
+                assert role is VERIFIER or step.outcome is not Outcome.INVALID_ACTION
             elif step.illegal[role]:
-                assert not mask[actions[role]]
+                assert not masks[role][actions[role]]
         assert bool(step.state.movers) != (step.terminated or step.truncated)
         assert step.state.mdp.steps <= this.config.dynamics.horizon
-        state = step.state
