@@ -29,7 +29,7 @@ class ScalarCore(Core):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         """A copy's canvases draw into its own buffers."""
-        self.__dict__.update(state)
+        vars(self).update(state)
         self._canvases = self._new_canvases()
 
     def _start_episodes(self, env_ids: Int64Array, tasks: Int64Array) -> None:

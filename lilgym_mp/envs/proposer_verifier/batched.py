@@ -154,7 +154,7 @@ class BatchedGames:
         moved = games.movers.copy()
         games.step(proposers, verifiers)
         self._own_turn_rewards = np.where(moved, 0.0, self._own_turn_rewards) + games.rewards
-        rewards = dict(zip(AGENTS, games.rewards.copy(), strict=True))
+        rewards: dict[str, NDArray[np.float64]] = dict(zip(AGENTS, games.rewards.copy(), strict=True))
         terminated, truncated = games.terminated.copy(), games.truncated.copy()
         ended = np.flatnonzero(terminated | truncated)
         infos: dict[str, Any] = {

@@ -174,12 +174,14 @@ class _Match:
 
     def _finished(self, slot: int, number: int) -> GameRecord:
         task = self._setup.tasks[int(self._tasks[number])]
+        outcome = self._games.last_outcome(slot)
+        assert outcome is not None
         proposer_return, verifier_return = self._returns[:, number].tolist()
         return GameRecord(
             task.id,
             task.statement,
             task.target,
-            self._games.last_outcome(slot),
+            outcome,
             int(self._games.rounds[slot]),
             (proposer_return, verifier_return),
             tuple(self._judgements[number]),

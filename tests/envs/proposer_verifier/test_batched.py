@@ -1,4 +1,4 @@
-"""BatchedGames equals single games."""
+"""BatchedGames equals single games, which are batches of one stepped as scalars."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.actions import ActionError
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs import cores
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env, read_text
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
-GAMES, STEPS, SEED = 3, 40, 11
+GAMES, STEPS, SEED = 8, 25, 11  # enough games for compiled code
 VERIFIER_WAITS = 2
 VIEWS = {PROPOSER: {"history": 2}, VERIFIER: {"scene": "structured", "history": 1}}
 MIXED = {"hidden": 1.0, "mdp_if_helpful": 0.5}
@@ -109,23 +108,9 @@ def assert_equals_single_games(settings: dict[str, Any], *, copy: bool) -> None:
     assert endings > 0
 
 
-@pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_batch__equals_single_games(settings: dict[str, Any]):
-    assert_equals_single_games(settings, copy=True)
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_batch__without_copies_equals_single_games(protocol: str):
-    assert_equals_single_games({"protocol": protocol}, copy=False)
-
-
-@pytest.mark.parametrize(("protocol", "appearance"), list(zip(PROTOCOLS, cycle(["tower", "scatter"]), strict=False)))
-def test_batch__large_enough_for_compiled_code_equals_single_games(
-    protocol: str, appearance: str, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(cores, "FEWEST_COMPILED", 1)
-    settings = {"appearance": appearance, "start": "flipit", "views": VIEWS, "rules": "release", "reveal_truth": True}
-    assert_equals_single_games({"protocol": protocol, **settings}, copy=True)
+@pytest.mark.parametrize(("settings", "copy"), list(zip(SETTINGS, cycle([True, False]), strict=False)), ids=str)
+def test_batch__equals_single_games(settings: dict[str, Any], copy: bool):
+    assert_equals_single_games(settings, copy=copy)
 
 
 @pytest.mark.parametrize("rewards", ["common", "hidden"])
