@@ -8,11 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lilgym_mp.actions import Action, Stop
 from lilgym_mp.learning.model_file import load_model
-from lilgym_mp.programs.compiler import Program
-from lilgym_mp.rules import Dynamics, State, Transition
-from lilgym_mp.scene import Scene
 from tests.corpora import write_own_corpus, write_three_statements
 
 
@@ -34,30 +30,6 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> str:
 def three(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of a corpus of three statements."""
     return str(write_three_statements(tmp_path_factory.mktemp("three") / "three.jsonl"))
-
-
-@pytest.fixture
-def counted_stops(monkeypatch: pytest.MonkeyPatch) -> list[int]:
-    """The lengths of the episodes that STOP ends. Reading a truth value outside of such a step fails the test."""
-    stops: list[int] = []
-    playing = False
-    step, truth = Dynamics.step, Program.__call__
-
-    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
-        nonlocal playing
-        playing = isinstance(action, Stop)
-        stops.extend([state.steps + 1] * playing)
-        transition = step(dynamics, state, action)
-        playing = False
-        return transition
-
-    def truth_in_play(program: Program, scene: Scene) -> bool:
-        assert playing, "a truth value was read outside of a STOP"
-        return truth(program, scene)
-
-    monkeypatch.setattr(Dynamics, "step", counted)
-    monkeypatch.setattr(Program, "__call__", truth_in_play)
-    return stops
 
 
 def weights(run: Path) -> dict[str, torch.Tensor]:

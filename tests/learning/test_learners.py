@@ -14,7 +14,7 @@ import pytest
 
 from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
-from lilgym_mp.learning.agents import AgentError, load_agent, open_agent
+from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
 from lilgym_mp.learning.model_file import ModelDescription, save_model
 from lilgym_mp.learning.recipes import setting
@@ -88,8 +88,6 @@ def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> N
     assert open_agent(Path("imitation-tower"), "cpu").description.kind == "imitation"
     with pytest.raises(AgentError, match=r"no trained agent at imitation-towers: .*imitation-tower, parse-and-plan"):
         open_agent(Path("imitation-towers"), "cpu")
-    with pytest.raises(ValueError, match=r"unknown agent 'clever'; choose from .*parse-and-plan"):
-        load_agent("clever")
 
 
 def test_new_learner__has_a_training_curve() -> None:

@@ -137,8 +137,6 @@ CLAIMS: dict[str, dict[str, tuple[object, ...]]] = {  # by agent: values of keys
         "heads": (0, NAN, 7),
         "temperature": (NAN, None),
         "slope": (float("inf"), "much"),
-        "tokens": (["x"],),
-        "words": (["blue"],),
     },
     "imitation-tower": {"width": (8_000_000, -8), "text_layers": (1_000_000,), "threshold": (NAN, "high")},
     "ppo": {"width": (1_000_000_000, -4), "text_layers": (1_000_000,), "heads": (0, NAN), "words": (["a"] * 9,)},

@@ -6,6 +6,9 @@ import json
 import os
 import shutil
 import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -67,9 +70,17 @@ def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
 # Learning
 
 
-@pytest.mark.long
-@pytest.mark.parametrize(("algorithm", "verifier"), [("independent", "ppo"), ("shared", "both"), ("central", "both")])
-def test_train__both_agents_solve_three_statements(tmp_path: Path, three: str, algorithm: str, verifier: str):
+@pytest.mark.parametrize(
+    ("algorithm", "verifier"),
+    [
+        pytest.param("independent", "ppo", marks=pytest.mark.long),
+        pytest.param("shared", "both", marks=pytest.mark.long),
+        pytest.param("central", "both", marks=pytest.mark.long),
+    ],
+)
+def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
+    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch, algorithm: str, verifier: str
+):
     recipe = replace(
         SMALL,
         algorithm=algorithm,
@@ -84,9 +95,24 @@ def test_train__both_agents_solve_three_statements(tmp_path: Path, three: str, a
     settings = GameSettings.of(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
 
-    agent = trained(tmp_path, 12_288, recipe, settings)
-    players = partner(agent, Role.PROPOSER, sampled=True), partner(agent, Role.VERIFIER, sampled=True)
-    assert measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate > 0.85
+    def success(name: str) -> float:
+        agent = trained(tmp_path / name, 12_288, recipe, settings)
+        players = partner(agent, Role.PROPOSER, sampled=True), partner(agent, Role.VERIFIER, sampled=True)
+        return measure(env, *players, tasks=list(env.tasks.ids) * 30).success_rate
+
+    assert success("learnt") > 0.85
+    if algorithm != "shared":
+        return
+    play = RolloutPlayer.play
+
+    def shuffled(self: RolloutPlayer, *args: Any) -> Rollout:
+        found, rng = play(self, *args), np.random.default_rng(0)
+        for turns in found.turns.values():
+            turns.rewards = rng.permutation(turns.rewards.reshape(-1)).reshape(turns.rewards.shape)
+        return found._replace(claims=found.claims._replace(holds=rng.permutation(found.claims.holds)))
+
+    monkeypatch.setattr(RolloutPlayer, "play", shuffled)
+    assert success("shuffled") < 0.6
 
 
 @pytest.mark.long
@@ -180,19 +206,39 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
-    recipe = replace(SMALL, algorithm="central")
-    trained(tmp_path / "whole", 256, recipe)
+    trained(tmp_path / "whole", 256, schedule_free())
 
     def interrupt(progress: Progress, done: float) -> None:
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
-    cut = trained(tmp_path / "cut", 256, recipe, on_progress=interrupt)
+    cut = trained(tmp_path / "cut", 256, schedule_free(), on_progress=interrupt)
     assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (128, True)
     assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
     with pytest.raises(TrainingRunError, match="already has 256 steps"):
-        trained(tmp_path / "cut", 256, recipe, resume=True)
+        trained(tmp_path / "cut", 256, schedule_free(), resume=True)
+
+
+def schedule_free() -> GameRecipe:
+    return replace(SMALL, algorithm="central")
+
+
+@pytest.mark.long
+def test_train__survives_being_killed(tmp_path: Path):
+    command = [sys.executable, "-m", "lilgym_mp", "train", "game", "TowerScratch", "--protocol", "joint", "--out"]
+    small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]
+    process = subprocess.Popen([*command, str(tmp_path / "run"), "--steps", "100000000", *small])
+    progress = tmp_path / "run" / "progress.jsonl"
+    for _ in range(1200):
+        if progress.exists() and progress.read_text().count("\n") > 2:
+            break
+        time.sleep(0.1)
+    process.kill()
+    process.wait()
+    arguments = saved_arguments(tmp_path / "run", {})
+    assert arguments.pop("options") == {"steps": 100_000_000}
+    assert train_game(out=tmp_path / "run", steps=256, resume=True, **arguments).description.details["steps"] == 256
 
 
 def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -267,6 +313,33 @@ def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Pa
 
 
 # Invalid input
+
+
+@pytest.mark.parametrize(
+    ("options", "error"),
+    [
+        ({"steps": None}, "give a budget: steps, minutes, or both"),
+        ({"steps": 0}, "steps must be above 0, not 0"),
+        ({"steps": None, "minutes": float("nan")}, "minutes must be above 0, not nan"),
+    ],
+)
+def test_train__rejects_invalid_budgets(tmp_path: Path, options: dict[str, Any], error: str):
+    with pytest.raises(ValueError, match=error):
+        train_game(JOINT, SMALL, tmp_path / "run", **options)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"algorithm": "mappo"}, "unknown algorithm 'mappo'; choose from central, independent, shared"),
+        ({"verifier": "oracle"}, "unknown verifier 'oracle'; choose from both, cross-entropy, ppo"),
+        ({"width": 0}, "width must be at least 8 and at most 1024, not 0"),
+    ],
+)
+def test_recipe__rejects_invalid_values(changes: dict[str, Any], error: str):
+    with pytest.raises(ValueError, match=error):
+        GameRecipe(**changes)
 
 
 def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):

@@ -8,11 +8,8 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
-from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Scene
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
@@ -48,6 +45,10 @@ SCENES: dict[str, list[list[list[dict[str, Any]]]]] = {
 @pytest.fixture(scope="session")
 def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of a corpus with three statements per appearance, the same in train and dev."""
+    from lilgym_mp.corpus import write_corpus
+    from lilgym_mp.programs import compile_program
+    from lilgym_mp.scene import Scene
+
     path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
     entries: list[dict[str, Any]] = []
     for appearance, pairs in STATEMENTS.items():
@@ -59,9 +60,18 @@ def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
                     {"id": f"{name}-{index}", "label": bool(truth(Scene.from_json(scene))), "scene": scene}
                     for index, scene in enumerate(SCENES[appearance])
                 ]
-                entry = {"id": name, "appearance": appearance, "split": split, "statement": statement}
-                entries.append({**entry, "program": program, "starts": starts})
+                entries.append(
+                    {
+                        "id": name,
+                        "appearance": appearance,
+                        "split": split,
+                        "statement": statement,
+                        "program": program,
+                        "starts": starts,
+                    }
+                )
     write_corpus(path, "our own statements", "as this package", entries)
+    json.loads(path.read_text().splitlines()[0])
     return str(path)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import AddBlock
+from lilgym_mp.actions import Action, AddBlock, Stop
 from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
@@ -16,7 +16,8 @@ from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.teaching import first_edits
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.reward_model.training import train_reward_model
-from lilgym_mp.rules import State, make_dynamics
+from lilgym_mp.programs.compiler import Program
+from lilgym_mp.rules import Dynamics, State, Transition, make_dynamics
 from lilgym_mp.scene import Colour, Scene
 from lilgym_mp.solver import Solver
 from tests.learning.imitation.conftest import small_recipe
@@ -36,23 +37,35 @@ def teacher_of(updates: int, statements: str, out: Path) -> Path:
 
 @pytest.mark.long
 @pytest.mark.parametrize("own_states", [0.0, 1.0])
-def test_taught_network__reads_truths_only_from_episodes(
-    statements: str, teacher: Path, tmp_path: Path, own_states: float, request: pytest.FixtureRequest
+def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
+    statements: str, teacher: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_states: float
 ):
+    stops: list[int] = []
+    playing = False
+    step, truth = Dynamics.step, Program.__call__
+
+    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
+        nonlocal playing
+        playing = isinstance(action, Stop)
+        stops.extend([state.steps + 1] * playing)
+        transition = step(dynamics, state, action)
+        playing = False
+        return transition
+
+    def truth_in_play(program: Program, scene: Scene) -> bool:
+        assert playing, "a truth was read outside of a STOP"
+        return truth(program, scene)
+
     settings = Settings("TowerFlipIt", corpus=statements)
-    stops = request.getfixturevalue("counted_stops")
-    recipe = small_recipe(settings, own_states=own_states)
-    agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
+    with monkeypatch.context() as patched:
+        patched.setattr(Dynamics, "step", counted)
+        patched.setattr(Program, "__call__", truth_in_play)
+        recipe = small_recipe(settings, own_states=own_states)
+        agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
     assert agent.description.supervision.startswith("rewards; ")
     if not own_states:
         assert agent.description.details["stops"] == len(stops)
         assert agent.description.details["steps"] == sum(stops)
-
-
-@pytest.mark.long
-def test_taught_network__solves_three_statements(statements: str, teacher: Path, tmp_path: Path):
-    settings = Settings("TowerFlipIt", corpus=statements)
-    train_imitation(settings, small_recipe(settings), tmp_path / "run", updates=120, teacher=teacher)
     for name in ("TowerFlipIt", "TowerScratch"):
         played = replace(settings, configuration=name)
         episodes = evaluate(open_agent(tmp_path / "run").policy(played), played, "dev")

@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.evaluation import Observations, Settings, evaluate
+from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.imitation import training, update
 from lilgym_mp.learning.imitation.agent import ImitationAgent
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.model_file import ModelFileError, save_model
-from lilgym_mp.learning.training_run import TrainingError
-from lilgym_mp.render import draw
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.scene import Scene
-from tests.learning.conftest import equal
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
 UPDATES = 110
@@ -68,6 +66,24 @@ def test_resume__continues_interrupted_pretraining(
     assert agent.description.details["updates"] == 40
 
 
+@pytest.mark.long
+def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    add = DataCollector.add
+
+    def shuffled(collector: DataCollector, entry: DatasetEntry, scene: Scene, *, solve: bool) -> int:
+        known = len(entry.scenes)
+        index = add(collector, entry, scene, solve=solve)
+        if index == known:  # a label independent of the scene's content
+            entry.truths[index] = bool(hash(tuple(entry.scenes[index])) & 64)
+        if entry.actions[index] is not None:
+            entry.actions[index] = collector.heads.recoloured[0][1 + (index * 7) % 12 :][:1]
+        return index
+
+    monkeypatch.setattr(DataCollector, "add", shuffled)
+    agent, settings = train(statements, "TowerFlipIt", tmp_path / "run")
+    assert accuracy(agent, settings) < 0.7
+
+
 @pytest.mark.parametrize("name", CONFIGURATIONS)
 def test_training__saved_agent_plays_like_the_trained_one(name: str, statements: str, tmp_path: Path):
     agent, settings = train(statements, name, tmp_path / "run", updates=4)
@@ -79,7 +95,11 @@ def test_training__saved_agent_plays_like_the_trained_one(name: str, statements:
 def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path):
     for place in ("one", "other"):
         train(statements, "TowerScratch", tmp_path / place, updates=6)
-    assert equal(tmp_path / "one", tmp_path / "other")
+    one, other = (open_agent(tmp_path / place, "cpu") for place in ("one", "other"))
+    assert isinstance(one, ImitationAgent)
+    assert isinstance(other, ImitationAgent)
+    for name, weights in one.network.state_dict().items():
+        assert torch.equal(weights, other.network.state_dict()[name]), name
 
 
 def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
@@ -97,6 +117,18 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     agent = train_imitation(settings, recipe, tmp_path, updates=20, resume=True)
     assert agent.description.details["updates"] == 20
     assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
+
+
+def test_resume__rejects_another_recipe_and_a_damaged_checkpoint(statements: str, tmp_path: Path):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    train_imitation(settings, small_recipe(settings), tmp_path, updates=2)
+    with pytest.raises(TrainingRunError, match="has width 32, but 64 was requested"):
+        train_imitation(settings, small_recipe(settings, width=64), tmp_path, updates=4, resume=True)
+    with pytest.raises(TrainingRunError, match="already"):
+        train_imitation(settings, small_recipe(settings), tmp_path, updates=4)
+    (tmp_path / "checkpoint.pt").write_bytes((tmp_path / "checkpoint.pt").read_bytes()[:1000])
+    with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
+        train_imitation(settings, small_recipe(settings), tmp_path, updates=4, resume=True)
 
 
 def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
@@ -119,21 +151,56 @@ def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     assert all(torch.isfinite(weights).all() for weights in kept["network"].values())
 
 
-def test_load__rejects_other_versions_and_configurations(statements: str, tmp_path: Path):
+@pytest.mark.parametrize("budget", [{}, {"minutes": 1.0, "updates": 0}, {"minutes": -1.0}, {"minutes": float("nan")}])
+def test_training__rejects_invalid_budgets(budget: dict[str, float], statements: str, tmp_path: Path):
+    settings = Settings("TowerScratch", corpus=statements)
+    with pytest.raises(ValueError, match="budget"):
+        train_imitation(settings, small_recipe(settings), tmp_path, **budget)  # pyright: ignore[reportArgumentType]
+
+
+def test_recipe__names_the_setting_and_its_bounds():
+    with pytest.raises(ValueError, match="learning-rate must be at least 0 and at most 1, not 2"):
+        ImitationRecipe(learning_rate=2)
+    with pytest.raises(ValueError, match="multiple of 8"):
+        ImitationRecipe(width=100)
+    recipe = ImitationRecipe(width=64)
+    assert ImitationRecipe.from_json(recipe.to_json()) == recipe
+
+
+def test_load__rejects_other_versions_vocabularies_and_truncated_files(statements: str, tmp_path: Path):
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
+    path = tmp_path / AGENT_FILE
+    tensors = agent.network.state_dict()
+
+    def saved(**changes: object) -> None:
+        from dataclasses import replace
+
+        save_model(path, replace(agent.description, **changes), tensors)  # pyright: ignore[reportArgumentType]
+
+    saved(version=99)
+    with pytest.raises(ModelFileError, match="version 99"):
+        open_agent(path, "cpu")
+    details = agent.description.details
+    saved(details={**details, "network": {**details["network"], "vocabulary": ["a", "blue"]}})
+    with pytest.raises(ModelFileError, match="do not match the network"):
+        open_agent(path, "cpu")
+    saved(configurations=("ScatterFlipIt",), details={**details, "stop_rules": {"ScatterFlipIt": {}}})
+    with pytest.raises(ModelFileError, match="a network for tower cannot play ScatterFlipIt"):
+        open_agent(path, "cpu")
+    saved()
     with pytest.raises(AgentError, match="does not play ScatterScratch"):
-        agent.policy(Settings("ScatterScratch", corpus=settings.corpus))
-    changed = {**agent.description.details, "stop_rules": {"ScatterFlipIt": {}}}
-    for changes, fault in (
-        ({"version": 99}, "version 99"),
-        ({"configurations": ("ScatterFlipIt",), "details": changed}, "a network for tower cannot play ScatterFlipIt"),
-    ):
-        save_model(tmp_path / AGENT_FILE, replace(agent.description, **changes), agent.network.state_dict())
-        with pytest.raises(ModelFileError, match=fault):
-            open_agent(tmp_path, "cpu")
+        open_agent(path, "cpu").policy(Settings("ScatterScratch", corpus=settings.corpus))
+    path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(ModelFileError, match="truncated"):
+        open_agent(path, "cpu")
 
 
 def test_policy__handles_unknown_empty_and_very_long_statements(statements: str, tmp_path: Path):
+    import numpy as np
+
+    from lilgym_mp.evaluation import Observations
+    from lilgym_mp.render import draw
+
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)
     images = np.stack([draw(Scene.empty(), "half")] * 3)

@@ -5,19 +5,23 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
+import subprocess
+import sys
+import textwrap
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
+from torch import Tensor
 
 from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
-from lilgym_mp.learning.agents import AgentError, open_agent
-from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
@@ -46,6 +50,7 @@ from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
+from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import prefix_tokens
@@ -60,6 +65,11 @@ from tests.corpora import write_own_corpus, write_thin_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
 SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
+
+
+@pytest.fixture(autouse=True)
+def _one_thread() -> None:
+    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")
@@ -137,6 +147,26 @@ def small_network(seed: int = 0) -> ParserNetwork:
     return ParserNetwork(12, len(TOKENS), Sizes(width=16, hidden=32, layers=1, longest_program=10)).eval()
 
 
+def test_network__cached_decoding_equals_teacher_forcing():
+    network = small_network()
+    words = torch.tensor([[3, 4, 5, 0], [6, 7, 8, 9]])
+    tokens = torch.tensor([[TOKENS.index(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
+    rows = [list(slots_of(tokens[0].tolist()))] * 2
+    slots = Slots(
+        torch.tensor([[s.parent for s in row] for row in rows]),
+        torch.tensor([[s.argument for s in row] for row in rows]),
+    )
+    at_once = network(words, tokens, slots)
+    memories = network.encode(words)
+    caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
+    before = torch.zeros(2, 1, dtype=torch.long)
+    for place in range(tokens.shape[1]):
+        here = Slots(slots.parents[:, place : place + 1], slots.arguments[:, place : place + 1])
+        step = network.decode(memories, before, here, first=place, caches=caches)
+        assert torch.allclose(step[:, 0], at_once[:, place], atol=1e-5)
+        before = tokens[:, place : place + 1]
+
+
 def test_beam__returns_complete_programs_sorted_by_probability():
     network = small_network()
     words = [3, 4, 5]
@@ -154,6 +184,13 @@ def test_beam__returns_complete_programs_sorted_by_probability():
         logits[..., 0] += 0.0
         chosen = logits.log_softmax(2)[0].gather(1, torch.tensor(tokens)[:, None]).sum().item()
         assert score == pytest.approx(chosen, abs=1e-4)
+
+
+def test_beam__wider_beam_finds_at_least_as_probable_programs():
+    network = small_network(1)
+    everything = beam_search(network, [3, 4], 2000)
+    narrow = beam_search(network, [3, 4], 20)
+    assert narrow[0].log_probability <= everything[0].log_probability + 1e-6
 
 
 def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(
@@ -195,6 +232,22 @@ def test_training__solves_a_small_corpus(tmp_path: Path):
     assert accuracy(tmp_path / "run", own) == 1.0
 
 
+@pytest.mark.long
+def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    examples = training.corpus_examples(str(own))
+    programs = [example.program for example in examples]
+    wrong = [
+        example._replace(program=program)
+        for example, program in zip(examples, programs[1:] + programs[:1], strict=True)
+    ]
+    monkeypatch.setattr(training, "corpus_examples", lambda corpus: wrong)
+    train_parser(str(own), LEARNING, tmp_path / "shuffled", device="cpu")
+    assert accuracy(tmp_path / "shuffled", own) < 0.7
+
+
 def test_training__is_reproducible_by_seed(tmp_path: Path):
     own = write_own_corpus(tmp_path / "own.jsonl")
     recipe = dataclasses.replace(SMALL, updates=5)
@@ -206,6 +259,74 @@ def test_training__is_reproducible_by_seed(tmp_path: Path):
     assert files[0] == files[1] != files[2]
 
 
+def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    recipe = dataclasses.replace(SMALL, updates=40)
+
+    def interrupt(progress: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatched = 10
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "REPORT_EVERY", monkeypatched + 5)
+        with pytest.raises(KeyboardInterrupt):
+            train_parser(
+                str(own), recipe, tmp_path / "run", save_every=monkeypatched, on_progress=interrupt, device="cpu"
+            )
+    assert not (tmp_path / "run" / AGENT_FILE).exists()
+    steps: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "REPORT_EVERY", 1)
+        train_parser(
+            str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
+        )
+    assert steps[0] == monkeypatched + 1
+    assert steps[-1] == 40
+    assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
+
+
+def test_training__rejects_a_used_directory_and_another_recipe(trained: Path, thin: str):
+    with pytest.raises(TrainingRunError, match="already holds a run"):
+        train_parser(thin, SMALL, trained, device="cpu")
+    with pytest.raises(TrainingRunError, match="was requested"):
+        train_parser(thin, dataclasses.replace(SMALL, seed=9), trained, resume=True, device="cpu")
+
+
+def test_resume__rejects_a_damaged_checkpoint(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    train_parser(str(own), dataclasses.replace(SMALL, updates=3), tmp_path / "run", device="cpu")
+    checkpoint = tmp_path / "run" / "checkpoint.pt"
+    for damaged in (b"", checkpoint.read_bytes()[:500]):
+        checkpoint.write_bytes(damaged)
+        with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
+            train_parser(str(own), dataclasses.replace(SMALL, updates=3), tmp_path / "run", resume=True, device="cpu")
+
+
+def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(tmp_path: Path):
+    own = write_own_corpus(tmp_path / "own.jsonl")
+    seen: list[bytes] = []
+
+    def spoil(progress: object) -> None:
+        seen.append((tmp_path / "run" / "checkpoint.pt").read_bytes())
+        for parameter in spoilt.parameters():
+            parameter.data.fill_(float("nan"))
+
+    spoilt: torch.nn.Module
+    original = training.ParserNetwork
+
+    def remembered(*args: object) -> ParserNetwork:
+        nonlocal spoilt
+        spoilt = original(*args)  # type: ignore[arg-type]
+        return spoilt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(training, "ParserNetwork", remembered)
+        patch.setattr(training, "REPORT_EVERY", 11)
+        with pytest.raises(TrainingError, match=r"not finite after 11 updates .*; the last good checkpoint is kept"):
+            train_parser(str(own), SMALL, tmp_path / "run", save_every=10, on_progress=spoil, device="cpu")
+    assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == seen[0]
+
+
 def test_training__drops_generated_statements_that_are_held_out(monkeypatch: pytest.MonkeyPatch):
     first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
     recipe = dataclasses.replace(SMALL, held_out=0)
@@ -215,6 +336,20 @@ def test_training__drops_generated_statements_that_are_held_out(monkeypatch: pyt
     after = training.load_training_data("builtin", recipe)
     assert len(after.generated) < len(before.generated)
     assert after.held_out_sha256 != before.held_out_sha256, "part of the run's identity"
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"updates": 0}, "updates must be at least 1, not 0"),
+        ({"generated": 1.5}, "generated must be at least 0 and at most 1, not 1.5"),
+        ({"width": 30}, "width must be a multiple of 4, not 30"),
+        ({"seed": -1}, "seed must be at least 0, not -1"),
+    ],
+)
+def test_recipe__rejects_invalid_values(changes: dict[str, float], said: str):
+    with pytest.raises(ValueError, match=said):
+        ParserRecipe(**changes)  # type: ignore[arg-type]
 
 
 # The agent
@@ -369,6 +504,41 @@ def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse()
     assert parses[0].candidates[0].program.startswith("All(")
 
 
+@pytest.mark.long
+def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
+    new_word = """
+        from lilgym_mp.programs.values import ItemView
+        from lilgym_mp.programs.words import ItemArg, word
+
+        @word("item tests", depends_on="attributes")
+        def is_aardvark(x: ItemArg) -> bool:
+            "Whether `x` is an aardvark."
+            return False
+    """
+    parse = """
+        from lilgym_mp import load_agent
+        from lilgym_mp.learning.parsing.pairs import TOKENS
+        print(load_agent("parse-and-plan", "cpu").parser.parse("There are two blue blocks.", "tower").candidates)
+        print(len(TOKENS))
+    """
+    before, after = (
+        subprocess.run(
+            [sys.executable, "-c", "\n".join(map(textwrap.dedent, parts))], capture_output=True, text=True, check=True
+        ).stdout.splitlines()
+        for parts in ([parse], [new_word, parse])
+    )
+    assert after[0] == before[0]
+    assert int(after[1]) == int(before[1]) + 1
+
+
+def test_parser__rejects_tokens_that_the_language_lacks(trained: Path):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    details = agent.parser.to_details()
+    with pytest.raises(ValueError, match=r"this version of the program language has no 'is_aardvark\(1\)'"):
+        Parser.from_details({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
+
+
 def test_planner__plans_for_the_return_or_for_accuracy():
     def plan(objective: str) -> int:
         chosen = planner((BLUE, 0.97), (BLACK, 0.03))
@@ -377,6 +547,24 @@ def test_planner__plans_for_the_return_or_for_accuracy():
     assert (plan("accuracy"), plan("return")) == (3, 2)
     with pytest.raises(ValueError, match="unknown objective 'glory'; choose from accuracy, return"):
         plan("glory")
+
+
+def test_parser__uses_one_thread_and_restores_the_setting(trained: Path, monkeypatch: pytest.MonkeyPatch):
+    agent = open_agent(trained, "cpu")
+    assert isinstance(agent, ParseAndPlanAgent)
+    seen: list[int] = []
+    monkeypatch.setattr(parser, "beam_search", lambda *_: seen.append(torch.get_num_threads()) or [])
+    torch.set_num_threads(2)
+    try:
+        agent.parser.parse("there is something that nobody has said", "tower")
+        assert (seen, torch.get_num_threads()) == ([1], 2)
+    finally:
+        torch.set_num_threads(1)
+
+
+def test_load_agent__unknown_name_is_rejected_with_the_choices():
+    with pytest.raises(ValueError, match=r"unknown agent 'clever'; choose from .*parse-and-plan"):
+        load_agent("clever")
 
 
 def test_agent__supports_release_rules_and_other_grids(trained: Path):
@@ -406,6 +594,27 @@ def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
         agent.policy(Settings("ScatterScratch"))
 
 
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda d: dataclasses.replace(d, version=99), "version 99; must be 'parse-and-plan', version 1"),
+        (lambda d: dataclasses.replace(d, details={**d.details, "tokens": ["x"]}), "program language has no"),
+        (lambda d: dataclasses.replace(d, details={**d.details, "words": ["blue"]}), "its vocabulary"),
+        (lambda d: dataclasses.replace(d, details={}), "cannot be used: it lacks"),
+        (
+            lambda d: dataclasses.replace(d, details={**d.details, "words": [*d.details["words"], "more"]}),
+            "do not match the network",
+        ),
+    ],
+)
+def test_load__rejects_another_vocabulary_or_version(trained: Path, tmp_path: Path, change: object, said: str):
+    description, tensors = load_model(trained / AGENT_FILE)
+    path = tmp_path / AGENT_FILE
+    save_model(path, change(description), tensors)  # type: ignore[operator]
+    with pytest.raises(ModelFileError, match=said):
+        open_agent(path, "cpu")
+
+
 # Calibration
 
 
@@ -416,6 +625,10 @@ def test_calibration__fits_the_success_rates():
     for probability in (0.6, 0.8, 0.9):
         assert found(probability) == pytest.approx(probability**0.5, abs=0.03)
     assert found(0.0) == 0.0
+
+
+def test_calibration__without_forecasts_is_the_identity():
+    assert fit_calibration([])(0.7) == pytest.approx(0.7)
 
 
 def test_parse_scores__count_exact_forms_and_equal_truth_by_form_and_level(tmp_path: Path):

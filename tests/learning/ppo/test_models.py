@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import json
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from safetensors.torch import load_file, save_file
+from safetensors.torch import load_file
 
 from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus import Vocabulary
@@ -20,7 +20,7 @@ from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.factory import make_model
-from lilgym_mp.learning.ppo.models.pretrained import WeightsError
+from lilgym_mp.learning.ppo.models.pretrained import C3, C10, WeightsError
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.training import train_ppo
@@ -49,13 +49,25 @@ def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: st
         assert len(np.unique(rows, axis=0)) == len(rows)
 
 
+def test_states__of_some_rows_contain_only_their_statements_and_boxes():
+    table = BoxImageTable()
+    _, images = seen(count=6)
+    boxes_of = table.indices(images)
+    chosen = np.array([4, 1])
+    states = table.states(STATEMENTS, np.array([2, 0]), boxes_of[chosen], np.array([1, 0]))
+    distinct, image_of = states.images()
+    assert (distinct[image_of] == images[chosen]).all()
+    assert [states.statements[place] for place in states.statement_of] == [STATEMENTS[2], STATEMENTS[0]]
+    assert len(states.statements) == 2
+
+
 @pytest.fixture
 def ours() -> BoxTransformer:
     torch.manual_seed(0)
     return BoxTransformer(Tower(), Vocabulary.from_statements(STATEMENTS))
 
 
-def test_ours__cached_boxes_and_statements_equal_new_ones_until_the_cache_is_cleared(ours: BoxTransformer):
+def test_ours__cached_boxes_equal_new_ones_until_the_cache_is_cleared(ours: BoxTransformer):
     states, images = seen(count=40)
     first = BoxImageTable()
     with torch.no_grad():
@@ -63,7 +75,7 @@ def test_ours__cached_boxes_and_statements_equal_new_ones_until_the_cache_is_cle
         remembered = ours(states)
     torch.testing.assert_close(remembered.values, ours(states).values, atol=1e-5, rtol=1e-4)
     with torch.no_grad():
-        for weight in (*ours.boxes.parameters(), *ours.readings.parameters()):
+        for weight in ours.boxes.parameters():
             weight.mul_(1.5)
         ours.clear_cache()
         torch.testing.assert_close(ours(states).values, _with_gradients(ours, states), atol=1e-5, rtol=1e-4)
@@ -86,6 +98,20 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTrans
         torch.testing.assert_close(alone.types[0], together.types[row], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(alone.heads[0][0], together.heads[0][row], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
+
+
+def test_ours__caches_statements_until_the_cache_is_cleared(ours: BoxTransformer):
+    states, _ = seen()
+    with torch.no_grad():
+        first = ours(states).values
+        torch.testing.assert_close(first, ours(states).values)
+    torch.testing.assert_close(first, ours(states).values.detach())
+    with torch.no_grad():
+        for layer in ours.readings:
+            layer.key_value.weight.mul_(3)  # pyright: ignore
+        torch.testing.assert_close(first, ours(states).values)
+        ours.clear_cache()
+        assert not torch.allclose(first, ours(states).values)
 
 
 def test_ours__every_parameter_has_a_gradient():
@@ -234,6 +260,13 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
     assert not any("encoder" in name for name in model.state_dict())
 
 
+@pytest.mark.parametrize("layers", [C3, C10])
+def test_convolutions__tell_images_apart_before_training(layers: Any):
+    _, images = seen(count=40)
+    features = layers()(torch.from_numpy(images).permute(0, 3, 1, 2).float() / 255)
+    assert features.std(0).mean() > 0.05 * features.abs().mean()
+
+
 def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     from transformers import BertModel
 
@@ -280,24 +313,26 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
 def test_weights__unusable_directories_are_rejected_with_the_reason(
     tmp_path: Path, tiny: dict[str, Path], damage: str, fault: str
 ):
+    from safetensors.torch import save_file
+
     place = tmp_path / "weights"
     shutil.copytree(tiny["vilt" if damage == "other" else "bert"], place)
     tensors, config = place / "model.safetensors", place / "config.json"
-
-    def drop_tensors() -> None:
+    if damage == "no config":
+        config.unlink()
+    elif damage == "no object":
+        config.write_text("[]")
+    elif damage == "bad config":
+        config.write_text("{")
+    elif damage == "pickle":
+        tensors.rename(place / "pytorch_model.bin")
+    elif damage == "no tokenizer":
+        (place / "tokenizer.json").unlink()
+    elif damage == "cut":
+        tensors.write_bytes(tensors.read_bytes()[:100])
+    elif damage == "few tensors":
         kept = {name: tensor for name, tensor in load_file(tensors).items() if "embeddings" not in name}
         save_file(kept, tensors, {"format": "pt"})
-
-    spoil: dict[str, Callable[[], object]] = {
-        "no config": config.unlink,
-        "no object": lambda: config.write_text("[]"),
-        "bad config": lambda: config.write_text("{"),
-        "pickle": lambda: tensors.rename(place / "pytorch_model.bin"),
-        "no tokenizer": (place / "tokenizer.json").unlink,
-        "cut": lambda: tensors.write_bytes(tensors.read_bytes()[:100]),
-        "few tensors": drop_tensors,
-    }
-    spoil.get(damage, lambda: None)()
     named = {"none": None, "nowhere": tmp_path / "nowhere"}.get(damage, place)
     with pytest.raises(WeightsError, match=fault):
         make_model(make_recipe("paper", "TowerScratch", model="c3-bert"), Tower(), weights=named)
@@ -321,3 +356,8 @@ def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, 
 def test_weights__are_rejected_by_ours():
     with pytest.raises(WeightsError, match="'ours' has no pretrained weights; leave --weights out"):
         make_model(replace(make_recipe("ours", "TowerScratch")), Tower(), weights=Path("somewhere"))
+
+
+def test_details__are_json_serialisable(tiny: dict[str, Path]):
+    model = make_model(make_recipe("paper", "TowerScratch", model="vilt"), Tower(), weights=tiny["vilt"])
+    assert json.loads(json.dumps(dict(model.details()))) == {"weights": str(tiny["vilt"])}

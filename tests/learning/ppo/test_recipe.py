@@ -42,6 +42,24 @@ def test_paper__has_the_values_of_its_table(configuration: str, model: str, want
     assert recipe.cap_every_ratio
 
 
+@pytest.mark.parametrize(
+    ("settings", "fault"),
+    [
+        ({"gamma": 1.5}, "gamma must be at least 0 and at most 1, not 1.5"),
+        ({"entropy": float("nan")}, "entropy must be at least 0, not nan"),
+        ({"envs": 24}, "rollout must be a multiple of envs: 4096 is not a multiple of 24"),
+        ({"same_statement": 7}, "envs must be a multiple of same-statement: 512 is not a multiple of 7"),
+        ({"batch_size": 8192}, "batch-size must be at most rollout, 4096, not 8192"),
+        ({"schedule": "step"}, "unknown schedule 'step'; choose from constant, cosine, linear"),
+        ({"ratio_cap": 0.5}, "ratio-cap must be at least 1, not 0.5"),
+        ({"nlvr_reward": True}, "nlvr-reward and recolour exclude each other"),
+    ],
+)
+def test_recipe__rejects_invalid_values(settings: dict[str, Any], fault: str):
+    with pytest.raises(ValueError, match=fault):
+        PPORecipe(**settings)
+
+
 def test_recipe__rejects_unknown_names_and_settings(tmp_path: Path):
     with pytest.raises(ValueError, match="unknown recipe 'theirs'; choose from ours, paper, release"):
         make_recipe("theirs", "TowerScratch")

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import signal
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -23,7 +24,7 @@ from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
-from lilgym_mp.learning.ppo.rollout import RolloutCollector
+from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
@@ -79,6 +80,21 @@ def test_train__solves_three_statements(tmp_path: Path, three: str):
     assert accuracy(tmp_path, three) > 0.85
 
 
+@pytest.mark.long
+def test_train__does_not_solve_three_statements_with_shuffled_rewards(
+    tmp_path: Path, three: str, monkeypatch: pytest.MonkeyPatch
+):
+    play: Callable[..., Rollout] = RolloutCollector.collect
+
+    def shuffled(self: RolloutCollector, *args: Any) -> Rollout:
+        found = play(self, *args)
+        mixed = np.random.default_rng(0).permutation(found.rewards.reshape(-1)).reshape(found.rewards.shape)
+        return found._replace(rewards=mixed)
+
+    monkeypatch.setattr(RolloutCollector, "collect", shuffled)
+    assert accuracy(tmp_path, three) < 0.6
+
+
 # Runs on disk
 
 
@@ -108,6 +124,13 @@ def test_supervision__names_programs_that_exchange_colours_and_actions_that_the_
     )
 
 
+def test_train__is_reproducible_by_seed(tmp_path: Path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        trained(tmp_path / name, recipe=replace(SMALL, seed=seed))
+    assert equal(tmp_path / "a", tmp_path / "b")
+    assert not equal(tmp_path / "a", tmp_path / "c")
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -132,6 +155,15 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, ow
     for one, other in zip(whole, resumed, strict=True):
         timed = {"seconds", "cpu_seconds", "steps_per_second"}
         assert {key: one[key] for key in one.keys() - timed} == {key: other[key] for key in other.keys() - timed}
+
+
+def test_train__second_signal_interrupts_immediately(tmp_path: Path):
+    def twice(progress: Progress) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path, 10_000_000, on_progress=twice)
 
 
 def test_train__works_outside_the_main_thread(tmp_path: Path):
@@ -386,6 +418,14 @@ def test_resume__rejects_a_changed_corpus(tmp_path: Path):
     corpus.write_text(corpus.read_text().replace("Count them: 1.", "Count: 1."))
     with pytest.raises(TrainingRunError, match="has tasks_sha256"):
         trained(tmp_path / "run", 64, settings=settings, resume=True)
+
+
+@pytest.mark.parametrize("spoil", [lambda data: b"", lambda data: data[: len(data) // 2], lambda data: b"{}" * 400])
+def test_resume__rejects_a_damaged_checkpoint(begun: Path, spoil: Any):
+    file = begun / "checkpoint.pt"
+    file.write_bytes(spoil(file.read_bytes()))
+    with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
+        trained(begun, 64, resume=True)
 
 
 @pytest.mark.parametrize(

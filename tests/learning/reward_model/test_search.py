@@ -15,6 +15,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
+    Exchange,
     exchanges,
     scatter_item_features,
     standard_exchanges,
@@ -103,7 +104,7 @@ def test_plan__does_not_stop_in_a_flipit_start():
         assert len(new_planner("tower", seed=seed).plan(task.start, task.statement, task.target).actions) > 1
 
 
-def test_box_distances__are_those_of_single_edits():
+def testbox_distances__are_those_of_single_edits():
     after, distances = tower_tables().after, box_distances()
     assert (distances == distances.T).all()
     for box, successors in enumerate(after):
@@ -137,6 +138,14 @@ def test_statements__are_read_in_a_standard_order():
     assert read("two blocks", "tower") == {"two blocks"}
     assert len(standard_exchanges(["two", "blocks"], "tower")) == 6  # any colours in the scene
     assert len(standard_exchanges(["two", "blue", "blocks"], "scatter")) == 4  # a block may mean a square
+
+
+def test_exchange__replaces_words_by_those_of_what_it_exchanges():
+    exchange = Exchange(colours=(1, 0, 2), mirrored=True)
+    words = exchange.words()
+    assert [words.get(word, word) for word in ["a", "black", "circle", "left", "of", "a", "blue", "one"]] == (
+        ["a", "yellow", "circle", "right", "of", "a", "blue", "one"]
+    )
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])

@@ -9,22 +9,25 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from lilgym_mp.actions import Action, Stop
 from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.model_file import ModelFileError, save_model
+from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.reward_model import training
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries_of, restored, stored
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.learning.training_run import TrainingRunError
+from lilgym_mp.rules import Dynamics, State, Transition
 from lilgym_mp.scene import Box, Scene
-from tests.learning.conftest import equal
+from lilgym_mp.task import Task
 from tests.learning.reward_model.conftest import small_recipe
 
 UPDATES = 110
@@ -51,6 +54,21 @@ def test_training__solves_three_statements_in_seconds(statements: str, tmp_path:
     assert accuracy(agent, replace(settings, configuration=name.replace("FlipIt", "Scratch"))) == 1
 
 
+@pytest.mark.long
+def test_training__learns_nothing_from_shuffled_rewards(
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    rng = np.random.default_rng(0)
+    with monkeypatch.context() as patched:
+        patched.setattr(Task, "solved_by", lambda task, scene: bool(rng.integers(2)))
+        agent, settings = train(statements, "TowerFlipIt", tmp_path / "run", searching=0.0)
+    assert accuracy(agent, settings) < 1
+    entry, collector = labelled_entry(settings)
+    scenes = [collector.table.scene(boxes) for boxes in entry.scenes]
+    judged = agent.probabilities(entry.statement, scenes) > 0.5
+    assert np.mean(judged == [known.truth for known in entry.known]) < 0.75
+
+
 def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collector]:
     entry = entries_of([settings.make("train").tasks])[0]
     collector = Collector(settings.dynamics(), BoxTable(settings.appearance), np.random.default_rng(1))
@@ -60,11 +78,33 @@ def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collecto
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_training__reads_truths_only_from_counted_stops(
-    name: str, statements: str, tmp_path: Path, request: pytest.FixtureRequest
+    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
 ):
+    stops: list[int] = []
+    playing = False
+    step, solved_by = Dynamics.step, Task.solved_by
+
+    def counted_step(dynamics: Dynamics, state: State, action: Action) -> Transition:
+        nonlocal playing
+        playing = isinstance(action, Stop)
+        if playing:
+            stops.append(state.steps + 1)
+        transition = step(dynamics, state, action)
+        playing = False
+        return transition
+
+    def solved_in_play(task: Task, scene: Scene) -> bool:
+        assert playing, "the truth was asked for outside of a STOP"
+        return solved_by(task, scene)
+
+    def no_truth(task: Task, scene: Scene) -> bool:
+        raise AssertionError("a program was evaluated")
+
     settings = Settings(name, corpus=statements)
     settings.make("train")
-    stops = request.getfixturevalue("counted_stops")
+    monkeypatch.setattr(Dynamics, "step", counted_step)
+    monkeypatch.setattr(Task, "solved_by", solved_in_play)
+    monkeypatch.setattr(Task, "truth", no_truth)
     agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=30)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
@@ -146,7 +186,8 @@ def test_stored_data__is_restored(statements: str, name: str):
 def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
     for name in ("one", "other"):
         train(statements, "ScatterFlipIt", tmp_path / name, 12, reuse=1, searching=1.0)
-    assert equal(tmp_path / "one", tmp_path / "other")
+    (_, one), (_, other) = (load_model(tmp_path / name / AGENT_FILE) for name in ("one", "other"))
+    assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
 
 
 def test_training__survives_a_search_that_begins_a_new_box_table(
@@ -180,6 +221,15 @@ def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Pa
         train_reward_model(settings, recipe, out, updates=20, seed=1, resume=True)
 
 
+@pytest.mark.parametrize(
+    ("arguments", "fault"), [({}, "give a budget"), ({"updates": 0}, "above 0"), ({"minutes": -1.0}, "above 0")]
+)
+def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, arguments: dict[str, float], fault: str):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with pytest.raises(ValueError, match=fault):
+        train_reward_model(settings, small_recipe(settings), tmp_path, **arguments)  # type: ignore[arg-type]
+
+
 def test_budget_spent_before_the_first_step__saves_no_agent(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first update"):
@@ -210,3 +260,11 @@ def test_agent_file__is_loaded_and_named_in_faults(statements: str, tmp_path: Pa
     save_model(tmp_path / "broken.safetensors", broken, agent.networks.state_dict())
     with pytest.raises(ModelFileError, match=r"broken\.safetensors: its description cannot be used"):
         open_agent(tmp_path / "broken.safetensors")
+
+
+def test_recipe__names_the_setting_out_of_bounds(statements: str):
+    settings = Settings("TowerFlipIt", corpus=statements)
+    with pytest.raises(ValueError, match="averaged-exchanges must be at least 1 and at most 6, not 7"):
+        small_recipe(settings, averaged_exchanges=7)
+    with pytest.raises(ValueError, match="width must be a multiple of 4, not 30"):
+        small_recipe(settings, width=30)
