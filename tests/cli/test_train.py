@@ -109,7 +109,8 @@ def test_train__prints_progress_lines_without_a_terminal(
     command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(tmp_path), "--steps", "80"]
     assert main([*command, "--held-out", "0", *small]) == 0
     lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 10
+    assert lines[0] == "ppo: preparing data"
+    assert len(lines) == 11
     assert lines[-1].startswith("80 of 80 steps, ")
 
 

@@ -19,6 +19,7 @@ from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statemen
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning.model_file import ModelDescription, select_device
 from lilgym_mp.learning.parsing import batches
@@ -144,6 +145,8 @@ class _Run(TimedRun[float]):
         super().__init__(Budget("updates", recipe.updates), Every(REPORT_EVERY), Every(save_every))
         self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
         self._device = select_device(device)
+        if not resume:
+            writable_directory(out)  # before the data takes its time
         self._data = data = load_training_data(corpus, recipe)
         identity = {
             "learner": KIND,
