@@ -53,7 +53,7 @@ def main() -> None:
     torch.set_num_threads(1)
     markov = supersuit.pettingzoo_env_to_vec_env_v1(make_game())
     joined = supersuit.concat_vec_envs_v1(markov, args.games, num_cpus=0, base_class="stable_baselines3")
-    joined.venv.reset(seed=args.seed)  # pyright: ignore[reportAttributeAccessIssue] -- the copies are identical until seeded
+    joined.venv.reset(seed=args.seed)  # pyright: ignore[reportAttributeAccessIssue] -- each copy with another seed
     torch.manual_seed(args.seed)
     envs = VecNormalize(VecMonitor(joined), norm_reward=False)
     model = PPO("MlpPolicy", envs, learning_rate=1e-3, n_steps=128, batch_size=256, n_epochs=4, ent_coef=0.02)

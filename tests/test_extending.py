@@ -20,7 +20,9 @@ from tests.scenes import B, scene, tower
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-WORD, WRAPPER, DECISION, ROW = (dedent(code) for code in re.findall(r"^ *```python\n(.*?)^ *```", TEXT, re.S | re.M))
+WORD, WRAPPER, DECISION, ROW, REWARDS = (
+    dedent(code) for code in re.findall(r"^ *```python\n(.*?)^ *```", TEXT, re.S | re.M)
+)
 
 
 def test_recipe_of_a_word__compiles_and_is_true_of_high_items() -> None:
@@ -68,3 +70,13 @@ def test_recipes__name_existing_files() -> None:
     missing = [name for name in named if not any(part in name for part in new) and not list(ROOT.glob(name))]
     assert len(named) > 15
     assert missing == []
+
+
+def test_recipe_of_rewards__punishes_accepted_false_claims() -> None:
+    pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
+    names: dict[str, Any] = {}
+    exec(REWARDS, names)
+    game = names["game"]
+    game.reset(seed=0)
+    game.step({"proposer_0": 0, "verifier_0": 2})
+    assert game.step({"proposer_0": 13, "verifier_0": 1})[1] == {"proposer_0": -1.0, "verifier_0": -3.0}

@@ -71,9 +71,12 @@ class TransformedAgent:
         self._entries: Info = {}  # info entries of the agent's last action
         self._mdp: State | None = None  # after the last turn; None after the end; used only to change rewards
         self._potential = np.zeros(1)
+        self._games_started = 0
+        self.has_restarted = False  # whether a wrapper such as MultiEpisodeEnv has reset the game in the last step
 
     def reset(self) -> None:
         self._entries = {}
+        self._games_started = self._engine.games_started
         if self.changes_rewards:
             self._mdp = self._engine.state.mdp
             self._potential = self.transformation.potentials([self._mdp])
@@ -81,6 +84,7 @@ class TransformedAgent:
     def rewards(self, rewards: Sequence[float]) -> list[float]:
         """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
         mdp, last, potential = self._engine.state.mdp, self._mdp, self._potential
+        self.has_restarted = self._engine.games_started != self._games_started
         is_over = self.has_restarted or not self._engine.movers
         if self.has_restarted:
             self.reset()
@@ -91,11 +95,6 @@ class TransformedAgent:
             return list(rewards)
         after, ones = 0.0 if is_over else self._potential, np.ones(len(rewards))
         return self.transformation.rewards(np.array(rewards, np.float64), potential * ones, after * ones).tolist()
-
-    @property
-    def has_restarted(self) -> bool:
-        """Whether no turn of the game has been played: after a step, a wrapper such as MultiEpisodeEnv has reset it."""
-        return not self._engine.has_played
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         parts, mask = observation[PARTS], observation[MASK]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NoReturn
 
 import gymnasium as gym
 
 from lilgym_mp.appearances import APPEARANCES
+from lilgym_mp.choices import choose
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
@@ -14,6 +16,16 @@ START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 def configuration_name(appearance: str, start: str) -> str:
     """Such as "TowerFlipIt"."""
     return f"{appearance.capitalize()}{START_TITLES[start]}"
+
+
+CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and start
+    configuration_name(appearance, start): (appearance, start) for appearance in APPEARANCES for start in START_TITLES
+}
+
+
+def read_configuration(name: str) -> tuple[str, str]:
+    """Appearance and start of a configuration, by its name or Gymnasium id. Raises ValueError naming the choices."""
+    return choose("configuration", name.removeprefix("lilgym_mp/").removesuffix("-v0"), CONFIGURATIONS)
 
 
 def environment_id(appearance: str, start: str) -> str:

@@ -9,16 +9,12 @@ from typing import Any, cast
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID, make_appearance
+from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.registration import START_TITLES, configuration_name, environment_id
+from lilgym_mp.envs.registration import CONFIGURATIONS, environment_id
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.rules import Dynamics, make_dynamics
-
-CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and start
-    configuration_name(appearance, start): (appearance, start) for appearance in APPEARANCES for start in START_TITLES
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,7 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
-from lilgym_mp.envs.checks import checked_count, checked_flag, checked_seed
+from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
 from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, intent_option
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
@@ -86,7 +86,7 @@ class BatchedGames:
         self._copies = checked_flag("copy", copy)
         self._all = np.arange(num_games)
         self._own_turn_rewards = np.zeros((len(Role), num_games))
-        self._is_started = False
+        self._is_started = self._is_closed = False
         self._generators: list[np.random.Generator] = []  # empty before the first reset
         self._draws: list[list[int]] = [[] for _ in range(num_games)]  # task indices drawn in advance, next one last
 
@@ -97,6 +97,7 @@ class BatchedGames:
         self, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
         """Starts every game; game i is seeded with `seed` + i. `options` as for `parallel_env`, for all games."""
+        check_open(closed=self._is_closed)
         seed = checked_seed(seed)
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + index for index in range(self.num_games)]
@@ -147,7 +148,8 @@ class BatchedGames:
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
         """`actions`: integers (N,) by agent. Errors as for `parallel_env`; a wrong shape or type is an ActionError."""
-        if not self._is_started:
+        if not self._is_started or self._is_closed:
+            check_open(closed=self._is_closed)
             raise ResetNeeded("call reset first")
         games = self._games
         proposers, verifiers = self._checked_actions(actions)
@@ -207,7 +209,8 @@ class BatchedGames:
         return {"final_observation": observations, "final_info": tuple(infos)}
 
     def close(self) -> None:
-        """Does nothing: there are no resources besides memory."""
+        """Afterwards `reset` and `step` raise ClosedEnvironmentError."""
+        self._is_closed = True
 
 
 class FinalObservations(Sequence[dict[str, AgentObservation] | None]):

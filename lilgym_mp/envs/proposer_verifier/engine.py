@@ -15,6 +15,7 @@ from lilgym_mp.actions import ActionError
 from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.checks import check_open
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
@@ -68,20 +69,39 @@ class GameEngine:
         self.setup = setup  # from the next reset on
         self.game = setup.game
         self.games = ObservedGames(setup, 1)
-        self.rng, _ = seeding.np_random()
+        self._rng: np.random.Generator | None = None  # made when it is first needed
+        self._is_seeded = False
         self._renderer = Renderer(render_mode)
         self.render_mode = self._renderer.mode
         self._actions = np.zeros((len(Role), 1), np.int64)  # by Role, of the last turn
-        self._is_started = False
-        self.has_played = False  # whether a turn of this game has been played
+        self.games_started = 0
+        self._is_closed = False
         self._last_actions, self._last_result = "", ""  # as text, for the caption
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Copies of a game that was never seeded draw tasks on their own."""
+        return vars(self) | ({} if self._is_seeded else {"_rng": None})
+
+    @property
+    def rng(self) -> np.random.Generator:
+        if self._rng is None:
+            self._rng, _ = seeding.np_random()
+        return self._rng
 
     @property
     def state(self) -> GameState:
-        """The state of the game. Raises ResetNeeded before the first reset."""
-        if not self._is_started:
-            raise ResetNeeded("call reset first")
+        """The state of the game. Raises ResetNeeded before the first reset, ClosedEnvironmentError after `close`."""
+        self._check_started()
         return self.games.state(0)
+
+    def check_open(self) -> None:
+        """Raises ClosedEnvironmentError after `close`."""
+        check_open(closed=self._is_closed)
+
+    def _check_started(self) -> None:
+        check_open(closed=self._is_closed)
+        if not self.games_started:
+            raise ResetNeeded("call reset first")
 
     @property
     def movers(self) -> tuple[Role, ...]:
@@ -92,9 +112,11 @@ class GameEngine:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
         Options: "task", an id; "intent", "helpful" or "sneaky". Others are ignored, as PettingZoo's API test demands.
+        Raises ValueError for bad options, ClosedEnvironmentError after `close`.
         """
+        self.check_open()
         if seed is not None:
-            self.rng, _ = seeding.np_random(seed)
+            (self._rng, _), self._is_seeded = seeding.np_random(seed), True
         setup, options = self.setup, options or {}
         task = setup.tasks.index_of(options["task"]) if "task" in options else setup.sample_task_index(self.rng)
         intent = intent_option(options)
@@ -102,7 +124,7 @@ class GameEngine:
         if self.games.setup is not setup:
             self.games = ObservedGames(setup, 1)
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
-        self._is_started, self.has_played = True, False
+        self.games_started += 1
         self._last_actions = self._last_result = ""
         if self.render_mode == "human":
             self.render()
@@ -118,15 +140,15 @@ class GameEngine:
         for an action outside the action space.
         """
         games, movers = self.games, self.movers
-        if not movers:
-            raise ResetNeeded("the game is over; call reset before acting" if self._is_started else "call reset first")
+        if not movers or self._is_closed:
+            self._check_started()
+            raise ResetNeeded("the game is over; call reset before acting")
         actions = self._actions
         for role, action in ((PROPOSER, proposer), (VERIFIER, verifier)):
             actions[role, 0] = self._wait(role) if action is None else self.game.checked_action(role, action)
         if self.render_mode is not None:
             self._last_actions = self._describe_actions(movers)
         games.step(actions[PROPOSER], actions[VERIFIER])
-        self.has_played = True
         proposer_reward, verifier_reward = games.rewards[:, 0].tolist()
         if self.render_mode is not None:
             outcome = games.last_outcome(0)
@@ -154,9 +176,8 @@ class GameEngine:
         return ";  ".join(f"{AGENTS[role]}: {self.game.describe(role, action)}" for role, action in chosen.items())
 
     def observe(self, role: Role) -> AgentObservation:
-        """One agent's observation: new arrays. Raises ResetNeeded before the first reset."""
-        if not self._is_started:
-            raise ResetNeeded("call reset first")
+        """One agent's observation: new arrays. Raises as `state`."""
+        self._check_started()
         return self.games.observe(role, 0)
 
     def render(self) -> UInt8Array | str | None:
@@ -170,6 +191,8 @@ class GameEngine:
         return self._renderer.render(mdp.scene, [*lines, self._last_result] if self._last_result else lines)
 
     def close(self) -> None:
+        """Afterwards all methods raise ClosedEnvironmentError."""
+        self._is_closed = True
         self._renderer.close()
 
 

@@ -47,7 +47,9 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         return self._converters[agent](nested[PARTS]) if self._converters else nested
 
     def step(self, action: SupportsIndex | None) -> None:
-        """Raises ActionError for an action outside the action space, ResetNeeded before reset and after the end."""
+        """Raises ActionError for an action outside the action space, ResetNeeded before reset and after the end,
+        ClosedEnvironmentError after `close`."""
+        self.engine.check_open()
         if not self.agents:
             raise ResetNeeded("no agent is active; call reset before step")
         agent = self.agent_selection
@@ -81,6 +83,7 @@ class StrictOrderEnforcing(OrderEnforcingWrapper[str, Any, SupportsIndex | None]
     """PettingZoo's checks of the order of calls, but a step after the end raises instead of logging a warning."""
 
     def step(self, action: SupportsIndex | None) -> None:
+        self.unwrapped.engine.check_open()  # pyright: ignore[reportAttributeAccessIssue]
         if self._has_reset and not self.agents:
             raise ResetNeeded("no agent is active; call reset before step")
         super().step(action)
@@ -103,7 +106,8 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
 
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
         """Raises ActionError for an action outside the action space, TurnError unless exactly both agents act,
-        ResetNeeded before reset and after the end."""
+        ResetNeeded before reset and after the end, ClosedEnvironmentError after `close`."""
+        self.engine.check_open()
         if not self.agents:
             raise ResetNeeded("no agent is active; call reset before step")
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
@@ -126,23 +130,29 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         return {agent: convert(nested[agent][PARTS]) for agent, convert in self._converters.items()}
 
 
-def raw_env(*, render_mode: str | None = None, observations: str = NESTED, **settings: Any) -> ProposerVerifierAEC:
-    """The game as a PettingZoo AEC environment; keywords as for `parallel_env`."""
-    return ProposerVerifierAEC(GameSettings.of(**settings), render_mode, observations)
+def raw_env(
+    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
+) -> ProposerVerifierAEC:
+    """The game as a PettingZoo AEC environment; arguments as for `parallel_env`."""
+    return ProposerVerifierAEC(GameSettings.of(configuration=configuration, **settings), render_mode, observations)
 
 
-def env(*, render_mode: str | None = None, observations: str = NESTED, **settings: Any) -> StrictOrderEnforcing:
+def env(
+    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
+) -> StrictOrderEnforcing:
     """`raw_env` with checks of the order of calls."""
-    return StrictOrderEnforcing(raw_env(render_mode=render_mode, observations=observations, **settings))
+    return StrictOrderEnforcing(raw_env(configuration, render_mode=render_mode, observations=observations, **settings))
 
 
 def parallel_env(
-    *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
+    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
 ) -> ProposerVerifierParallel:
     """The game as a PettingZoo parallel environment; keywords are the fields of GameSettings.
+
+    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id, in place of `appearance` and `start`.
 
     `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, with masks
     in infos: "parts", the dictionary of parts alone, "vector", all parts flattened to float32 (N,), or "image", only
     the image.
     """
-    return ProposerVerifierParallel(GameSettings.of(**settings), render_mode, observations)
+    return ProposerVerifierParallel(GameSettings.of(configuration=configuration, **settings), render_mode, observations)

@@ -13,9 +13,6 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecisio
 
 ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 
-AgentRewards = str | Mapping[str, float]  # a term, or weights by term
-Rewards = str | Mapping[str, AgentRewards]  # a name in PRESETS, or rewards by agent
-
 
 class Intent(IntEnum):
     """The proposer's goal; drawn at reset when its reward is hidden."""
@@ -40,6 +37,12 @@ class Judgement(NamedTuple):
 def judgement_in(decision: TurnDecision, *, holds: bool) -> Judgement | None:
     """The judgement in a turn, if there is one; `holds`: whether the claim is true."""
     return None if decision.probability is None else Judgement(decision.probability, decision.final, holds)
+
+
+AgentRewards = str | Mapping[str, float]  # a term, or weights by term
+# Both agents' rewards of a turn, by Role, from the MDP's reward (0 if it took no step), the judgement and the intent.
+RewardFunction = Callable[[float, Judgement | None, Intent], tuple[float, float]]
+Rewards = str | Mapping[str, AgentRewards] | RewardFunction  # a name in PRESETS, rewards by agent, or a function
 
 
 class Costs(NamedTuple):
@@ -130,11 +133,34 @@ class RewardScheme:
         return any("hidden" in terms for terms in self.weights)
 
 
+@dataclass(frozen=True, slots=True)
+class FunctionRewards(RewardScheme):
+    """Rewards by a function, which must depend on its arguments alone: it is called once for each possible turn.
+
+    The intent is helpful unless an option of reset says otherwise.
+    """
+
+    function: RewardFunction
+
+    def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
+        returned = self.function(mdp_reward, judgement, intent)
+        try:
+            proposer, verifier = returned
+        except (TypeError, ValueError):
+            message = f"rewards must return the two rewards of {' and '.join(AGENTS)}, not {returned!r}"
+            raise ValueError(message) from None
+        return checked_number("the proposer's reward", proposer), checked_number("the verifier's reward", verifier)
+
+
 def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
     """Raises ValueError naming the choices for unknown names, and for scoring rules without probabilities."""
+    if callable(rewards):
+        return FunctionRewards(({}, {}), costs, rewards)
     if isinstance(rewards, str):
         proposer, verifier = choose("rewards", rewards, PRESETS)
     else:
+        if not isinstance(rewards, Mapping):
+            raise ValueError(f"rewards must be a preset, a mapping by agent or a function, not {rewards!r}")
         if set(rewards) != set(AGENTS):
             named = ", ".join(map(str, rewards)) or "no agent"
             raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")

@@ -26,6 +26,7 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
     make_reward_scheme,
 )
 from lilgym_mp.envs.proposer_verifier.views import View, ViewSpec, make_view
+from lilgym_mp.envs.registration import read_configuration
 from lilgym_mp.observation import item_capacity
 from lilgym_mp.render import shrink_of
 from lilgym_mp.rules import make_dynamics
@@ -41,7 +42,7 @@ class GameSettings:
     start: str = "scratch"
     protocol: str = "veto"  # "veto", "joint", "audit" or "critique"
     ending: str | None = None  # who may end the episode: "agreement", "proposer", "verifier", "either"
-    rewards: Rewards = "common"  # a name in PRESETS, or {agent: term or {term: weight}}
+    rewards: Rewards = "common"  # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
     false_accept_cost: float = 1.0  # of the reward "correctness"
     false_reject_cost: float = 1.0
     sneaky_share: float = 0.5  # probability of a sneaky episode, if the proposer's intent is hidden
@@ -60,9 +61,16 @@ class GameSettings:
     image_size: str = "half"
 
     @classmethod
-    def of(cls, **given: Any) -> GameSettings:
-        """Raises ValueError naming the choices for an unknown setting."""
+    def of(cls, *, configuration: str | None = None, **given: Any) -> GameSettings:
+        """`configuration`: a name such as "TowerFlipIt", or a Gymnasium id, in place of `appearance` and `start`.
+
+        Raises ValueError naming the choices for an unknown setting.
+        """
         names = {field.name: field for field in fields(cls)}
+        if configuration is not None:
+            if "appearance" in given or "start" in given:
+                raise ValueError("give a configuration, or appearance and start, not both")
+            given["appearance"], given["start"] = read_configuration(configuration)
         for name in given:
             choose("setting", name, names)
         return cls(**given)

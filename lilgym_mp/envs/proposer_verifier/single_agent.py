@@ -98,6 +98,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
         ResetNeeded before reset and after the end."""
         role, movers = self._role, self.engine.movers
+        self.engine.check_open()
         if not movers:
             raise ResetNeeded("the game is over; call reset before acting")
         actions = {role: self.game.checked_action(role, action)}
@@ -134,6 +135,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
 
     def observe(self, role: Role) -> AgentObservation:
         """One agent's observation, after wrappers."""
+        self.engine.check_open()
         agent = AGENTS[role]
         if agent not in self._observations:
             self._observations[agent] = self.env.observe(agent)

@@ -44,7 +44,9 @@ VIEWS = dict(zip(AGENTS, (VIEW, {**VIEW, "proposed_scene": True}), strict=True))
 
 
 def settings_to_json(settings: GameSettings) -> dict[str, Any]:
-    """All but the views."""
+    """All but the views. Raises ValueError for rewards given as a function."""
+    if callable(settings.rewards):
+        raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
     return {name: value for name, value in asdict(settings).items() if name != "views"}
 
 

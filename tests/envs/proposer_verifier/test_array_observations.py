@@ -96,6 +96,15 @@ def test_supersuit__wraps_the_game(name: str, form: Callable[..., Any]):
     (_play_parallel if form is parallel_env else _play_aec)(wrapped)
 
 
+def test_supersuits_copies__of_a_game_play_different_tasks():
+    supersuit = pytest.importorskip("supersuit")
+    game = supersuit.pettingzoo_env_to_vec_env_v1(parallel_env(observations="vector", homogeneous=True))
+    games = supersuit.concat_vec_envs_v1(game, 8, num_cpus=0, base_class="gymnasium")
+    for seed in (None, 0):
+        games.reset(seed=seed)
+        assert len({one.par_env.unwrapped.task.id for one in games.vec_envs}) > 4
+
+
 def _play_parallel(game: Any) -> None:
     observations, _ = game.reset(seed=0)
     for _ in range(5):

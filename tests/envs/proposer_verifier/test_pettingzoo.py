@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 import pettingzoo
 import pytest
-from gymnasium.error import ResetNeeded
+from gymnasium.error import ClosedEnvironmentError, ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, render_test, seed_test
 from pettingzoo.test.state_test import state_test
@@ -20,6 +22,8 @@ from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     ENVIRONMENT_ID,
     PROTOCOLS,
+    BatchedGames,
+    SingleAgentView,
     TurnError,
     env,
     parallel_env,
@@ -300,6 +304,51 @@ def test_step__refuses_actions_outside_the_action_space(form: str):
     game.reset(seed=0)
     with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
         game.step({PROPOSER: 14, VERIFIER: 2} if form == "parallel_env" else 14)
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_close__makes_everything_raise(form: str):
+    game = FORMS[form](render_mode="ansi")
+    game.reset(seed=0)
+    view = SingleAgentView(FORMS[form](), PROPOSER, "oracle")
+    view.reset(seed=0)
+    games = BatchedGames(1)
+    games.reset(seed=0)
+    for closed in (game, game, view, games):
+        closed.close()
+    actions = {PROPOSER: ADD_BLUE, VERIFIER: 2}
+    uses: list[Callable[[], Any]] = [
+        game.reset,
+        game.render,
+        game.state,
+        lambda: game.unwrapped.scene,
+        lambda: game.step(actions if form == "parallel_env" else ADD_BLUE),
+        view.reset,
+        view.action_masks,
+        lambda: view.step(ADD_BLUE),
+        games.reset,
+        lambda: games.step({agent: np.zeros(1, int) for agent in AGENTS}),
+    ]
+    for use in uses if form == "parallel_env" else [*uses, game.last, lambda: game.observe(PROPOSER)]:
+        with pytest.raises(ClosedEnvironmentError):
+            use()
+
+
+@pytest.mark.parametrize("is_reset", [False, True])
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda game: pickle.loads(pickle.dumps(game))])
+def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[Any], Any], is_reset: bool):
+    game = raw_env()
+    if is_reset:
+        game.reset()
+    copies = [copied(game) for _ in range(8)]
+    for one in copies:
+        one.reset()
+    assert len({one.task.id for one in copies}) > 1
+    copies[0].reset(seed=1)
+    twin = copied(copies[0])
+    for one in (copies[0], twin):
+        one.reset()
+    assert twin.task == copies[0].task
 
 
 def test_a_finished_agent__takes_no_action():

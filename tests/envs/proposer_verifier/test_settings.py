@@ -26,6 +26,14 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"rewards": {"proposer_0": {"mdp": "much"}, "verifier_0": "mdp"}}, "the weight of reward 'mdp' must be a finite"),
     ({"rewards": "log", "protocol": "audit"}, "reward 'log' scores a probability: it needs .* verdict_bins"),
     ({"rewards": "brier"}, "reward 'brier' scores a probability"),
+    ({"rewards": 3}, "rewards must be a preset, a mapping by agent or a function, not 3"),
+    ({"rewards": lambda mdp, judgement, intent: mdp}, "must return the two rewards of proposer_0 and verifier_0, not"),
+    (
+        {"rewards": lambda mdp, judgement, intent: (mdp, None)},
+        "the verifier's reward must be a finite number, not None",
+    ),
+    ({"configuration": "Tower"}, "unknown configuration 'Tower'; choose from ScatterFlipIt, ScatterScratch"),
+    ({"configuration": "TowerFlipIt", "start": "scratch"}, "give a configuration, or appearance and start, not both"),
     ({"verdict_bins": 3}, "verdict_bins is for protocol=.audit.; 'veto' has no verdict"),
     ({"verdict_bins": 1, "protocol": "audit"}, "verdict_bins must be a whole number, 2 or more, not 1"),
     ({"exchanges": -1}, "exchanges must be a whole number, 0 or more, not -1"),
@@ -60,6 +68,12 @@ def test_settings__are_refused_with_the_value_and_the_choices(settings: dict[str
 def test_settings__are_validated_by_every_environment(make: Any):
     with pytest.raises(ValueError, match="unknown protocol 'vote'"):
         make(protocol="vote")
+
+
+@pytest.mark.parametrize("name", ["ScatterFlipIt", "lilgym_mp/ScatterFlipIt-v0"])
+def test_configuration__sets_appearance_and_start(name: str):
+    for tasks in (env(name).unwrapped.tasks, parallel_env(name).tasks, BatchedGames(1, configuration=name).tasks):
+        assert (tasks.provenance.appearance, tasks.provenance.start) == ("scatter", "flipit")
 
 
 def test_render_mode__is_refused_with_the_choices():
