@@ -17,6 +17,7 @@ from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.extras import install
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
+from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
@@ -163,3 +164,17 @@ except ImportError as fault:
         "['proposer_0', 'verifier_0']",
         f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
     ], done.stderr
+
+
+def test_workers__stay_open_when_a_wrapper_is_collected(monkeypatch: pytest.MonkeyPatch):
+    """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
+    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
+    from lilgym_mp.sb3 import make_vec_env
+
+    monkeypatch.setattr(VectorEnvWrapper, "__del__", lambda self: self.close(), raising=False)
+    env = make_vec_env(TOWER, 2, "workers", num_workers=2)
+    try:
+        env.reset()
+        env.step(np.zeros(2, np.int64))
+    finally:
+        env.close()

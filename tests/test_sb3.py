@@ -21,13 +21,16 @@ pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'l
 pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
 
 from sb3_contrib import MaskablePPO
+from sb3_contrib.common.maskable.evaluation import evaluate_policy as evaluate_masked_policy
 from sb3_contrib.common.maskable.utils import get_action_masks
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import (
     DummyVecEnv,
     VecEnv,
+    VecFrameStack,
     VecMonitor,
+    VecNormalize,
 )
 
 from lilgym_mp.corpus import Vocabulary, write_corpus
@@ -434,3 +437,35 @@ def test_subproc__starts_from_a_fork_server_that_has_not_imported_the_package(tm
     (tmp_path / "script.py").write_text(ALREADY_FORKING)
     done = subprocess.run([sys.executable, "script.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "'image'" in done.stdout, done.stderr
+
+
+def test_vec_frame_stack_and_vec_normalize__accept_a_batch(made: Any) -> None:
+    stacked = VecFrameStack(made(TOWER, "batched", seed=0), 2)
+    assert stacked.reset()["statement"].shape == (COUNT, 2 * stacked.venv.observation_space["statement"].shape[0])
+    normalised = VecNormalize(made(TOWER, "batched", seed=0), norm_obs=False)
+    normalised.reset()
+    assert normalised.step(np.ones(COUNT, np.int64))[1].shape == (COUNT,)
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers", "dummy"])
+def test_backends__train_a_maskable_policy(made: Any, backend: str) -> None:
+    env = made(TOWER, backend, seed=0)
+    small = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
+    model = MaskablePPO("MultiInputPolicy", env, n_steps=8, batch_size=16, n_epochs=1, seed=0, policy_kwargs=small)
+    model.learn(total_timesteps=64)
+    assert model.num_timesteps == 64
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers"])
+@pytest.mark.parametrize("evaluate", [evaluate_policy, evaluate_masked_policy])
+def test_monitor__is_recognised_by_evaluate_policy(made: Any, backend: str, evaluate: Any) -> None:
+    env = made(TOWER, backend, seed=0)
+
+    class Stopping:
+        def predict(self, observations: Any, **settings: Any) -> tuple[np.ndarray, None]:
+            return np.zeros(COUNT, np.int64), None
+
+    # warns if unmonitored
+    returns, lengths = evaluate(Stopping(), env, n_eval_episodes=10, return_episode_rewards=True)
+    assert lengths == [1] * 10
+    assert set(returns) <= {1.0, -1.0}

@@ -15,7 +15,7 @@ from multiprocessing.popen_fork import Popen
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
@@ -249,3 +249,14 @@ if __name__ == "__main__":
     done = subprocess.run(script, capture_output=True, text=True, timeout=60)
     assert "3 workers take up to 36 file descriptors, and this process cannot open that many more" in done.stdout, done
     assert done.stdout.strip().endswith("True")
+
+
+def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    env = make()
+    pids = env.worker_pids
+    monkeypatch.setattr(env, "_call_workers", lambda *_: setattr(env, "_replies", env._replies + 1))  # nobody hears it
+    os.kill(pids[0], signal.SIGKILL)
+    assert_gone(pids[:1])
+    with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):
+        env.states()
+    assert_gone(pids)
