@@ -128,6 +128,15 @@ def test_stop_forcing__has_no_effect_if_only_the_verifier_stops(settings: dict[s
         assert len(game.unwrapped.scene.boxes[0].items) == 2
 
 
+def test_potential_shaping__shapes_no_reward_before_both_agents_have_acted(settings: dict[str, Any]):
+    game = wrappers.potential_shaping_v0(env(**(settings | {"protocol": "joint"})))
+    game.reset(seed=0, options={"task": "blue"})
+    game.step(ADD_LEFT_BLUE)
+    assert game.rewards == {PROPOSER: 0.0, VERIFIER: 0.0}
+    game.step(0)
+    assert game.rewards[PROPOSER] > -0.1  # the step's cost, and the way to the goal that it has shortened
+
+
 def test_task_change__applies_to_the_game(settings: dict[str, Any]):
     game = wrappers.box_permutation_v0(env(**settings | {"start": "flipit"}))
     game.reset(options={"task": "pair-no@201"})
