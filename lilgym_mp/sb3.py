@@ -35,6 +35,7 @@ from lilgym_mp.terminal import note_after
 PRELOADED = ["__main__", "lilgym_mp.envs.preload", "stable_baselines3.common.vec_env.subproc_vec_env"]
 OF_STATES = ("state", "scene", "task")
 SINGLE_NAMES = {name: f"single_{name}" for name in ("action_space", "observation_space")}  # names in the batch
+OF_BATCHES = ("autoreset_mode", "closed", "copy", "np_random", "num_envs", "reset", "states", "step", "unwrapped")
 METHODS_OF_EACH = ("action_masks", "goal_reached", "render")  # the batch's return one row per environment
 SHARED_METHODS = ("encode_action", "decode_action", "evaluation_tasks")  # return the same for every environment
 
@@ -104,6 +105,10 @@ class BatchVecEnv(VecEnv):
 
     def _values(self, name: str) -> Sequence[Any]:
         """(N,) the attribute of each environment. Raises AttributeError."""
+        if name in OF_BATCHES:
+            raise AttributeError(
+                f"environments in a batch have no {name!r} of their own; that of the batch is venv.{name}"
+            )
         if name in OF_STATES:
             states = attribute(self.venv, "states")()
             return states if name == "state" else [getattr(state, name) for state in states]
@@ -251,8 +256,12 @@ BACKENDS: Mapping[str, tuple[Builder, tuple[str, ...]]] = {  # with the keywords
     "subproc": (_subproc, ("start_method",)),
     "dummy": (_dummy, ()),
 }
-SB3_INSTEAD = {  # of keywords of SB3's own `make_vec_env`, and of those with which its `VecEnv`s cannot work
+SB3_INSTEAD = {  # of keywords of SB3's own `make_vec_env`, of `gymnasium.make_vec`, and of those that `VecEnv`s exclude
     "env_id": "use id",
+    "num_envs": "use n_envs=N",
+    "vectorization_mode": "use backend=...",
+    "vector_kwargs": "use start_method=... or num_workers=...",
+    "wrappers": "use wrap=WRAPPER",
     "env_kwargs": "give its entries as keywords, such as split=..., horizon=...",
     "wrapper_class": "use wrap=WRAPPER",
     "wrapper_kwargs": "use wrap=functools.partial(WRAPPER, ...)",

@@ -264,6 +264,8 @@ def own_ids(tmp_path: Path) -> str:
         ({"env_kwargs": {"split": "dev"}}, "give its entries as keywords"),
         ({"wrapper_class": StopForcing}, "use wrap=WRAPPER"),
         ({"vec_env_cls": DummyVecEnv}, 'use backend="dummy" or backend="subproc"'),
+        ({"num_envs": 2}, "use n_envs=N"),
+        ({"vector_kwargs": {}}, "use start_method=... or num_workers=..."),
         ({"monitor_dir": "logs"}, r"VecMonitor\(make_vec_env\(...\), filename=PATH\)"),
         ({"backend": "dummy", "num_workers": 2}, 'it belongs to backend="workers"'),
         ({"backend": "dummy", "evaluation": True}, 'use backend="batched" or backend="workers"'),
@@ -273,6 +275,12 @@ def own_ids(tmp_path: Path) -> str:
 def test_make__says_what_replaces_keywords_of_sb3(settings: dict[str, Any], advice: str) -> None:
     with pytest.raises(TypeError, match=advice):
         make_vec_env(TOWER, 2, **settings)
+
+
+@pytest.mark.parametrize("name", ["np_random", "num_envs", "step"])
+def test_attributes__of_the_batch_itself_are_not_those_of_its_environments(name: str) -> None:
+    with pytest.raises(AttributeError, match=f"no '{name}' of their own"):
+        make_vec_env(TOWER, 2).get_attr(name)
 
 
 def test_batch__must_have_same_step_autoreset() -> None:

@@ -119,13 +119,13 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
-        self._unseeded: np.random.Generator | None = None  # a generator that was made without a seed
+        self._is_seeded = False  # whether a reset has been given a seed
 
     def __getstate__(self) -> dict[str, Any]:
         """Copies of an environment that was never seeded draw tasks on their own."""
         state = vars(self).copy()
-        if self._unseeded is not None and self._unseeded is self._np_random:
-            state |= {"_np_random": None, "_np_random_seed": None, "_unseeded": None, "_draws": []}
+        if not self._is_seeded and self._np_random_seed != -1:  # Gymnasium's seed of a generator that was set
+            state |= {"_np_random": None, "_np_random_seed": None, "_draws": []}
         return state
 
     def reset(
@@ -141,6 +141,7 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         chosen = None if choice is None else self._task(choice)
         if seed is not None:
             super().reset(seed=checked_seed(seed))
+            self._is_seeded = True
         task = self._drawn_task() if chosen is None else chosen
         if self._arrays is not None:
             self._row = self._arrays.row(task.statement)
@@ -158,8 +159,6 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         return checked_task(choice, self.dynamics)
 
     def _drawn_task(self) -> Task:
-        if self._np_random is None:
-            self._unseeded = self.np_random
         generator = self.np_random
         if self._sampler is not None and (choice := self._sampler(generator, 0)) is not None:
             return self._task(choice)

@@ -39,6 +39,7 @@ from lilgym_mp.envs.batched import LilGymVectorEnv, T
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
+from lilgym_mp.envs.registration import refuse_old_id
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.render import image_shape
 
@@ -282,7 +283,10 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._workers: list[_Worker] = []
         self._owner = os.getpid()
         self._finalizer: weakref.finalize[Any, Any] | None = None  # set when there are processes or memory to release
-        checked = BatchSettings.of(WorkerVectorEnv, num_envs, **{**gym.spec(id).kwargs, **settings})
+        given = gym.spec(id).kwargs
+        if "new_id" in given:
+            refuse_old_id(**given)
+        checked = BatchSettings.of(WorkerVectorEnv, num_envs, **{**given, **settings})
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)

@@ -71,10 +71,10 @@ def tasks_of(env: Any, count: int = 12) -> list[str]:
 @pytest.mark.parametrize("wrap", [lambda env: env, ActionMask])
 def test_copies__of_an_environment_that_was_never_seeded_draw_on_their_own(duplicate: Any, wrap: Any) -> None:
     env = wrap(gym.make(TOWER))
-    for _ in range(2):  # before the first reset, and after it
+    for prepare in (lambda: None, lambda: env.np_random, env.reset):
+        prepare()
         copies = [duplicate(env) for _ in range(3)]
         assert len({tuple(tasks_of(each)) for each in copies}) == 3
-        env.reset()
     env.reset(seed=3)
     assert len({tuple(tasks_of(duplicate(env))) for _ in range(3)}) == 1
     assert tasks_of(duplicate(env)) == tasks_of(env)
@@ -128,7 +128,14 @@ def test_masks__other_environments_have_none() -> None:
         lilgym_mp.action_masks(envs)
 
 
-@pytest.mark.parametrize("make", [gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)])
+@pytest.mark.parametrize(
+    "make",
+    [
+        gym.make,
+        lambda id, **settings: gym.make_vec(id, num_envs=2, **settings),
+        lambda id, **settings: WorkerVectorEnv(id, 2, **settings),
+    ],
+)
 def test_ids_of_the_release__name_the_new_one(make: Any) -> None:
     with pytest.raises(gym.error.NameNotFound, match="this environment's id is 'lilgym_mp/ScatterFlipIt-v0'"):
         make("ScatterFlipIt-v0", data_path="data")
