@@ -23,24 +23,25 @@ from lilgym_mp.wrappers.replies import (
 
 MAX_LINES = 500  # candidate lines of a plan
 
-_PREFIX = re.compile(  # markup, a label such as "Final plan:" or "Step 2:", a number and "then"
+_PREFIX = re.compile(  # markup, a label such as "Final plan:" or "Step 2:", a number or letter and "then"
     r"[\W_]{0,9}(?:(?:(?:my|the|final|complete|full|first|next|last|best|chosen)[ \t]+){0,3}"
-    r"(?:(?P<whole>answer|(?:action[ \t])?plan|solution)|(?P<action>action)|step|move)s?(?:[ \t]is)?"
+    r"(?:(?P<whole>answer|(?:action[ \t])?plan|solution)|(?P<action>action)|step|move)s?(?![ \t]?\([^\W\d])(?:[ \t]is)?"
     r"(?:[ \t]?#?\d{1,3})?[\W_]{1,9})?"
-    r"(?:\d{1,3}(?:st|nd|rd|th)?[\W_]{1,9})?(?:(?:first|then|next|finally|lastly|now|and)\b[\W_]{1,9}){0,2}",
+    r"(?:(?:\d{1,3}(?:st|nd|rd|th)?|(?:[a-z]|[ivx]{2,4})(?=[.):]))[\W_]{1,9})?"
+    r"(?:(?:first|then|next|finally|lastly|now|and)\b[\W_]{1,9}){0,2}",
     re.IGNORECASE,
 )
 _VERB = r"(?:add|remove|stop)(?![^\W_])"
 _BEFORE_VERB = rf"(?=[\W_]{{0,9}}(?:\d{{1,3}}[.):]\s{{0,3}})?{_VERB})"
 _LIKE_ACTION = re.compile(rf"(?:\d{{1,3}}x\s)?{_VERB}|[A-Z]\w{{1,20}}\s?\([^()]*\)\W*$", re.IGNORECASE)
 _BETWEEN = re.compile(
-    rf";|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\band\b|\bthen\b){_BEFORE_VERB}", re.IGNORECASE
+    rf";|<br ?/?>|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\band\b|\bthen\b){_BEFORE_VERB}", re.IGNORECASE
 )  # actions on one line
 _SENTENCE = re.compile(  # begins in small letters, as in "Stop when it is true"
     r"(?:Add|Remove|Stop|add|remove|stop)\s(?=.*\b(?:because|since|so|as|that|which|until|unless|when|once|if|while|it"
     r"|this|is|are|was|will|would|can|could|should|must|needs?|not)\b)"
 )
-_BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|step)\s?\(\s?)?\d+[\s)*_`]{0,9}")
+_BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|action|step|move)\s?\(\s?)?\d+[\s)*_`]{0,9}")
 _BOX_LINE = re.compile(rf"^[^\w\n]*({'|'.join(BOX_NAMES)})(?: box)?[*_`]*[ \t]*:([^\n]*)$", re.I | re.M)
 _ITEM = re.compile(r"(\w+) (\w+) (\w+) (?:at )?\((\d{1,3}), ?(\d{1,3})\)")
 _NOTHING = ("empty", "none", "nothing", "-")
@@ -59,7 +60,7 @@ def read_plan(reply: object, appearance: Appearance, *, thoughts: Sequence[str] 
     Only marked parts count, if there are any: what is enclosed, or what follows the first "Answer:" or "Plan:". Raises
     NotUnderstood, also if a line looks like an action and cannot be read, since the plan would lack it.
     """
-    text = _answer_text(reply, thoughts)
+    text = html.unescape(_answer_text(reply, thoughts))
     plans = [_plan(part.splitlines(), appearance) for part in enclosed_answers(text)]
     if not plans:
         lines = text.splitlines()
