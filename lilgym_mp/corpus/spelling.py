@@ -38,19 +38,20 @@ _WORDS = """
     triangle triangles under underneath upper uppermost very wall walls where which while with without yellow
 """
 _OTHER_WORDS = """
-    am an anyone arena as aside atone atop attacked back bake bare baseless bash basis bath be biases blacks blank
-    blues blur botch brig buses by chose clone closer colon colons colorless contract cues cure cute dies do docs
-    dogs dose dots early eighth eights eighty elevens enter etch ever everyone excerpt exit exits file fine fire
-    fiver fives flood flour for form foul fours full fur go grab grad gram gravy grew hall halt halve hare hash
-    hasten hate hats he her hero hive hole holes hood if incompletely indirectly larger lasts lease legs lens lesson
-    let lets lift list locks loser loss lost lowers male man mare mast mate may maze me mere mist mode mole moot
-    mount move multiply must my nearby neat neatly nest net nice nines nite no node non nose note noting often once
-    ones or order orders paid pail pain par pie pies pine pipe pipes played pole poles preset prevent resent round
-    safe sage sake sale sane save seen setting sever shade shades shake shall shame share shares shave shaves shops
-    shots sifting sine site sites slack slide slides slows smell snack so sole someone stall stick sticks stock
-    stuck tail tale talk tally tan teen tell tend tens tent thank thaw theme these thin think threes threw thus till
-    toll torch touchy tough tow towel towels tree twelves twos tying up us vary verb walk walks we well wells were
-    whine white whole width will wish wit yellows zeros
+    am an anyone arena aria as aside atone atop attacked back bake bare baseless bash basis bath be biases blacks
+    blank blues blur botch boxer boxers brig buses by chose clone closer colon colons colorless contract cues cure
+    cute dies do docs dogs dose dots early edgy eighth eights eighty elevens enter etch ever everyone excerpt exit
+    exits file filly fine fire fiver fives flood flour for form foul fours frog full fur go grab grad gram gravy
+    grew hall halt halve hare hash hasten hate hats he her hero hive hole holes hood if incompletely indirectly
+    larger lase lasts lease lefty legs lens lesson let lets lift list locks loft lofty loser loss lost lowers make
+    male man mare mast mate may maze me meddle mere mist mode moist mole moot mount move muddle multiply must my
+    nearby neat neatly nest net nice nines nite no node non nose note noting often once ones or order orders paid
+    pail pain pale par pie pies pine pipe pipes played pole poles preset prevent resent round sack sacks safe sage
+    sake sale sane save seconds seen seize setting sever shack shade shades shake shall shame share shares shave
+    shaves shops shots sided sifting sine site sites slack slide slides slows smell snack snide so sole someone
+    squire stall stick sticks stock stuck tail tale talk tally tan teen tell tend tens tent thank thaw theme these
+    thin think threes threw thus till toll torch torches touchy tough tow towel towels tree twelves twos tying up us
+    vary verb walk walks we well wells were whine white whole width will wish wit yellows zeros
 """
 # Corrections give one of these words and no other: vocabularies also hold what people mistyped more than once.
 WELL_SPELT = frozenset(_WORDS.split()) | NUMBERS.keys()
