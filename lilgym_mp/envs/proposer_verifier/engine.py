@@ -284,6 +284,7 @@ class BaseGameEnv:
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on; it must keep their statements."""
+        self.engine.check_open()
         self.engine.setup = with_tasks(self.engine.setup, change(self.tasks), keep_spaces=True)
 
     @property

@@ -322,6 +322,7 @@ def test_close__makes_everything_raise(form: str):
         game.render,
         game.state,
         lambda: game.unwrapped.scene,
+        lambda: game.unwrapped.change_tasks(lambda tasks: tasks),
         lambda: game.step(actions if form == "parallel_env" else ADD_BLUE),
         view.reset,
         view.action_masks,
