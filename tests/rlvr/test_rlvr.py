@@ -60,6 +60,12 @@ def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_righ
         assert score(random_reply(row, rng), row).outcome != "not_understood"
 
 
+def test_expert__finds_the_plan_of_a_row_that_needs_a_long_search():
+    *_, row = some("plan", "scatter", 31, seed=91)
+    assert row.steps == 12
+    assert score(expert_reply(row), row).success
+
+
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_plans__have_the_wanted_length_which_the_solver_confirms(appearance: str):
     solver = Solver(make_dynamics(APPEARANCES[appearance]))
