@@ -34,6 +34,7 @@ _PREFIX = re.compile(  # markup, a label such as "Final plan:" or "Step 2:", a n
 _VERB = r"(?:add|remove|stop)(?![^\W_])"
 _BEFORE_VERB = rf"(?=[\W_]{{0,9}}(?:\d{{1,3}}[.):]\s{{0,3}})?{_VERB})"
 _LIKE_ACTION = re.compile(rf"(?:\d{{1,3}}x\s)?{_VERB}|[A-Z]\w{{1,20}}\s?\([^()]*\)\W*$", re.IGNORECASE)
+_CALL_IN_TEXT = re.compile(r"(?<![^\W_])(?:add|remove|place|put|delete|take)\s?\(", re.IGNORECASE)
 _BETWEEN = re.compile(
     rf";|<br ?/?>|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\band\b|\bthen\b){_BEFORE_VERB}", re.IGNORECASE
 )  # actions on one line
@@ -41,7 +42,7 @@ _SENTENCE = re.compile(  # begins in small letters, as in "Stop when it is true"
     r"(?:Add|Remove|Stop|add|remove|stop)\s(?=.*\b(?:because|since|so|as|that|which|until|unless|when|once|if|while|it"
     r"|this|is|are|was|will|would|can|could|should|must|needs?|not)\b)"
 )
-_BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|action|step|move)\s?\(\s?)?\d+[\s)*_`]{0,9}")
+_BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|action|step|move)\s?\(?\s?)?\d+[\s)*_`]{0,9}")
 _BOX_LINE = re.compile(rf"^[^\w\n]*({'|'.join(BOX_NAMES)})(?: box)?[*_`]*[ \t]*:([^\n]*)$", re.I | re.M)
 _ITEM = re.compile(r"(\w+) (\w+) (\w+) (?:at )?\((\d{1,3}), ?(\d{1,3})\)")
 _NOTHING = ("empty", "none", "nothing", "-")
@@ -85,6 +86,8 @@ def _plan(lines: Sequence[str], appearance: Appearance) -> list[int]:
         rest = line[prefix.end() :]
         labels = prefix["action"] is not None and bool(rest) and (":" in prefix[0] or "=" in prefix[0])
         if not (labels or _LIKE_ACTION.match(rest) or _BARE_NUMBER.fullmatch(line)):
+            if _CALL_IN_TEXT.search(line):
+                raise NotUnderstood(f"{line.strip()!r:.80} has an action within text; the plan would lack it")
             continue
         candidates += 1
         if candidates > MAX_LINES:
