@@ -52,8 +52,12 @@ class GameState(NamedTuple):
 
 
 def _select(condition: Any, value: Any, otherwise: Any) -> Any:
-    """`np.where` for a single game, for scalars."""
+    """`np.where` for scalars."""
     return value if condition else otherwise
+
+
+def _as_integers(flags: BoolArray) -> Int64Array:
+    return flags.astype(np.int64)
 
 
 class GameArrays:
@@ -76,7 +80,9 @@ class GameArrays:
         self._indices = np.arange(num_games)
         # All games as NumPy indexes them in a step: a single one as scalars, which are several times faster.
         self._all: Any = 0 if num_games == 1 else slice(None)
-        self._where: Any = _select if num_games == 1 else np.where
+        self._where, self._minimum, self._as_integers = np.where, np.minimum, _as_integers
+        if num_games == 1:
+            self._where, self._minimum, self._as_integers = _select, min, int
         table = game.decision_table
         is_shown = ~np.isnan(table.probabilities) & setup.reveals_truth
         self._needs_truth = is_shown | table.needs_truth  # (decisions,) whether rewards or infos depend on it
@@ -118,12 +124,12 @@ class GameArrays:
         answer, verifier_message = self._decode_actions(VERIFIER, verifiers[every])
         proposal, is_answer = choice, 0
         if game.turn_based:
-            is_answer = where(self.movers[VERIFIER, every], 1, 0)
+            is_answer = self._as_integers(self.movers[VERIFIER, every])
             proposal = where(is_answer, self.proposals[every], choice)
         rejections, exchanges_spent = self._rejections[every], 0
         if game.has_free_rejections:
-            exchanges_spent = where(rejections >= game.config.exchanges, 1, 0)
-        decision = table.indices[is_answer, where(proposal > EDIT, EDIT, proposal), answer, exchanges_spent]
+            exchanges_spent = self._as_integers(rejections >= game.config.exchanges)
+        decision = table.indices[is_answer, self._minimum(proposal, EDIT), answer, exchanges_spent]
         mdp_move, needs_answer = table.mdp_moves[decision], table.needs_answer[decision]
         holds = self._claims_hold(decision)
         result = self._step_mdps(mdp_move, proposal)
@@ -133,8 +139,7 @@ class GameArrays:
         self.terminated[every], self.truncated[every] = results.terminated[result], results.truncated[result]
         is_active = self._continues[result]
         if game.has_free_rejections:
-            rejections = where(needs_answer, rejections, rejections + 1)
-            self._rejections[every] = where(mdp_move == NOTHING, rejections, 0)
+            self._rejections[every] = where(mdp_move == NOTHING, rejections + ~needs_answer, 0)
         if game.has_refusals:
             refused = where(is_answer, proposal, self.refused[every])
             self.refused[every] = where(mdp_move >= PROPOSAL, NO_CHOICE, refused)
