@@ -94,8 +94,11 @@ def test_bench__ctrl_c_prints_results_so_far(capsys: pytest.CaptureFixture[str],
 
 
 def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    for name in [
+        name for name in sys.modules if name.startswith(("stable_baselines3.", "sb3_contrib", "lilgym_mp.sb3"))
+    ]:
+        monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
-    monkeypatch.delitem(sys.modules, "lilgym_mp.sb3", raising=False)
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: 1.0)
     assert main(["bench", "--quick", "--configurations", "TowerFlipIt", "--only", "sb3", "--num-envs", "2"]) == 0
     assert "not measured: SB3, batched (needs stable_baselines3" in capsys.readouterr().err
