@@ -15,13 +15,13 @@ from time import process_time
 import numpy as np
 
 from lilgym_mp import perception
-from lilgym_mp.appearances import APPEARANCES, Appearance
 from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.render import draw
-from lilgym_mp.render.drawing import SHRINKS
-from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, Item, Scene
+from lilgym_mp.scene.appearances import APPEARANCES, Appearance
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render.drawing import SHRINKS
 
 EDITS = 12  # per episode
 

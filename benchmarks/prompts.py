@@ -13,16 +13,16 @@ from collections import Counter
 from collections.abc import Iterable
 from itertools import islice
 
-from lilgym_mp.actions import describe
-from lilgym_mp.appearances import make_appearance
+from lilgym_mp.contrib.rlvr import BASELINES, KINDS, Row, rows, score
+from lilgym_mp.contrib.rlvr.prompts import scene_answer
+from lilgym_mp.contrib.rlvr.solutions import constant_answers
 from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus.generator import LEVELS
 from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
 from lilgym_mp.corpus.held_out import statement_digest
-from lilgym_mp.generator import LEVELS
-from lilgym_mp.rlvr import BASELINES, KINDS, Row, rows, score
-from lilgym_mp.rlvr.prompts import scene_answer
-from lilgym_mp.rlvr.solutions import constant_answers
-from lilgym_mp.terminal import table
+from lilgym_mp.corpus.terminal import table
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import make_appearance
 
 APPEARANCES = ("tower", "scatter")
 CONSTANT_PLANS = 60

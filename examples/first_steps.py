@@ -13,9 +13,9 @@ import gymnasium as gym
 from PIL import Image, ImageDraw
 
 import lilgym_mp  # registers the environments
-from lilgym_mp.actions import describe
-from lilgym_mp.render.frames import INK_RGB, LINE_PIXELS, PAPER_RGB, caption_font, smooth_picture
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.render.frames import INK_RGB, LINE_PIXELS, PAPER_RGB, caption_font, smooth_picture
 from lilgym_mp.solver import Expert
 
 GAP = 16  # pixels around pictures

@@ -19,10 +19,10 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.actions import describe
+from lilgym_mp.contrib.rlvr import BASELINES, REWARDS, Row, rows, score
+from lilgym_mp.contrib.rlvr.prompts import dynamics_of
 from lilgym_mp.corpus import words
-from lilgym_mp.rlvr import BASELINES, REWARDS, Row, rows, score
-from lilgym_mp.rlvr.prompts import dynamics_of
+from lilgym_mp.scene.actions import describe
 
 TOWER = dynamics_of("tower").appearance
 ACTIONS = [describe(TOWER.decode(index)) for index in range(TOWER.action_count)]

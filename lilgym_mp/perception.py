@@ -15,12 +15,6 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.placement import fits_box, is_free
-from lilgym_mp.appearances.tower import tower_tables
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
-from lilgym_mp.render import draw, image_shape
-from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
@@ -35,6 +29,12 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.scene.appearances.placement import fits_box, is_free
+from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import draw, image_shape
+from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
 
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene"]
 

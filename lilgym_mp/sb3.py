@@ -17,19 +17,19 @@ try:
     from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv, VecMonitor
     from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 except ModuleNotFoundError as missing:
-    from lilgym_mp.extras import install
+    from lilgym_mp.corpus.extras import install
 
     message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
     raise ModuleNotFoundError(message, name=missing.name) from missing
 
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.corpus.terminal import note_after
 from lilgym_mp.envs import preload
 from lilgym_mp.envs.checks import INSTEAD, checked_count, checked_options
 from lilgym_mp.envs.masks import attribute, layers
+from lilgym_mp.envs.observation import ARRAYS
 from lilgym_mp.envs.single import RESET_OPTIONS
-from lilgym_mp.observation import ARRAYS
-from lilgym_mp.terminal import note_after
+from lilgym_mp.scene.choices import choose
 
 # Imported by a fork server, once, for all its processes.
 PRELOADED = ["__main__", "lilgym_mp.envs.preload", "stable_baselines3.common.vec_env.subproc_vec_env"]

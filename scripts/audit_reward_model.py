@@ -18,11 +18,11 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Float64Array
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agents import open_agent
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
-from lilgym_mp.rules import Outcome
+from lilgym_mp.scene.arrays import BoolArray, Float64Array
 
 BINS = (0.0, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0)  # of probabilities
 

@@ -1,4 +1,4 @@
-"""Builds data/placement.npz, the lookup tables of `lilgym_mp.appearances.placement`, with shapely.
+"""Builds data/placement.npz, the lookup tables of `lilgym_mp.scene.appearances.placement`, with shapely.
 
     python scripts/build_placement_tables.py [--output data/placement.npz]
 
@@ -19,7 +19,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.placement import (
+from lilgym_mp.scene import FOOTPRINT_COUNT, FOOTPRINT_SIDES, Shape
+from lilgym_mp.scene.appearances.placement import (
     AREA_UNIT,
     FIRST_TOO_FAR,
     LARGEST_SIDE,
@@ -27,7 +28,6 @@ from lilgym_mp.appearances.placement import (
     OFFSET_LIMIT,
     OVERLAPPING,
 )
-from lilgym_mp.scene import FOOTPRINT_COUNT, FOOTPRINT_SIDES, Shape
 
 REFERENCE = (35, 35)  # where the older item lies in its box
 TIE_MARGIN = 1e-9  # pixels: far above rounding, far below any true difference of distances

@@ -11,8 +11,8 @@ import json
 import sys
 from pathlib import Path
 
+from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.evaluation.episodes import SUFFIX
-from lilgym_mp.report.phenomena import Phenomenon, phenomena
 
 
 def digest(directory: Path) -> str:

@@ -20,8 +20,6 @@ import numpy as np
 from PIL import Image
 
 import lilgym_mp
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     HELPFUL_PROPOSER,
@@ -37,8 +35,10 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
 from lilgym_mp.evaluation.film import episode_frames, film_frames, film_grid, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.render.drawing import COLOUR_RGB
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render.drawing import COLOUR_RGB
 from lilgym_mp.solver import Solver
 
 ROOT = Path(__file__).resolve().parent.parent

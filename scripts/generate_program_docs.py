@@ -6,7 +6,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lilgym_mp.fast import box_functions
+from lilgym_mp.envs.fast import box_functions
 from lilgym_mp.programs import costs, syntax
 from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS

@@ -26,10 +26,10 @@ import uvicorn
 from PIL import Image
 from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportMissingImports]
 
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli import main as command
+from lilgym_mp.contrib.web.app import ServeOptions, create_app
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.web.app import ServeOptions, create_app
+from lilgym_mp.scene.arrays import UInt8Array
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")

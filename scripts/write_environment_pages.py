@@ -13,16 +13,16 @@ import numpy as np
 from gymnasium import spaces
 
 import lilgym_mp
-from lilgym_mp.actions import BOX_NAMES, describe
-from lilgym_mp.appearances import Appearance, InvalidReason, Scatter, Tower
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.engine import BatchSettings
+from lilgym_mp.envs.rules import RULE_SETS, Outcome, make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.rules import RULE_SETS, Outcome, make_dynamics
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Item, Scene, Size
+from lilgym_mp.scene.actions import BOX_NAMES, describe
+from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter, Tower
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "environments"
 FILE_NAMES = {name: f"{appearance}_{start}.md" for name, (appearance, start) in CONFIGURATIONS.items()}

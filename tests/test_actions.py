@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
-from lilgym_mp.appearances import Appearance, Scatter, Tower
 from lilgym_mp.scene import Colour, Shape, Size
+from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
+from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
 
 TOWER = Tower()
 SCATTER = Scatter()

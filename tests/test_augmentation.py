@@ -9,21 +9,21 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import APPEARANCES, Appearance, Scatter, Tower
-from lilgym_mp.appearances.placement import check_apart, clear_templates, placement_tables
-from lilgym_mp.augmentation import (
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import RULE_SETS
+from lilgym_mp.learning.augmentation import (
     COLOUR_PERMUTATIONS,
     IDENTITY,
     Augmentation,
     AugmentationError,
 )
-from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
-from lilgym_mp.render import draw
-from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Scene, SceneError, Shape
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import STOP, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import APPEARANCES, Appearance, Scatter, Tower
+from lilgym_mp.scene.appearances.placement import check_apart, clear_templates, placement_tables
+from lilgym_mp.scene.render import draw
 from tests.scenes import LARGE, SCENES, SMALL, B, K, Y, circle, scene, square, tower, triangle
 
 ROTATED = Augmentation((K, B, Y))

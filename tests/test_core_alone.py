@@ -9,7 +9,7 @@ import pytest
 
 BLOCKED = """
 import sys
-for name in ("numba", "lilgym_mp.fast"):
+for name in ("numba", "lilgym_mp.envs.fast"):
     sys.modules[name] = None  # importing it fails
 """
 PLAY = """
@@ -30,7 +30,7 @@ from lilgym_mp.scene import Scene
 program = Program("exist(all_items)")
 for is_loaded in (False, False, True, True):
     assert not program(Scene.of((), (), ()))
-    assert ("lilgym_mp.fast.code_generation" in sys.modules) == is_loaded
+    assert ("lilgym_mp.envs.fast.code_generation" in sys.modules) == is_loaded
 """
 
 

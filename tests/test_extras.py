@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp import extras
+from lilgym_mp.corpus import extras
 
 ROOT = Path(__file__).parent.parent
 EXTRAS = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]

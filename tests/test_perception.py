@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.appearances.placement import clear_templates
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.render import draw
-from lilgym_mp.render.drawing import stamp
-from lilgym_mp.rules import RULE_SETS
 from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances.placement import clear_templates
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render.drawing import stamp
 from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
 
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode
 
 import lilgym_mp
 from lilgym_mp.corpus import TaskSet, words, write_corpus
-from lilgym_mp.extras import install
+from lilgym_mp.corpus.extras import install
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
 from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import APPEARANCES, InvalidReason, make_appearance
-from lilgym_mp.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene, Shape, Size
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import APPEARANCES, InvalidReason, make_appearance
 from tests.scenes import SCENES, B, K, scene, square, tower
 
 HORIZON = 5

@@ -8,8 +8,8 @@ import pickle
 
 import pytest
 
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
 from tests.scenes import B, K, scene, tower
 
 TASK = Task("7-a", "Some block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))

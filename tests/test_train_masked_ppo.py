@@ -10,8 +10,8 @@ import torch
 from gymnasium import spaces
 from train_masked_ppo import EVERY, FIRST, StatementAndBoxes
 
-from lilgym_mp.render import draw
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.render import draw
 from tests.scenes import scene, tower
 
 

@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.actions import STOP, ActionError, ActionType, describe, named
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.choices import choose
+from lilgym_mp.scene.actions import STOP, ActionError, ActionType, describe, named
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import Batch, EnvDescription, EnvState, Transformation
 

@@ -12,14 +12,14 @@ from gymnasium import spaces
 from gymnasium.spaces.utils import flatten_space
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import RELEASED_GRID
-from lilgym_mp.arrays import Float32Array, Int16Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
-from lilgym_mp.observation import EMPTY, image_space
-from lilgym_mp.render import draw
+from lilgym_mp.envs.observation import EMPTY, image_space
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import RELEASED_GRID
+from lilgym_mp.scene.arrays import Float32Array, Int16Array, Int64Array
+from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
     IMAGE,

@@ -15,12 +15,12 @@ from gymnasium import spaces
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils import BaseParallelWrapper, BaseWrapper
 
-from lilgym_mp.arrays import BoolArray, Int8Array
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.envs.rules import State
 from lilgym_mp.envs.single import UNCHANGED_REWARD
-from lilgym_mp.rules import State
+from lilgym_mp.scene.arrays import BoolArray, Int8Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
     EnvDescription,

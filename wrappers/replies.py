@@ -12,9 +12,9 @@ from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
-from lilgym_mp.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Appearance
 from lilgym_mp.scene import Colour, Shape, Size
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import Appearance
 
 
 class Reply(NamedTuple):

@@ -16,16 +16,16 @@ import numpy as np
 from gymnasium import spaces
 from PIL import Image
 
-from lilgym_mp.actions import BOX_NAMES, AddItem, RemoveItem, describe
-from lilgym_mp.appearances import Appearance, Grid
-from lilgym_mp.arrays import BoolArray
-from lilgym_mp.choices import choose
-from lilgym_mp.observation import StatementSpace, statement_space
-from lilgym_mp.render import draw
-from lilgym_mp.render import text as drawing
-from lilgym_mp.render.characters import ruled
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.observation import StatementSpace, statement_space
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
+from lilgym_mp.scene.actions import BOX_NAMES, AddItem, RemoveItem, describe
+from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render import text as drawing
+from lilgym_mp.scene.render.characters import ruled
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation

@@ -10,15 +10,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.matching import matching_corpus
 from lilgym_mp.corpus.tasks import with_permuted_boxes
-from lilgym_mp.rules import State, make_dynamics
+from lilgym_mp.envs.rules import State, make_dynamics
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import Float64Array
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.solution import value
-from lilgym_mp.task import Task
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.transformation import EnvDescription, TaskChange, Transformation, WrongEnvironment
 

@@ -17,12 +17,12 @@ from gymnasium import spaces
 from gymnasium.vector import VectorEnv
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import STOP
-from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.observation import item_array, item_capacity
-from lilgym_mp.rules import Dynamics, State
-from lilgym_mp.task import Task
+from lilgym_mp.envs.observation import item_array, item_capacity
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.actions import STOP
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 
 IMAGE, ITEMS, PLANES = "image", "item_array", "planes"  # observation keys that show the scene
 STATEMENT = "statement"  # observation key

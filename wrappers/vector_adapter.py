@@ -9,11 +9,11 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
-from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.envs.batched import batched
 from lilgym_mp.envs.masks import action_masks, layers
+from lilgym_mp.envs.rules import State
 from lilgym_mp.envs.single import UNCHANGED_REWARD
-from lilgym_mp.rules import State
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
     EnvDescription,

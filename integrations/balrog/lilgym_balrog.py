@@ -7,10 +7,10 @@ from typing import Any, SupportsFloat
 import gymnasium as gym
 from PIL import Image
 
-from lilgym_mp.actions import describe
-from lilgym_mp.llm.summary import progression
-from lilgym_mp.render import draw
-from lilgym_mp.rules import State
+from lilgym_mp.contrib.llm.summary import progression
+from lilgym_mp.envs.rules import State
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 

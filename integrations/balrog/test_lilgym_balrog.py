@@ -6,7 +6,7 @@ import gymnasium as gym
 import pytest
 from lilgym_balrog import BalrogEnv
 
-from lilgym_mp.actions import describe
+from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Expert
 
 

@@ -15,9 +15,9 @@ import httpx
 import pytest
 from lilgym_env import LilgymAction, LilgymEnv
 
-from lilgym_mp.actions import describe
-from lilgym_mp.rlvr import rows
-from lilgym_mp.rlvr.rows import solver_of
+from lilgym_mp.contrib.rlvr import rows
+from lilgym_mp.contrib.rlvr.rows import solver_of
+from lilgym_mp.scene.actions import describe
 
 PACKAGE = Path(__file__).parent / "lilgym_env"
 

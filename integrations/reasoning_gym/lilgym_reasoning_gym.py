@@ -8,14 +8,14 @@ from typing import Any
 from reasoning_gym.coaching import BaseCurriculum, ScalarAttributeDefinition
 from reasoning_gym.factory import ProceduralDataset, register_dataset
 
-from lilgym_mp.rlvr import Row, expert_reply, rows, score
+from lilgym_mp.contrib.rlvr import Row, expert_reply, rows, score
 
 DIFFICULTY = ("level", "min_actions")  # fields that the curriculum raises
 
 
 @dataclass
 class LilgymConfig:
-    """The arguments of `lilgym_mp.rlvr.rows`, and the dataset's size."""
+    """The arguments of `lilgym_mp.contrib.rlvr.rows`, and the dataset's size."""
 
     kind: str = "plan"
     appearance: str = "tower"

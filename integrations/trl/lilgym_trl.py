@@ -16,7 +16,7 @@ import torch
 from datasets import IterableDataset
 from trl import GRPOConfig, GRPOTrainer
 
-from lilgym_mp.rlvr import Conversation, Row, RowError, images_of, messages_of, rows, score
+from lilgym_mp.contrib.rlvr import Conversation, Row, RowError, images_of, messages_of, rows, score
 
 
 def stream(
@@ -28,7 +28,7 @@ def stream(
     scene: str = "list",
     **settings: Any,
 ) -> IterableDataset:
-    """Endless rows as TRL wants them; `settings` as for `lilgym_mp.rlvr.rows`.
+    """Endless rows as TRL wants them; `settings` as for `lilgym_mp.contrib.rlvr.rows`.
 
     `turns`: prompts for `PlanEnvironment`. `scene`: "image" or "both" for a model that sees, with a column "images".
     """

@@ -16,7 +16,7 @@ import trl
 from lilgym_trl import stream, trainer, verified_reward
 from tokenizers import AddedToken, Tokenizer, models, pre_tokenizers
 
-from lilgym_mp.rlvr import Row, expert_reply, rows
+from lilgym_mp.contrib.rlvr import Row, expert_reply, rows
 
 SPECIAL = ("<|endoftext|>", "<|im_start|>", "<|im_end|>", "[UNK]")
 NAMES = ("ADD(LEFT, BLUE)", "ADD(MIDDLE, YELLOW)", "REMOVE(LEFT)", "STOP")

@@ -10,7 +10,7 @@ from typing import Any
 
 import verifiers.v1 as vf
 
-from lilgym_mp.rlvr import Row, rows, score
+from lilgym_mp.contrib.rlvr import Row, rows, score
 
 
 class LilgymConfig(vf.TasksetConfig):

@@ -3,7 +3,7 @@
 import verifiers.v1 as vf
 from lilgym import LilgymConfig, LilgymData, LilgymTaskset
 
-from lilgym_mp.rlvr import Conversation, Row
+from lilgym_mp.contrib.rlvr import Conversation, Row
 
 
 class TurnsTask(vf.Task[LilgymData, vf.State, vf.TaskConfig]):

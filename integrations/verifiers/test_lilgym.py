@@ -16,7 +16,7 @@ from lilgym import LilgymConfig, LilgymTaskset
 from lilgym_turns import TurnsConfig, TurnsEnv
 from verifiers.v1.utils.loaders import load_environment
 
-from lilgym_mp.rlvr import Row, expert_reply
+from lilgym_mp.contrib.rlvr import Row, expert_reply
 
 
 @contextmanager

@@ -17,9 +17,9 @@ from importlib import import_module
 from typing import Any, NoReturn
 
 from lilgym_mp import __version__
-from lilgym_mp.extras import install
-from lilgym_mp.options import INTERRUPTED, CommandError, help_of
-from lilgym_mp.terminal import printable
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.corpus.terminal import printable
+from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, help_of
 
 # Modules of this package, in the order of --help.
 COMMANDS = (

@@ -7,9 +7,9 @@ from enum import IntEnum
 from functools import partial
 from typing import Any, TypeVar
 
-from lilgym_mp.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
-from lilgym_mp.appearances import Appearance
 from lilgym_mp.scene import Colour, Shape, Size
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem, describe
+from lilgym_mp.scene.appearances import Appearance
 
 Value = TypeVar("Value")
 Words = Sequence[str]

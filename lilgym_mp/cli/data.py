@@ -10,11 +10,10 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.choices import listed
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
+from lilgym_mp.corpus.terminal import Progress, shows_colours, table
 from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     CORPUS_HELP,
     CommandError,
     add_corpus,
@@ -23,7 +22,8 @@ from lilgym_mp.options import (
     check_at_least,
     task_sets_with_id,
 )
-from lilgym_mp.terminal import Progress, shows_colours, table
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import listed
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus import TaskSet
@@ -161,7 +161,7 @@ def _list(args: argparse.Namespace) -> int:
 
 def _stats(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.data_report import statistics_text
-    from lilgym_mp.report.corpus_statistics import corpus_statistics
+    from lilgym_mp.contrib.report.corpus_statistics import corpus_statistics
 
     print(statistics_text(corpus_statistics(args.corpus)))
     return 0
@@ -179,7 +179,7 @@ def _show(args: argparse.Namespace) -> int:
     from PIL import Image
 
     from lilgym_mp.cli.data_report import task_lines, task_text
-    from lilgym_mp.render.frames import frame
+    from lilgym_mp.scene.render.frames import frame
 
     tasks = _task_set_with(args)
     task = tasks.by_id(args.id)
@@ -205,8 +205,8 @@ def _task_set_with(args: argparse.Namespace) -> TaskSet:
 
 
 def _generate(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.generator import CorpusSpec, generated_entries
     from lilgym_mp.corpus.jsonlines import entry_json
-    from lilgym_mp.generator import CorpusSpec, generated_entries
 
     check_at_least(args, 1, "number")
     check_at_least(args, 0, "seed")

@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from lilgym_mp import render
+from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, SetCount, StatementStatistics
+from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus.official import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
+from lilgym_mp.corpus.terminal import table
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.report.corpus_statistics import CorpusStatistics, SetCount, StatementStatistics
-from lilgym_mp.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
-from lilgym_mp.task import Task
-from lilgym_mp.terminal import table
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import render
 
 SHOWN_WORDS = 20  # most frequent program words in the table
 

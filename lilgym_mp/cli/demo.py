@@ -12,17 +12,17 @@ from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
-from lilgym_mp import options
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
+from lilgym_mp.corpus.terminal import Progress
+from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
+from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import results_json, results_markdown, shown_results
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import CommandError, add_number, add_seed, check_at_least
-from lilgym_mp.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"

@@ -19,11 +19,11 @@ import gymnasium as gym
 from lilgym_mp import __version__
 from lilgym_mp.cli.solve import add_solving, solve_shown
 from lilgym_mp.corpus import NoTasksError, load_tasks
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.extras import install
-from lilgym_mp.observation import ARRAYS, TEXT, item_capacity
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     CommandError,
     add_configuration,
     add_number,
@@ -33,9 +33,9 @@ from lilgym_mp.options import (
     check_at_least,
     given_settings,
 )
+from lilgym_mp.programs.task import Task
 from lilgym_mp.solver.action_sets import explore, write_action_sets
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
-from lilgym_mp.task import Task
 from lilgym_mp.wrappers import StructuredObservation
 
 STRUCTURED = "structured"

@@ -13,12 +13,25 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.corpus.terminal import Progress
+from lilgym_mp.corpus.terminal import table as text_table
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
+from lilgym_mp.evaluation.options import (
+    CONFIGURATIONS_HELP,
+    CommandError,
+    add_device,
+    add_number,
+    add_recording,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_environment,
+)
 from lilgym_mp.evaluation.policies import (
     BASELINES,
     BUILT_IN_POLICIES,
@@ -32,20 +45,7 @@ from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import results_json, shown_results
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import find_learner
-from lilgym_mp.options import (
-    CONFIGURATIONS_HELP,
-    CommandError,
-    add_device,
-    add_number,
-    add_recording,
-    add_seed,
-    add_settings,
-    add_split,
-    check_at_least,
-    given_environment,
-)
-from lilgym_mp.terminal import Progress
-from lilgym_mp.terminal import table as text_table
+from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent

@@ -14,14 +14,13 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.choices import choose
+from lilgym_mp.corpus.terminal import Progress, table
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     CONFIGURATIONS_HELP,
     CORPUS_HELP,
     CommandError,
@@ -30,7 +29,8 @@ from lilgym_mp.options import (
     add_split,
     check_at_least,
 )
-from lilgym_mp.terminal import Progress, table
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent

@@ -13,8 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.choices import choose
-from lilgym_mp.options import CommandError, check_at_least
+from lilgym_mp.evaluation.options import CommandError, check_at_least
+from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from rich.console import Console

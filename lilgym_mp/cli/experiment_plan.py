@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
+from lilgym_mp.evaluation.options import CommandError, flag_name
 from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
-from lilgym_mp.options import CommandError, flag_name
 
 ENVIRONMENT = ("rules", "horizon", "grid")
 KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)

@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
-from lilgym_mp.extras import install
-from lilgym_mp.options import CommandError
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.evaluation.options import CommandError
 
 RETRIES = 3  # retries per run, if its node or its Ray worker process dies
 REPORT_SECONDS = 1.0

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
-from lilgym_mp.options import CommandError
+from lilgym_mp.evaluation.options import CommandError
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")

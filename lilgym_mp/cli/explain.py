@@ -13,16 +13,16 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.actions import describe
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS, read_text
 from lilgym_mp.evaluation.film import save_gif
+from lilgym_mp.evaluation.options import CommandError, add_device, add_settings, given_environment
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.options import CommandError, add_device, add_settings, given_environment
-from lilgym_mp.render.frames import frame
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.render.frames import frame
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent

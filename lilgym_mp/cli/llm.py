@@ -18,10 +18,9 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.corpus.terminal import Progress, printable
 from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     RUNS,
     CommandError,
     add_configuration,
@@ -34,10 +33,11 @@ from lilgym_mp.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.terminal import Progress, printable
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.settings import Settings
 
 if TYPE_CHECKING:
-    from lilgym_mp.llm import Episode, Failure, Player, Summary
+    from lilgym_mp.contrib.llm import Episode, Failure, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 HOPELESS = 3  # failed episodes, or as many as are played at the same time, after which a run without others ends
@@ -98,8 +98,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.llm import Player, make_agent, summarise
-    from lilgym_mp.llm.recording import write_recording
+    from lilgym_mp.contrib.llm import Player, make_agent, summarise
+    from lilgym_mp.contrib.llm.recording import write_recording
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
@@ -178,7 +178,7 @@ def _play(
     Returns all episodes, in the order of tasks, and those that failed. Raises CommandError if nothing but failures
     comes back at the beginning.
     """
-    from lilgym_mp.llm import Failure, play_all
+    from lilgym_mp.contrib.llm import Failure, play_all
 
     task_ids = player.task_ids()[: args.episodes]
     kept = {episode.task: episode for episode in done}
@@ -220,8 +220,8 @@ def _checked_output(args: argparse.Namespace, agent_options: dict[str, Any], set
     Raises OutputError if results exist and may not be overwritten, or cannot be written, CommandError for a run with
     other settings.
     """
+    from lilgym_mp.contrib.llm.recording import recording_name
     from lilgym_mp.evaluation.recording import episodes_file
-    from lilgym_mp.llm.recording import recording_name
 
     if args.judge_decisions and args.record is None:
         raise CommandError("--judge-decisions needs --record DIR")
@@ -238,7 +238,7 @@ def _checked_output(args: argparse.Namespace, agent_options: dict[str, Any], set
 
 def _episodes_to_resume(out: Path, settings: dict[str, Any]) -> list[Episode]:
     """Raises CommandError naming what is missing or differs."""
-    from lilgym_mp.llm import Episode
+    from lilgym_mp.contrib.llm import Episode
 
     try:
         before = json.loads((out / SUMMARY).read_text(encoding="utf-8"))["settings"]
@@ -265,8 +265,8 @@ def _key_and_value(text: str) -> tuple[str, Any]:
 
 def _public(option: str) -> str:
     """The --option without what could be a key."""
-    from lilgym_mp.llm.openai_agent import without_credentials
-    from lilgym_mp.llm.recording import RECORDED_OPTIONS
+    from lilgym_mp.contrib.llm.openai_agent import without_credentials
+    from lilgym_mp.contrib.llm.recording import RECORDED_OPTIONS
 
     key, _, value = option.partition("=")
     if key == "url":

@@ -6,10 +6,10 @@ import argparse
 import random
 from collections.abc import Iterator
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.options import CommandError, add_corpus, add_number, add_seed, check_at_least, task_with_id
+from lilgym_mp.evaluation.options import CommandError, add_corpus, add_number, add_seed, check_at_least, task_with_id
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_in_scene(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.terminal import shows_colours
     from lilgym_mp.programs.tracing import trace
-    from lilgym_mp.render import text
-    from lilgym_mp.terminal import shows_colours
+    from lilgym_mp.scene.render import text
 
     task = None if args.task is None else task_with_id(args.corpus, args.task)
     source = args.source or (task and task.program)

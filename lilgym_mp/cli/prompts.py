@@ -11,11 +11,11 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.evaluation.files import fresh_file, write_atomically
-from lilgym_mp.options import add_number, add_seed, check_at_least
-from lilgym_mp.terminal import Progress
+from lilgym_mp.evaluation.options import add_number, add_seed, check_at_least
+from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -40,7 +40,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.rlvr import expert_reply, messages_of, rows
+    from lilgym_mp.contrib.rlvr import expert_reply, messages_of, rows
 
     check_at_least(args, 1, "count")
     lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}

@@ -14,8 +14,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
+from lilgym_mp.evaluation.options import CommandError, add_split
 from lilgym_mp.learning.learners import AGENT_FILE
-from lilgym_mp.options import CommandError, add_split
 
 RUN_FILE = "run.json"
 
@@ -50,10 +50,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
+    from lilgym_mp.contrib.report import make_report
+    from lilgym_mp.contrib.report.html_report import check_directory
+    from lilgym_mp.contrib.report.markdown_report import check_document
     from lilgym_mp.evaluation.recording import check_recording
-    from lilgym_mp.report import make_report
-    from lilgym_mp.report.html_report import check_directory
-    from lilgym_mp.report.markdown_report import check_document
 
     check_directory(args.out)
     if args.document is not None:

@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_file, write_json
-from lilgym_mp.options import CommandError, add_thoughts
+from lilgym_mp.evaluation.options import CommandError, add_thoughts
 
 if TYPE_CHECKING:
-    from lilgym_mp.rlvr import Row
+    from lilgym_mp.contrib.rlvr import Row
 
 MISSING = "missing"  # the outcome of a prompt without a reply
 SHOWN_REASONS = 3
@@ -40,8 +40,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.llm import wilson_interval
-    from lilgym_mp.rlvr import score
+    from lilgym_mp.contrib.llm import wilson_interval
+    from lilgym_mp.contrib.rlvr import score
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if args.json is not None:
@@ -103,7 +103,7 @@ def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 def _rows(path: Path) -> dict[str, Row]:
     """The rows by id. Raises CommandError."""
-    from lilgym_mp.rlvr import Row, RowError
+    from lilgym_mp.contrib.rlvr import Row, RowError
 
     rows: dict[str, Row] = {}
     for place, record in _records(path):

@@ -19,8 +19,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.extras import install
-from lilgym_mp.options import RUNS, CommandError, add_corpus
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.evaluation.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
@@ -59,8 +59,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     try:
-        from lilgym_mp.web.app import create_app
-        from lilgym_mp.web.app_services import LOOPBACK_HOSTS, ServeOptions
+        from lilgym_mp.contrib.web.app import create_app
+        from lilgym_mp.contrib.web.app_services import LOOPBACK_HOSTS, ServeOptions
     except ModuleNotFoundError as error:
         if error.name not in WEB_PACKAGES:
             raise

@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lilgym_mp.actions import describe
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.cli.commands import (
     VERBS,
     CommandSyntaxError,
@@ -20,9 +18,11 @@ from lilgym_mp.cli.commands import (
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.render import text
-from lilgym_mp.render.characters import ruled
-from lilgym_mp.render.frames import frame
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.frames import frame
 
 
 class Session:

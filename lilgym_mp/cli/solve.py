@@ -12,16 +12,15 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.actions import Action, describe
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.terminal import Progress, shows_colours, table
 from lilgym_mp.envs.rendering import caption
+from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     CONFIGURATIONS_HELP,
     CommandError,
     add_settings,
@@ -29,14 +28,15 @@ from lilgym_mp.options import (
     given_environment,
     split_of,
 )
-from lilgym_mp.render import text
-from lilgym_mp.render.characters import ruled
-from lilgym_mp.render.frames import frame
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.actions import Action, describe
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.frames import frame
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows
-from lilgym_mp.task import Task
-from lilgym_mp.terminal import Progress, shows_colours, table
 
 MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
 

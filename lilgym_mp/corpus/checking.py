@@ -9,7 +9,6 @@ from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.loading import load_all_tasks
@@ -17,6 +16,7 @@ from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
+from lilgym_mp.scene.appearances import APPEARANCES
 
 
 class TaskCount(NamedTuple):

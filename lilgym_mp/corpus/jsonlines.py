@@ -11,8 +11,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, cast
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.records import (
     SCRATCH,
@@ -28,6 +26,8 @@ from lilgym_mp.corpus.records import (
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.programs import ProgramError, compile_program
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import listed
 
 FORMAT = "lilgym_mp-corpus"
 VERSION = 1

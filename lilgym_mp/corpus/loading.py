@@ -12,20 +12,20 @@ from itertools import product
 from pathlib import Path
 from pkgutil import resolve_name
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
-from lilgym_mp.terminal import note_after
+from lilgym_mp.corpus.terminal import note_after
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
 # Loader of generated corpora, a string like a Gymnasium entry point: the generator depends on this package, so it is
 # imported only when a generated corpus is requested.
-GENERATED_ENTRY_POINT = "lilgym_mp.generator:load_generated"
+GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
 
 _LOADING = threading.Lock()
 Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split

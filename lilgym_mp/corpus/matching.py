@@ -9,8 +9,8 @@ from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.corpus.tasks import TaskSet
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Item, Scene
-from lilgym_mp.task import Task
 
 Content = tuple[tuple[Item, ...], ...]
 

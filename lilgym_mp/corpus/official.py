@@ -18,11 +18,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.records import SPLITS, Record, read_bytes
 from lilgym_mp.corpus.released import ReleasedFile
 from lilgym_mp.corpus.tasks import TaskReader, contexts
+from lilgym_mp.scene.choices import listed
 
 RELEASE = "0.0.1"
 STATEMENT_COUNT = 2_661  # distinct statements of all splits and both appearances

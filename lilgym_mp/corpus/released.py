@@ -8,8 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.choices import listed
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.records import (
     FLIPIT,
@@ -23,6 +21,8 @@ from lilgym_mp.corpus.records import (
     read_text,
     shown,
 )
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import listed
 
 NAME = "lilGym"
 LABELS = {"true": True, "false": False}

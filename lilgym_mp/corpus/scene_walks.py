@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from itertools import combinations, islice
 from typing import NamedTuple
 
-from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import APPEARANCES, RELEASED_GRID
 from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, scattered
-from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Item, Scene
+from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import APPEARANCES, RELEASED_GRID
 
 RULES = RULE_SETS["paper"]
 SUCCESSORS = 3  # most successors of an expanded scene

@@ -10,13 +10,13 @@ from difflib import get_close_matches
 from itertools import permutations
 from typing import Any, cast, overload
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.arrays import BOOLEANS
 from lilgym_mp.corpus.faults import FaultLog
 from lilgym_mp.corpus.records import Record, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene, SceneError
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.arrays import BOOLEANS
 
 BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))  # the identity first
 MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids

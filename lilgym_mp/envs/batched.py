@@ -12,18 +12,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import ARRAY_ADVICE, ActionError
-from lilgym_mp.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
+from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
 from lilgym_mp.envs.rendering import RENDER_FPS, Renderer, caption
+from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import check_statement, checked_task
 from lilgym_mp.envs.single import SharedInterface
-from lilgym_mp.observation import Observation, observation_space, scene_of, statement_arrays
-from lilgym_mp.rules import Dynamics, Outcome, State, Transition
-from lilgym_mp.task import Task
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
 
 RENDER_MODES = ("rgb_array", "ansi")
 RESET_OPTIONS = ("reset_mask", "task")

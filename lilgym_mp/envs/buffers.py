@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
-from lilgym_mp.render import image_shape
+from lilgym_mp.scene.appearances import InvalidReason
+from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.scene.render import image_shape
 
 INVALID_REASONS = tuple(InvalidReason)  # in the order of the indices in `Buffers.invalid`
 REASON_INDICES = {reason: index for index, reason in enumerate(INVALID_REASONS)}

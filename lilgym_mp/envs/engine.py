@@ -15,19 +15,19 @@ import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import RELEASED_GRID, Grid, make_appearance
-from lilgym_mp.arrays import Int64Array
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
 from lilgym_mp.envs.checks import check_keywords, checked_count, checked_flag
 from lilgym_mp.envs.cores import make_core
+from lilgym_mp.envs.observation import FORMS, TEXT, item_capacity
+from lilgym_mp.envs.rules import ActionStatus, Dynamics, State, make_dynamics
 from lilgym_mp.envs.sampling import Sampler, checked_sampler, checked_task
 from lilgym_mp.envs.single import next_draws
-from lilgym_mp.observation import FORMS, TEXT, item_capacity
-from lilgym_mp.rules import ActionStatus, Dynamics, State, make_dynamics
-from lilgym_mp.task import Task
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import RELEASED_GRID, Grid, make_appearance
+from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.choices import choose
 
 AUTORESET_MODES: Mapping[str, AutoresetMode] = {mode.value: mode for mode in AutoresetMode}
 NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environment was reset and took no action

@@ -8,7 +8,7 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.vector import VectorEnv, VectorWrapper
 
-from lilgym_mp.arrays import BoolArray
+from lilgym_mp.scene.arrays import BoolArray
 
 AnyEnv = gym.Env[Any, Any] | VectorEnv[Any, Any, Any]
 _MISSING = object()

@@ -7,8 +7,8 @@ from typing import Any, NoReturn
 
 import gymnasium as gym
 
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.choices import choose
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import choose
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 

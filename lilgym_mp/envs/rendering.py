@@ -9,15 +9,15 @@ from weakref import WeakSet
 import numpy as np
 from gymnasium.error import DependencyNotInstalled
 
-from lilgym_mp.actions import describe
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
-from lilgym_mp.extras import install
-from lilgym_mp.render import text
-from lilgym_mp.render.frames import frame
-from lilgym_mp.rules import Dynamics, State, Transition
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.envs.rules import Dynamics, State, Transition
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.frames import frame
 
 RENDER_FPS = 4  # the same for every environment
 RENDER_MODES = ("human", "rgb_array", "ansi")

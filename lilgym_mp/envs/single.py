@@ -10,19 +10,19 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.actions import checked_index
-from lilgym_mp.appearances import RELEASED_GRID, InvalidReason, make_appearance
-from lilgym_mp.arrays import BoolArray, UInt8Array
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
+from lilgym_mp.envs.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
+from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition, make_dynamics
 from lilgym_mp.envs.sampling import Sampler, check_statement, checked_sampler, checked_task
-from lilgym_mp.observation import TEXT, Observation, observation_space, statement_arrays
-from lilgym_mp.render import Canvas
-from lilgym_mp.rules import Dynamics, Outcome, State, Transition, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import checked_index
+from lilgym_mp.scene.appearances import RELEASED_GRID, InvalidReason, make_appearance
+from lilgym_mp.scene.arrays import BoolArray, UInt8Array
+from lilgym_mp.scene.render import Canvas
 
 RESET_OPTIONS = ("task",)
 DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time

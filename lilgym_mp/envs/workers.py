@@ -33,15 +33,15 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import LilGymVectorEnv, T
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.registration import refuse_old_id
 from lilgym_mp.envs.shared_memory import SharedMemory
-from lilgym_mp.render import image_shape
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import image_shape
 
 AUTO = "auto"
 MIN_ENVS_PER_PROCESS = 64  # fewest environments per process with "auto"

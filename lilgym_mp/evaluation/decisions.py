@@ -13,10 +13,10 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem, describe, named
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT
+from lilgym_mp.scene.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem, describe, named
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 MAX_ANSWER_LENGTH = 4_000  # characters recorded of a text agent's answer
 MAX_LIKELIEST = 5  # actions and programs recorded per step

@@ -13,13 +13,13 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self, cast
 
-from lilgym_mp.actions import Action, ActionError, describe, named
-from lilgym_mp.appearances import InvalidReason
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.files import write_atomically
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene, SceneError
+from lilgym_mp.scene.actions import Action, ActionError, describe, named
+from lilgym_mp.scene.appearances import InvalidReason
 
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2

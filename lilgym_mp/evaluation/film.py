@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from lilgym_mp.actions import describe
-from lilgym_mp.arrays import UInt8Array
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.files import write_atomically
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.render.frames import smooth_picture
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render.frames import smooth_picture
 
 FIRST_FRAME_SECONDS = 1.8
 FRAME_SECONDS = 1.0

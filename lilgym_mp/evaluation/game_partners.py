@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lilgym_mp.actions import STOP
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
@@ -24,10 +22,12 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, encode_answers
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Observations, Policy
-from lilgym_mp.render import draw
-from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 
 TARGET_ONLY = "target-only"  # the baseline in every evaluation of verifiers

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, Action, ActionType
-from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
-from lilgym_mp.choices import choose
+from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation.decisions import PolicyOutput, action_cells, one_hot
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.rules import State
+from lilgym_mp.scene.actions import STOP, Action, ActionType
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
 
 

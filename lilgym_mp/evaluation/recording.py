@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.actions import Action, ActionError, Stop
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.comparison import Result, training_statements
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import (
@@ -29,10 +29,10 @@ from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.report import software
 from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action, ActionError, Stop
 from lilgym_mp.solver import Solver
-from lilgym_mp.task import Task
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
 TOLERANCE = 1e-9  # of a reward that is played again

@@ -12,10 +12,10 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Observations, Policy, output_of
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.rules import Outcome
 
 FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 BATCH_SIZE = 64  # environments

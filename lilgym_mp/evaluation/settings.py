@@ -9,12 +9,12 @@ from typing import Any, cast
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.choices import choose
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.registration import CONFIGURATIONS, environment_id
+from lilgym_mp.envs.rules import Dynamics, make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.rules import Dynamics, make_dynamics
+from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,13 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Protocol
 
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, shipped_agents
 from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.scene.choices import choose
 
 
 class Agent(Protocol):

@@ -9,13 +9,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp import options
-from lilgym_mp.choices import choose
+from lilgym_mp.corpus.terminal import Progress
+from lilgym_mp.evaluation import options
+from lilgym_mp.evaluation.options import CommandError, flag_name, given_options, given_settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import AGENT_FILE
 from lilgym_mp.learning.recipes import Recipe
-from lilgym_mp.options import CommandError, flag_name, given_options, given_settings
-from lilgym_mp.terminal import Progress
+from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.training_run import TrainingRun

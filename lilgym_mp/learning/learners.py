@@ -15,8 +15,8 @@ from importlib import import_module
 from importlib.resources import files
 from typing import Any
 
-from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.episodes import GREEDY
+from lilgym_mp.scene.choices import choose
 
 PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model files
     "parse-and-plan": "lilgym_mp.learning.parsing",

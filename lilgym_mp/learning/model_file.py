@@ -20,8 +20,8 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.files import write_atomically
+from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-model"
 VERSION = 1

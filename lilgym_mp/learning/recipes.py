@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, asdict, field, fields
 from typing import Any, Self
 
-from lilgym_mp.choices import choose
-from lilgym_mp.options import flag_name
+from lilgym_mp.evaluation.options import flag_name
+from lilgym_mp.scene.choices import choose
 
 
 def setting(

@@ -17,7 +17,7 @@ from lilgym_mp.scene import Scene
 CACHE_SIZE = 8_192  # programs
 MAX_MEMO = 2_048  # values memoised by a box or scene, beyond which those of programs are forgotten
 # Imported when a program is evaluated often; the core plays without it.
-ACCELERATOR = "lilgym_mp.fast.code_generation", "generate_function"
+ACCELERATOR = "lilgym_mp.envs.fast.code_generation", "generate_function"
 REFERENCE_EVALUATIONS = 2  # of a program, before code is generated for it
 
 

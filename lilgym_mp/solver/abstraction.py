@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.scene import FOOTPRINT_COUNT, Box, Item
+from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.solver.box_editor import ItemType
 from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
 from lilgym_mp.solver.layered_search import Layers

@@ -15,16 +15,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import ActionType
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import BoolArray
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Item
+from lilgym_mp.scene.actions import ActionType
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.solver.demonstrations import write_npz
 from lilgym_mp.solver.reports import Input, Output, map_chunks
 from lilgym_mp.solver.solution import ActionSet
 from lilgym_mp.solver.solver import Solver
-from lilgym_mp.task import Task
 
 FORMAT = "lilgym_mp action sets"
 VERSION = 1

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Iterable, Iterator
 from functools import lru_cache
 
-from lilgym_mp.fast.code_generation import generate_function
+from lilgym_mp.envs.fast.code_generation import generate_function
 from lilgym_mp.programs import ProgramRuntimeError, compile_program, syntax
 from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.actions import AddItem, RemoveItem
-from lilgym_mp.appearances import PlacementRules, Scatter
-from lilgym_mp.appearances.numbering import ITEM_TYPES
 from lilgym_mp.programs.functions.items import MARGIN, WIDE_MARGIN
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.actions import AddItem, RemoveItem
+from lilgym_mp.scene.appearances import PlacementRules, Scatter
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 
 MAX_EXHAUSTIVE_CELLS = 10  # columns or rows of a box up to which every cell is tried; finer grids are sampled
 COARSE_STEP = 10  # pixels between the sampled cells of fine grids, away from walls and items

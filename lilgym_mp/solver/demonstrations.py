@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.actions import Action
-from lilgym_mp.observation import item_array, item_capacity
-from lilgym_mp.render import Canvas
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.observation import item_array, item_capacity
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.actions import Action
+from lilgym_mp.scene.render import Canvas
 from lilgym_mp.solver.reports import TaskReport
-from lilgym_mp.task import Task
 
 
 class Demonstration(NamedTuple):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any, Protocol, cast
 
-from lilgym_mp.actions import STOP, Action
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.solver.solution import ActionSet, Solution
 from lilgym_mp.solver.solver import Solver
 

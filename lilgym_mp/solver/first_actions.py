@@ -14,9 +14,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.actions import AddItem
-from lilgym_mp.appearances.placement import LARGEST_MOVE, SNAP_REACH
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
@@ -30,6 +27,9 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
+from lilgym_mp.scene.actions import AddItem
+from lilgym_mp.scene.appearances.placement import LARGEST_MOVE, SNAP_REACH
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver import edit_tables
 from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor

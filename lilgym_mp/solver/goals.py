@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lilgym_mp.task import ProgramGoal, Task
+from lilgym_mp.programs.task import ProgramGoal, Task
 
 
 def has_program_goal(task: Task) -> bool:

@@ -15,11 +15,11 @@ from typing import cast
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.programs import syntax
 from lilgym_mp.programs.values import BoxView, ItemView, Side
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Item
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
 
 ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the language's name: the field of Item

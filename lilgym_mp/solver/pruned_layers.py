@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Hashable, Iterator
 from typing import Any
 
-from lilgym_mp.fast import box_functions
+from lilgym_mp.envs.fast import box_functions
 from lilgym_mp.programs.values import BoxView
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Colour, Shape, Size

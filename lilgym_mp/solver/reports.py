@@ -12,10 +12,10 @@ from statistics import mean, median
 from time import perf_counter
 from typing import Any, NamedTuple, TypeVar
 
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.solver.solution import Solution, Status
 from lilgym_mp.solver.solver import Solver
-from lilgym_mp.task import Task
 
 Input = TypeVar("Input")
 Output = TypeVar("Output")

@@ -6,11 +6,11 @@ import itertools
 from collections.abc import Sequence
 from functools import lru_cache
 
-from lilgym_mp.actions import STOP
-from lilgym_mp.appearances import Scatter
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.scene.actions import STOP
+from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import class_space

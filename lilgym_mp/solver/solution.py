@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from lilgym_mp.actions import Action
-from lilgym_mp.rules import Dynamics, Outcome
+from lilgym_mp.envs.rules import Dynamics, Outcome
+from lilgym_mp.scene.actions import Action
 from lilgym_mp.solver.layered_search import Budget
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from typing import Any
 
-from lilgym_mp.actions import STOP
-from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP
+from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.solver.class_search import class_space
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
@@ -23,7 +24,6 @@ from lilgym_mp.solver.weighted_goals import (
     WeightedPlanner,
     check_goals,
 )
-from lilgym_mp.task import Task
 
 SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
 CACHE_SIZE = 4_096  # action sets

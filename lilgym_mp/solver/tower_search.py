@@ -9,15 +9,15 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from functools import cache, partial
 
-from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
-from lilgym_mp.appearances import PlacementRules, Tower
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.scene.appearances import PlacementRules, Tower
 from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, class_space
 from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
-from lilgym_mp.task import Task
 
 BoxEdit = AddBlock | RemoveBlock
 

@@ -7,15 +7,15 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from lilgym_mp.actions import STOP, Action
+from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.solver.class_search import class_space
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.tower_search import TowerSearch
-from lilgym_mp.task import ProgramGoal, Task
 
 PLAN_BUDGET = 20_000  # scenes or class triples examined for a plan
 BUDGET_DIVISOR = 24  # with several goals, one search may spend the remaining budget divided by this

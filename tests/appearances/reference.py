@@ -7,8 +7,8 @@ from collections.abc import Sequence
 
 import shapely
 
-from lilgym_mp.appearances import InvalidReason, PlacementRules
 from lilgym_mp.scene import Item
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules
 from scripts.build_placement_tables import footprint_polygon
 
 ROUNDING = 1e-9  # square pixels: areas that differ by less are equal

@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import RemoveItem
-from lilgym_mp.appearances import (
+from lilgym_mp.envs.rules import RULE_SETS
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import RemoveItem
+from lilgym_mp.scene.appearances import (
     APPEARANCES,
     RELEASED_GRID,
     GridError,
@@ -18,8 +20,6 @@ from lilgym_mp.appearances import (
     checked_grid,
     make_appearance,
 )
-from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import Scene
 
 COLUMNS = (19, 38, 76, 95, 190, 380)
 ROWS = (1, 2, 4, 5, 10, 20, 25, 50, 100)

@@ -8,11 +8,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import AddItem, RemoveItem
-from lilgym_mp.appearances import Grid, InvalidReason, PlacementRules, Scatter, make_appearance
-from lilgym_mp.arrays import BoolArray
-from lilgym_mp.rules import RULE_SETS, Dynamics, State, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Dynamics, State, make_dynamics
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.actions import AddItem, RemoveItem
+from lilgym_mp.scene.appearances import Grid, InvalidReason, PlacementRules, Scatter, make_appearance
+from lilgym_mp.scene.arrays import BoolArray
 from tests.stress.mask_exactness import scenes_of, wrong_actions
 
 SCENES = 400

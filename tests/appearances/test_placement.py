@@ -12,9 +12,11 @@ import pytest
 import shapely
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import AddItem, RemoveItem
-from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
-from lilgym_mp.appearances.placement import (
+from lilgym_mp.envs.rules import RULE_SETS
+from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.actions import AddItem, RemoveItem
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
+from lilgym_mp.scene.appearances.placement import (
     AREA_UNIT,
     FIRST_TOO_FAR,
     OFFSET_COUNT,
@@ -24,8 +26,6 @@ from lilgym_mp.appearances.placement import (
     placement_tables,
     shape_area,
 )
-from lilgym_mp.rules import RULE_SETS
-from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_SIDES, Box, Colour, Item, Scene, Shape, Size
 from scripts import build_placement_tables as script
 from tests.appearances import reference
 

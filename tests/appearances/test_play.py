@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Appearance, PlacementRules, Scatter, Tower
-from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import Colour, Scene, Shape, Size
+from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import Appearance, PlacementRules, Scatter, Tower
 from tests.scenes import SCENES
 
 PAPER = RULE_SETS["paper"].placement

@@ -9,10 +9,10 @@ from collections.abc import Sequence
 
 import pytest
 
-from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveItem
-from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter
-from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, AddItem, RemoveItem
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter
 from tests.scenes import LARGE, MEDIUM, SMALL, B, circle, scene, square, triangle
 
 PAPER = RULE_SETS["paper"].placement

@@ -6,10 +6,10 @@ import itertools
 
 import pytest
 
-from lilgym_mp.actions import STOP, ActionError, AddBlock, AddItem, RemoveBlock
-from lilgym_mp.appearances import InvalidReason, Tower
-from lilgym_mp.rules import RULE_SETS
+from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene.actions import STOP, ActionError, AddBlock, AddItem, RemoveBlock
+from lilgym_mp.scene.appearances import InvalidReason, Tower
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower
 
 TOWER = Tower()

@@ -20,7 +20,7 @@ from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
-from lilgym_mp.options import CommandError
+from lilgym_mp.evaluation.options import CommandError
 from tests.corpora import write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"

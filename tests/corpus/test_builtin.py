@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import TaskSet, Vocabulary, check_corpus, contexts, load_tasks
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import APPEARANCES
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "data" / "builtin_source.toml"

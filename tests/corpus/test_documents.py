@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.cli import main
+from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
+from lilgym_mp.contrib.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.report.corpus_statistics import CorpusStatistics, corpus_statistics
-from lilgym_mp.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
+from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -32,7 +32,7 @@ def test_official_page__matches_the_command_output(
     official: CorpusStatistics, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(
-        "lilgym_mp.report.corpus_statistics.corpus_statistics", {"lilgym": official}.__getitem__
+        "lilgym_mp.contrib.report.corpus_statistics.corpus_statistics", {"lilgym": official}.__getitem__
     )  # counted once
     assert main(["data", "stats", "lilgym"]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]

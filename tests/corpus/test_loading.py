@@ -13,8 +13,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import CorpusError, TaskSet, contexts, load_tasks, official_directory
+from lilgym_mp.corpus.terminal import note_after
 from lilgym_mp.scene import Colour, Scene
-from lilgym_mp.terminal import note_after
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
+from lilgym_mp.contrib.report.phenomena import Phenomenon, SyntacticPhenomenon
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.report.corpus_statistics import CorpusStatistics, corpus_statistics
-from lilgym_mp.report.phenomena import Phenomenon, SyntacticPhenomenon
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene.appearances import APPEARANCES
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, Stop
-from lilgym_mp.appearances.base import Edit, InvalidReason
-from lilgym_mp.appearances.placement import PlacementRules
-from lilgym_mp.arrays import BoolArray
 from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, Stop
+from lilgym_mp.scene.appearances.base import Edit, InvalidReason
+from lilgym_mp.scene.appearances.placement import PlacementRules
+from lilgym_mp.scene.arrays import BoolArray
 
 NAME = "lamps"
 LAMP = Item(40, 40, Shape.CIRCLE, Colour.YELLOW, Size.MEDIUM)

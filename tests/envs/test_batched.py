@@ -14,8 +14,8 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.vector.utils import batch_space
 
-from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.batched import BatchedEnv
+from lilgym_mp.scene.actions import ActionError
 from tests.envs.alike import assert_alike, assert_same, random_actions
 
 IDS = [f"lilgym_mp/{appearance}{start}-v0" for appearance in ("Tower", "Scatter") for start in ("Scratch", "FlipIt")]

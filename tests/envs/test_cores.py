@@ -13,9 +13,6 @@ import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from hypothesis import given
 
-from lilgym_mp.actions import AddItem, RemoveItem
-from lilgym_mp.appearances import InvalidReason, Scatter, make_appearance
-from lilgym_mp.appearances.placement import is_free
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
@@ -23,11 +20,14 @@ from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_s
 from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
-from lilgym_mp.observation import item_capacity
-from lilgym_mp.render import draw
-from lilgym_mp.rules import Dynamics, make_dynamics
+from lilgym_mp.envs.observation import item_capacity
+from lilgym_mp.envs.rules import Dynamics, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import AddItem, RemoveItem
+from lilgym_mp.scene.appearances import InvalidReason, Scatter, make_appearance
+from lilgym_mp.scene.appearances.placement import is_free
+from lilgym_mp.scene.render import draw
 from tests.envs.alike import assert_alike
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower
 

@@ -14,8 +14,8 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
 from lilgym_mp.wrappers import (
     potential_shaping_v0,
     statement_embedding_v0,

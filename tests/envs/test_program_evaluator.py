@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.appearances.tower import tower_tables
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs.buffers import Buffers, buffer_specs
@@ -17,15 +15,17 @@ from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering, StackBoxLowering
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
-from lilgym_mp.fast.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
-from lilgym_mp.fast.instructions import Operation, instructions
-from lilgym_mp.observation import item_capacity
+from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS, item_test, vectorised_test
+from lilgym_mp.envs.fast.instructions import Operation, instructions
+from lilgym_mp.envs.observation import item_capacity
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs import Program, compile_program
+from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.values import Side
 from lilgym_mp.programs.words import WORDS
-from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.appearances.tower import tower_tables
 from tests.scenes import LARGE, MEDIUM, SMALL, B, K, Y, circle, scene, square, tower, triangle
 
 MIXED = scene(

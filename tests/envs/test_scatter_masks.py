@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.appearances import Scatter
 from lilgym_mp.envs.cores.scatter import ScatterCore
-from lilgym_mp.rules import RULE_SETS, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
 from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.scene.appearances import Scatter
 from tests.envs.alike import random_actions
 from tests.envs.test_cores import Side, task_set
 from tests.scenes import LARGE, SMALL, circle, scatter_boxes, scene, square, triangle, unchecked_boxes

@@ -17,11 +17,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from lilgym_mp.actions import ActionError
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.render import draw
-from lilgym_mp.render.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
 from lilgym_mp.wrappers import TokenizedStatement
 from tests.envs.alike import equal
 from tests.scenes import B, K, scene, tower
@@ -555,7 +555,7 @@ def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatc
 def test_import__leaves_corpora_tables_and_windows_unread():
     program = """if True:
         import sys, lilgym_mp
-        late = ("lilgym_mp.envs.single", "lilgym_mp.corpus", "lilgym_mp.rules", "PIL", "pygame")
+        late = ("lilgym_mp.envs.single", "lilgym_mp.corpus", "lilgym_mp.envs.rules", "PIL", "pygame")
         print(*[name for name in late if name in sys.modules])
     """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

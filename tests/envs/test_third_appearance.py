@@ -13,12 +13,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp import appearances
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.envs.batched import BatchedEnv
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.generator import training_pairs
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene import appearances
 from lilgym_mp.solver import Solver
 from tests.envs.lamps import NAME, Lamps
 
@@ -126,9 +126,9 @@ def copy(tmp_path: Path) -> Path:
     line = '"tower": lambda grid: Tower(), '
     assert table.count(line) == 1
     table = table.replace(line, line + '"lamps": lambda grid: Lamps(), ')
-    importing = "from lilgym_mp.appearances.placement import"
+    importing = "from lilgym_mp.scene.appearances.placement import"
     (package / "__init__.py").write_text(
-        table.replace(importing, f"from lilgym_mp.appearances.lamps import Lamps\n{importing}")
+        table.replace(importing, f"from lilgym_mp.scene.appearances.lamps import Lamps\n{importing}")
     )
     return tmp_path / "copy"
 
@@ -160,13 +160,13 @@ assert "such as: ADD(LEFT, YELLOW)" in said and "success" in said
 assert "ADD(LEFT, YELLOW)" in command("play-game", "LampsScratch", "--split", "dev", lines=["legal", "quit"])
 both = ["LampsScratch", "LampsFlipIt"]
 command("evaluate", "--policy", "random-legal", "--configuration", *both, "--record", str(place))
-from lilgym_mp.report import make_report
+from lilgym_mp.contrib.report import make_report
 make_report([place], place / "report")
 assert "LampsFlipIt" in (place / "report" / "index.html").read_text()
 import warnings
 warnings.simplefilter("ignore")
 from starlette.testclient import TestClient
-from lilgym_mp.web.app import ServeOptions, create_app
+from lilgym_mp.contrib.web.app import ServeOptions, create_app
 app = create_app(ServeOptions(database=place / "web.sqlite3", runs=place, corpus=corpus))
 browser = TestClient(app)
 recordings = browser.get("/api/watch/recordings").json()["recordings"]

@@ -8,8 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
@@ -17,6 +15,8 @@ from lilgym_mp.evaluation.episodes import Recording, read_episodes
 from lilgym_mp.evaluation.policies import WithoutMask, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.scene.appearances import make_appearance
 from tests.corpora import write_own_corpus
 
 TOWER = make_appearance("tower", (19, 5))

@@ -12,15 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import AddBlock, Stop
+from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
-from lilgym_mp.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.scripts import load_script
 
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")

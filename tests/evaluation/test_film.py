@@ -20,8 +20,8 @@ from lilgym_mp.evaluation.film import (
     save_gif,
     wrap_text,
 )
-from lilgym_mp.render import draw
-from lilgym_mp.render.frames import smooth_picture
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render.frames import smooth_picture
 from tests.scenes import B, scene, tower
 
 TOWER = Settings("TowerScratch")

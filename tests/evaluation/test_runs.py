@@ -7,8 +7,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from lilgym_mp.appearances import InvalidReason
-from lilgym_mp.arrays import BoolArray, Int64Array
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import (
     CONFIGURATIONS,
     Episode,
@@ -19,7 +18,8 @@ from lilgym_mp.evaluation import (
     random_legal,
     random_unmasked,
 )
-from lilgym_mp.rules import Outcome
+from lilgym_mp.scene.appearances import InvalidReason
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TOWER = Settings("TowerScratch")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lilgym_mp.render import draw
+from lilgym_mp.scene.render import draw
 from tests.fidelity.recorded import RECORDINGS, Recording
 
 Recorded = dict[Recording, list[dict[str, Any]]]

@@ -9,15 +9,15 @@ import gymnasium as gym
 import pytest
 
 import lilgym_mp  # noqa: F401  (registers the environments)
-from lilgym_mp.appearances import APPEARANCES
 from lilgym_mp.corpus import CorpusError, contexts, load_tasks
+from lilgym_mp.corpus.generator import CorpusSpec, generated_entries, load_generated, split_of
+from lilgym_mp.corpus.generator.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.tokens import normalised
-from lilgym_mp.generator import CorpusSpec, generated_entries, load_generated, split_of
-from lilgym_mp.generator.generated_corpus import MAX_TRIVIAL_SHARE, MAX_WORDINGS, SPLIT_SIZES
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Item, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import APPEARANCES
 
 SAMPLES = [("tower", 2), ("tower", 4), ("scatter", 2)]  # (appearance, level)
 

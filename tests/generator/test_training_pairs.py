@@ -1,4 +1,4 @@
-"""Endless statement-program pairs: lilgym_mp.generator.pairs."""
+"""Endless statement-program pairs: lilgym_mp.corpus.generator.pairs."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from itertools import islice
 
 import pytest
 
+from lilgym_mp.corpus.generator import LEVELS, TrainingPair, level_of, statements, training_pairs
+from lilgym_mp.corpus.generator.noise import with_noise
 from lilgym_mp.corpus.scene_walks import ScenePool
-from lilgym_mp.generator import LEVELS, TrainingPair, level_of, statements, training_pairs
-from lilgym_mp.generator.noise import with_noise
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
@@ -125,7 +125,7 @@ def test_with_noise__adds_no_second_full_stop() -> None:
 
 
 def test_training_pairs__are_imported_lazily() -> None:
-    lazy = ("lilgym_mp.generator", "lilgym_mp.corpus.spelling")
+    lazy = ("lilgym_mp.corpus.generator", "lilgym_mp.corpus.spelling")
     code = f"import sys, lilgym_mp; print([name for name in {lazy} if name in sys.modules])"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
 

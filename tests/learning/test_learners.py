@@ -14,12 +14,12 @@ import pytest
 
 from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.contrib.report.learning_curves import progress_curves
+from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve
 from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
 from lilgym_mp.learning.model_file import ModelDescription, save_model
 from lilgym_mp.learning.recipes import setting
-from lilgym_mp.report.learning_curves import progress_curves
-from lilgym_mp.report.report_data import ReportData, TrainingCurve
 
 PACKAGE = "guessing_package"
 

@@ -16,7 +16,6 @@ import torch
 from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
 from lilgym_mp.learning.model_file import (
@@ -33,6 +32,7 @@ from lilgym_mp.learning.model_file import (
 from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.models.factory import make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.scene.appearances import make_appearance
 
 DESCRIPTION = ModelDescription(
     "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}

@@ -21,14 +21,14 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
+from lilgym_mp.contrib.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.contrib.llm import agents as agents_module
+from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
+from lilgym_mp.contrib.llm.recording import write_recording
+from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
-from lilgym_mp.llm import agents as agents_module
-from lilgym_mp.llm.agents import AgentError, Answer, Message
-from lilgym_mp.llm.recording import write_recording
-from lilgym_mp.render import draw
-from lilgym_mp.report.report_data import load_report_data
+from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
 

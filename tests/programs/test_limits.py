@@ -8,8 +8,8 @@ from time import process_time
 
 import pytest
 
-from lilgym_mp.fast import code_generation, ir
-from lilgym_mp.fast.box_functions import MAX_MEMO
+from lilgym_mp.envs.fast import code_generation, ir
+from lilgym_mp.envs.fast.box_functions import MAX_MEMO
 from lilgym_mp.programs import (
     Program,
     ProgramError,

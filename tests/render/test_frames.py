@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from lilgym_mp.appearances import Scatter, Tower
-from lilgym_mp.arrays import BoolArray, UInt8Array
-from lilgym_mp.render import draw
-from lilgym_mp.render.drawing import BOX_RGB, COLOUR_RGB
-from lilgym_mp.render.frames import CELL_RGB, FRAME_SHAPE, MARGIN, PAPER_RGB, SCALE, SCENE_SHAPE, frame, scene_picture
 from lilgym_mp.scene import Box, Scene
+from lilgym_mp.scene.appearances import Scatter, Tower
+from lilgym_mp.scene.arrays import BoolArray, UInt8Array
+from lilgym_mp.scene.render import draw
+from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB
+from lilgym_mp.scene.render.frames import (
+    CELL_RGB,
+    FRAME_SHAPE,
+    MARGIN,
+    PAPER_RGB,
+    SCALE,
+    SCENE_SHAPE,
+    frame,
+    scene_picture,
+)
 from tests.scenes import LARGE, SCENES, B, Y, circle, scene, square
 
 

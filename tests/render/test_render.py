@@ -14,10 +14,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.render import Canvas, canvas, draw, image_shape, text
-from lilgym_mp.render.canvas import box_blits
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render import Canvas, canvas, draw, image_shape, text
+from lilgym_mp.scene.render.canvas import box_blits
 from tests.scenes import (
     LARGE,
     SMALL,

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from lilgym_mp.actions import Action, named
+from lilgym_mp.contrib.report.html_report import chapters
+from lilgym_mp.contrib.report.items import Chart, Item, Table
+from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.report.html_report import chapters
-from lilgym_mp.report.items import Chart, Item, Table
-from lilgym_mp.report.report_data import load_report_data
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action, named
 
 GOLDEN = Path(__file__).with_name("golden_report.md")
 SCATTER = Settings("ScatterFlipIt")

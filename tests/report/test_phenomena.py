@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.tokens import normalised, statement_form
-from lilgym_mp.programs import ProgramError
-from lilgym_mp.report.phenomena import (
+from lilgym_mp.contrib.report.phenomena import (
     RULES,
     SYNTAX_RULES,
     Phenomenon,
@@ -20,6 +17,9 @@ from lilgym_mp.report.phenomena import (
     phenomena,
     syntactic_phenomena,
 )
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.tokens import normalised, statement_form
+from lilgym_mp.programs import ProgramError
 
 ITEMS = "x.all_items_in_box()"
 

@@ -15,12 +15,9 @@ import pytest
 from matplotlib.container import BarContainer
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
-from lilgym_mp.evaluation.files import OutputError
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.report import ReportError, html_report, make_report, markdown_report
-from lilgym_mp.report import items as report_items
-from lilgym_mp.report.aggregation import (
+from lilgym_mp.contrib.report import ReportError, html_report, make_report, markdown_report
+from lilgym_mp.contrib.report import items as report_items
+from lilgym_mp.contrib.report.aggregation import (
     MeanStd,
     accuracy_where,
     holm,
@@ -28,14 +25,17 @@ from lilgym_mp.report.aggregation import (
     mean_where,
     paired_difference,
 )
-from lilgym_mp.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
-from lilgym_mp.report.charts import BarPanel, Line, bar_chart, line_chart
-from lilgym_mp.report.difficulty import comparison_items
-from lilgym_mp.report.html_report import chapters
-from lilgym_mp.report.items import Chart, MissingItem, Table, format_cell
-from lilgym_mp.report.language import accuracy_by_phenomenon, read_tags
-from lilgym_mp.report.learning_curves import dev_curves
-from lilgym_mp.report.report_data import ReportData, load_report_data
+from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
+from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, line_chart
+from lilgym_mp.contrib.report.difficulty import comparison_items
+from lilgym_mp.contrib.report.html_report import chapters
+from lilgym_mp.contrib.report.items import Chart, MissingItem, Table, format_cell
+from lilgym_mp.contrib.report.language import accuracy_by_phenomenon, read_tags
+from lilgym_mp.contrib.report.learning_curves import dev_curves
+from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
+from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.files import OutputError
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.rlvr import KINDS, Row
+from lilgym_mp.contrib.rlvr import KINDS, Row
 from lilgym_mp.wrappers.text import image_part, picture
 
 

@@ -12,12 +12,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.actions import describe
-from lilgym_mp.appearances import APPEARANCES
-from lilgym_mp.corpus.scene_sampling import SAMPLERS
-from lilgym_mp.generator import split_of
-from lilgym_mp.programs import compile_program
-from lilgym_mp.rlvr import (
+from lilgym_mp.contrib.rlvr import (
     KINDS,
     Conversation,
     Row,
@@ -29,10 +24,15 @@ from lilgym_mp.rlvr import (
     rows,
     score,
 )
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.corpus.generator import split_of
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.solver import Solver
-from lilgym_mp.task import Task
 from tests.scenes import B, K, Y, scene, tower
 from tests.stress.hostile_replies import examined
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
 
 TOWERS = (scene(), scene(tower(B), tower(K, Y), tower(B, B, K)), scene(tower(Y), tower(Y), tower(Y)))

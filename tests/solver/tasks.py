@@ -5,11 +5,11 @@ from __future__ import annotations
 import random
 from collections.abc import Sequence
 
-from lilgym_mp.actions import Action
-from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.rules import Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import Action
+from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 
 
 def task(program: str, start: Scene | None = None, *, target: bool = True) -> Task:

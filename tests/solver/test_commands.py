@@ -10,15 +10,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import describe
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.options import split_of
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.evaluation.options import split_of
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.solver import Solution, Solver
-from lilgym_mp.task import Task
 
 Captured = pytest.CaptureFixture[str]
 

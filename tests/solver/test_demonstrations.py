@@ -10,10 +10,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.appearances.tower import Tower
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.observation import item_array
+from lilgym_mp.envs.observation import item_array
+from lilgym_mp.scene.appearances.tower import Tower
 from lilgym_mp.solver.demonstrations import Demonstration, arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.solver.reports import solve_tasks
 from tests.scenes import B, K, scene, tower

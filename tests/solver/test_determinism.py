@@ -9,7 +9,7 @@ import subprocess
 import sys
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.rules import State
+from lilgym_mp.envs.rules import State
 from lilgym_mp.solver import Solver, WeightedGoal
 from tests.solver.tasks import after_random_edits, mdp
 

@@ -6,10 +6,10 @@ import random
 
 import pytest
 
-from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.scene import Box
+from lilgym_mp.scene.appearances import Scatter
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
 from lilgym_mp.solver.canonical_items import canonical_index
 from lilgym_mp.solver.edit_tables import (
     addition_actions,

@@ -7,7 +7,7 @@ import random
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.rules import Outcome
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.solver import Status
 from lilgym_mp.solver.reports import CHUNK_SIZE, TaskReport, report_json, solve_tasks, summarise, summary_rows
 from lilgym_mp.solver.solution import Solution

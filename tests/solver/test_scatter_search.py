@@ -6,13 +6,13 @@ import itertools
 
 import pytest
 
-from lilgym_mp.actions import STOP, AddItem, RemoveItem
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.matching import SceneGoal, content
-from lilgym_mp.rules import Outcome, State
+from lilgym_mp.envs.rules import Outcome, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP, AddItem, RemoveItem
 from lilgym_mp.solver import Solver, Status
-from lilgym_mp.task import Task
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
 from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
 

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
-from lilgym_mp.rules import Outcome, State
+from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Box, Colour, Scene
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.solver import Solver, Status
 from tests.scenes import B, K, Y, scene, tower, tower_boxes
 from tests.solver.tasks import mdp, optimal_by_trial, outcome, task

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import pytest
 
-from lilgym_mp.actions import STOP
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.programs import ProgramError
-from lilgym_mp.rules import Dynamics, Outcome, State
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver import Solver, WeightedGoal, WeightedPlan
 from lilgym_mp.solver.solution import edit_cost
 from tests.scenes import LARGE, B, K, Y, circle, scene, square, tower, triangle

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from itertools import cycle, islice
 from typing import Any
 
-from lilgym_mp.rlvr import KINDS, Conversation, Row, random_reply, rows, score
+from lilgym_mp.contrib.rlvr import KINDS, Conversation, Row, random_reply, rows, score
 from tests.stress.program_language import ATTACKS
 
 MAX_SECONDS = 0.05

@@ -11,12 +11,12 @@ import random
 from collections.abc import Iterable
 from itertools import product
 
-from lilgym_mp.actions import AddBlock, AddItem
-from lilgym_mp.appearances import APPEARANCES, make_appearance
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.envs.rules import RULE_SETS, Dynamics, Outcome, State, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import AddBlock, AddItem
+from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 
 TASK = Task("any", "There is something.", "exist(all_items)", True, Scene.empty())
 MAX_EDITS = 12

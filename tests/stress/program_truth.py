@@ -16,21 +16,21 @@ from itertools import islice
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs.buffers import Buffers, buffer_specs
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
-from lilgym_mp.observation import item_capacity
+from lilgym_mp.envs.observation import item_capacity
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, tree_from_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import MAX_LENGTH, parse
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import make_appearance
 
 BATCH = 40  # programs evaluated together in compiled cores
 DEPTHS = (1, 2, 3, 3, 4, 5)

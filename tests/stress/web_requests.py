@@ -17,8 +17,8 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from lilgym_mp.web.app import ServeOptions, create_app
-from lilgym_mp.web.visitors import VISITOR_COOKIE
+from lilgym_mp.contrib.web.app import ServeOptions, create_app
+from lilgym_mp.contrib.web.visitors import VISITOR_COOKIE
 
 METHODS = ("get", "post", "put", "delete", "patch")
 HOSTILE_VALUES: tuple[Any, ...] = (
@@ -152,7 +152,7 @@ def _known(clients: list[Any]) -> dict[str, list[Any]]:
 
 def send(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     """Sends `count` requests; returns the responses by status, and the requests with a 5xx response."""
-    logging.getLogger("lilgym_mp.web").addHandler(logging.StreamHandler())
+    logging.getLogger("lilgym_mp.contrib.web").addHandler(logging.StreamHandler())
     random, statuses, failed = Random(seed), Counter[str](), list[str]()
     with tempfile.TemporaryDirectory() as name:
         app = create_app(ServeOptions(database=Path(name) / "web.sqlite3"))

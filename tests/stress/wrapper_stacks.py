@@ -18,10 +18,10 @@ import numpy as np
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import lilgym_mp.wrappers as wrappers
-from lilgym_mp.actions import describe
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import make_appearance
 
 N = 5
 STEPS = 12

@@ -12,13 +12,13 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.contrib.web.program_evaluator import ProgramEvaluationError, ProgramEvaluator
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
+from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.words import WORDS
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
-from lilgym_mp.web.program_evaluator import ProgramEvaluationError, ProgramEvaluator
 from tests.stress.program_language import ATTACKS
 from tests.web.web_app import Browser, server
 

@@ -568,9 +568,9 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
 
 
 def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
+    from lilgym_mp.contrib.llm import Player
+    from lilgym_mp.contrib.llm.recording import write_recording
     from lilgym_mp.evaluation import Settings
-    from lilgym_mp.llm import Player
-    from lilgym_mp.llm.recording import write_recording
     from tests.llm.test_llm import Hesitant
 
     (tmp_path / "runs").mkdir()

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from lilgym_mp import corpus
-from lilgym_mp.actions import STOP
+from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
-from lilgym_mp.report.phenomena import phenomena
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver import Solver
 from tests.web.web_app import Browser, server
 

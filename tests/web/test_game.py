@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lilgym_mp.contrib.web import live_games
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
-from lilgym_mp.web import live_games
 from tests.web.web_app import Browser, server
 
 GAMES, SEATS = "/api/game/games", "/api/game/seats"

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.contrib.web.bodies import png
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.web.bodies import png
 from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"
@@ -63,7 +63,7 @@ def test_play__the_experts_solution_earns_the_environments_reward(browser: Brows
 
 
 def _name(appearance: Any, index: int) -> str:
-    from lilgym_mp.actions import describe
+    from lilgym_mp.scene.actions import describe
 
     return describe(appearance.decode(index))
 

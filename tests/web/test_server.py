@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.extras import install
-from lilgym_mp.web.database import Database, DatabaseError
+from lilgym_mp.contrib.web.database import Database, DatabaseError
+from lilgym_mp.corpus.extras import install
 from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx")
@@ -100,7 +100,7 @@ def test_size__a_large_body_is_refused_by_header_and_by_received_bytes(app: Any,
 
 
 def test_database__a_lock_held_by_another_program_delays_writes_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("lilgym_mp.web.database.LOCK_SECONDS", 0.2)
+    monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.2)
     with server(tmp_path) as app:
         browser = Browser(app)
         episode = browser.post("/api/play/episodes", {"configuration": "TowerScratch"}).json()["id"]
@@ -228,7 +228,7 @@ def test_command__an_unwritable_database_is_reported_in_one_line(tmp_path: Path,
 def test_command__a_locked_database_is_reported_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("lilgym_mp.web.database.LOCK_SECONDS", 0.1)
+    monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.1)
     place = tmp_path / "web.sqlite3"
     Database(place).close()
     holder = sqlite3.connect(place, isolation_level=None)
@@ -241,7 +241,7 @@ def test_command__a_locked_database_is_reported_in_one_line(
 
 
 def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    for name in [name for name in sys.modules if name.startswith("lilgym_mp.web")]:
+    for name in [name for name in sys.modules if name.startswith("lilgym_mp.contrib.web")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "fastapi", None)
     assert main(["serve", "--port", "0"]) == USAGE_ERROR

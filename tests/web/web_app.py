@@ -20,7 +20,7 @@ with warnings.catch_warnings():
 
 from anyio.from_thread import start_blocking_portal
 
-from lilgym_mp.web.app import ServeOptions, create_app
+from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
 
 class Browser:

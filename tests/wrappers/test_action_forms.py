@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from lilgym_mp.actions import ActionError, describe, named
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import ActionError, describe, named
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import (
     MultiDiscreteActions,
     NamedActions,

@@ -9,7 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.render import draw
+from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import (
     ChannelsFirst,
     FlatObservation,

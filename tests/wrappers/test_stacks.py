@@ -19,7 +19,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lilgym_mp import wrappers
-from lilgym_mp.observation import EMPTY
+from lilgym_mp.envs.observation import EMPTY
 from lilgym_mp.wrappers import WrongEnvironment
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
 from lilgym_mp.wrappers.transformation import EnvState, Transformation

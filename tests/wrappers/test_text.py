@@ -12,10 +12,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import STOP, describe
-from lilgym_mp.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.cli.commands import words_of
-from lilgym_mp.render import draw
+from lilgym_mp.scene.actions import STOP, describe
+from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers import TextObservation, text_observation_v0
 from lilgym_mp.wrappers.replies import Reply, parse_reply
 

@@ -11,12 +11,12 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import import_module
 
-from lilgym_mp.appearances import Appearance, Scatter, Tower
 from lilgym_mp.envs.buffers import Buffers
 from lilgym_mp.envs.cores.base import Core
 from lilgym_mp.envs.cores.scalar import ScalarCore
-from lilgym_mp.rules import Dynamics
-from lilgym_mp.task import Task
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
 
 __all__ = ["FEWEST_COMPILED", "Core", "ScalarCore", "make_core"]
 

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.envs.buffers import NO_REASON, Buffers
-from lilgym_mp.rules import ActionStatus, Dynamics, State, result_index
+from lilgym_mp.envs.rules import ActionStatus, Dynamics, State, result_index
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 # Plain ints for arrays: with enum members NumPy runs Python code, which takes microseconds and can swallow a Ctrl-C.
 CORRECT_STOP, WRONG_STOP, INVALID_EDIT, VALID_EDIT = (int(status) for status in ActionStatus)

@@ -15,11 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.legality import allowed_corners
-from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS
-from lilgym_mp.appearances.placement import LARGEST_SIDE, cell_areas, clear_templates
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT
+from lilgym_mp.scene.appearances.legality import allowed_corners
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS
+from lilgym_mp.scene.appearances.placement import LARGEST_SIDE, cell_areas, clear_templates
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 MASK_BITS = 64
 HIGHEST_PART = 25  # rows; higher cells are divided into parts, as they would have too many places

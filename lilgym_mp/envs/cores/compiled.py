@@ -9,20 +9,20 @@ from itertools import product
 
 import numpy as np
 
-from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.envs.buffers import NO_REASON, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.base import CORRECT_STOP, INVALID_EDIT, VALID_EDIT, WRONG_STOP, Core
 from lilgym_mp.envs.cores.kernels import NO_ITEM, UNKNOWN, DrawingTables, Scenes, StartScenes, compiling
 from lilgym_mp.envs.cores.program_evaluator import ArrayProgramEvaluator, BoxLowering
-from lilgym_mp.observation import EMPTY
-from lilgym_mp.render import draw, image_shape, shrink_of
-from lilgym_mp.render.canvas import LARGEST_PATCH
-from lilgym_mp.render.drawing import palette, stamp
-from lilgym_mp.rules import Dynamics, result_index
+from lilgym_mp.envs.observation import EMPTY
+from lilgym_mp.envs.rules import Dynamics, result_index
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.render import draw, image_shape, shrink_of
+from lilgym_mp.scene.render.canvas import LARGEST_PATCH
+from lilgym_mp.scene.render.drawing import palette, stamp
 
 _EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # indexed by whether the edit is valid
 _STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # indexed by whether the target is reached

@@ -15,17 +15,24 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 
-from lilgym_mp.appearances import numbering
-from lilgym_mp.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
-from lilgym_mp.appearances.placement import FIRST_TOO_FAR, LARGEST_MOVE, LARGEST_SIDE, OFFSET_LIMIT, OVERLAPPING, TIED
-from lilgym_mp.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
+from lilgym_mp.corpus.terminal import note_after
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
-from lilgym_mp.fast.box_functions import MAX_BOX_ITEMS
-from lilgym_mp.fast.instructions import Operation
+from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS
+from lilgym_mp.envs.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
-from lilgym_mp.terminal import note_after
+from lilgym_mp.scene.appearances import numbering
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
+from lilgym_mp.scene.appearances.placement import (
+    FIRST_TOO_FAR,
+    LARGEST_MOVE,
+    LARGEST_SIDE,
+    OFFSET_LIMIT,
+    OVERLAPPING,
+    TIED,
+)
+from lilgym_mp.scene.arrays import BoolArray, Int16Array, Int64Array, UInt8Array
 
 NO_ITEM = -1
 FALLBACK = -2  # sentinel instead of a reason: the scalar rules must make this edit (see `ScatterCore`)

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lilgym_mp.appearances.numbering import ITEM_TYPES
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
-from lilgym_mp.fast.box_functions import BoxFunction, ItemTest, item_test
-from lilgym_mp.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
+from lilgym_mp.envs.fast.box_functions import BoxFunction, ItemTest, item_test
+from lilgym_mp.envs.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.errors import FallbackError
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene.arrays import Int64Array
 
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 

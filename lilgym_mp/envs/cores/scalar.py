@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores.base import Core
-from lilgym_mp.observation import item_array
-from lilgym_mp.render import Canvas
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.envs.observation import item_array
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.render import Canvas
 
 
 class ScalarCore(Core):

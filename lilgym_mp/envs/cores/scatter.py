@@ -12,10 +12,6 @@ from typing import cast
 
 import numpy as np
 
-from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
-from lilgym_mp.appearances.placement import fits_box
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.cell_places import cell_places
@@ -23,12 +19,16 @@ from lilgym_mp.envs.cores.compiled import NO_VERSION, CompiledCore, item_from_co
 from lilgym_mp.envs.cores.kernels import FALLBACK, TIE, compiling
 from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering
 from lilgym_mp.envs.cores.tables import grid_tables, tied_move
-from lilgym_mp.observation import item_array
-from lilgym_mp.render import Canvas
-from lilgym_mp.render.drawing import stamp
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.envs.observation import item_array
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import Scatter
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
+from lilgym_mp.scene.appearances.placement import fits_box
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.render import Canvas
+from lilgym_mp.scene.render.drawing import stamp
 
 MAX_CACHED_ITEMS = 16_384
 

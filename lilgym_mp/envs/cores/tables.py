@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances import InvalidReason, PlacementRules, Scatter, placement
-from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
+from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, placement
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
 MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
 MOVE_BASE = 2 * placement.LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lilgym_mp.appearances.tower import EDIT_REASONS, tower_tables
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.envs.buffers import REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.compiled import CompiledCore, item_code
 from lilgym_mp.envs.cores.kernels import NO_ITEM, TowerEdits, compiling
 from lilgym_mp.envs.cores.program_evaluator import StackBoxLowering
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances.tower import EDIT_REASONS, tower_tables
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 
 class TowerCore(CompiledCore):

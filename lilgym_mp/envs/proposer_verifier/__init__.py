@@ -9,6 +9,7 @@ from __future__ import annotations
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, NoReturn
 
+from lilgym_mp.corpus.extras import install
 from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, FinalObservations
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.metrics import (
@@ -43,7 +44,6 @@ from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
 from lilgym_mp.envs.proposer_verifier.views import VIEWS, View
-from lilgym_mp.extras import install
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:

@@ -11,8 +11,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import ActionError
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
@@ -23,6 +21,8 @@ from lilgym_mp.envs.proposer_verifier.observations import AgentObservation, Obse
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, with_tasks
 from lilgym_mp.envs.single import next_draws
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.scene.arrays import Int64Array
 
 BatchStep = tuple[
     dict[str, AgentObservation],

@@ -11,11 +11,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.utils import seeding
 
-from lilgym_mp.actions import ActionError
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open
+from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
@@ -23,11 +21,13 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, GameSetup, with_tasks
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer
-from lilgym_mp.observation import image_space
-from lilgym_mp.render import draw
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import draw
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}

@@ -8,8 +8,6 @@ from typing import SupportsIndex
 
 import numpy as np
 
-from lilgym_mp.actions import checked_index, describe
-from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.protocols import (
     AGENTS,
     PROPOSER,
@@ -24,6 +22,8 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
     TurnInput,
 )
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, RewardScheme, judgement_in
+from lilgym_mp.scene.actions import checked_index, describe
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 
 SILENCE = 0  # the empty message
 WAIT_NAME = "wait"

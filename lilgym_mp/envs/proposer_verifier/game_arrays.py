@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.envs.batched import ResultTable
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
@@ -26,9 +25,10 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 )
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.envs.single import end_info
-from lilgym_mp.rules import Outcome, State
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
 
 NOTHING, WAIT, PROPOSAL, STOP = map(int, MDPMove)  # plain ints for array code
 EDIT = int(ProposalType.EDIT)

@@ -9,14 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, OracleVerifier, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
-from lilgym_mp.rules import Outcome
+from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 CALIBRATION_BINS = 10
 LARGEST_BATCH = 256

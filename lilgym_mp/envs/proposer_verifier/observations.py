@@ -13,15 +13,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from lilgym_mp.arrays import Int64Array, UInt8Array
+from lilgym_mp.envs.observation import image_space, item_array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
-from lilgym_mp.observation import image_space, item_array
-from lilgym_mp.render import Canvas
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array
+from lilgym_mp.scene.render import Canvas
 
 Value = NDArray[Any] | np.integer[Any]
 Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)

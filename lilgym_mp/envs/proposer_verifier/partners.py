@@ -15,14 +15,14 @@ from typing import Any, Protocol, SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.actions import ActionError
-from lilgym_mp.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, REJECT, STOP_ACTION, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int64Array
 
 
 class PartnerError(ValueError):

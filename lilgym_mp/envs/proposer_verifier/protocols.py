@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.envs.rules import Dynamics
 
 AGENTS = ("proposer_0", "verifier_0")  # by Role
 NO_CHOICE = -1  # sentinel for a missing or illegal choice

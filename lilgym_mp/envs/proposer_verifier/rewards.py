@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
-from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecision
+from lilgym_mp.scene.choices import choose
 
 ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 

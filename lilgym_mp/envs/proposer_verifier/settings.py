@@ -10,11 +10,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from lilgym_mp.appearances import RELEASED_GRID, make_appearance
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
 from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig, Role
 from lilgym_mp.envs.proposer_verifier.rewards import (
@@ -27,9 +26,10 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
 )
 from lilgym_mp.envs.proposer_verifier.views import View, ViewSpec, make_view
 from lilgym_mp.envs.registration import read_configuration
-from lilgym_mp.observation import item_capacity
-from lilgym_mp.render import shrink_of
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.render import shrink_of
 
 Value = TypeVar("Value")
 

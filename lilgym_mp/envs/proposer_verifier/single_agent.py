@@ -9,8 +9,6 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
@@ -19,6 +17,8 @@ from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, Partner
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
 from lilgym_mp.envs.single import UNCHANGED_REWARD
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
 
 MAX_RESETS = 1_000  # consecutive games that may end before the agent has had a turn
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeAlias
 
-from lilgym_mp.choices import choose
 from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.scene.choices import choose
 
 ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
 

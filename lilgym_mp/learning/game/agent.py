@@ -12,8 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
@@ -34,6 +32,8 @@ from lilgym_mp.learning.model_file import (
     load_weights,
 )
 from lilgym_mp.learning.ppo.states import BoxImageTable
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 
 KIND = "game"
 VERSION = 1

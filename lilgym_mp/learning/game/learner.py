@@ -11,16 +11,12 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.choices import choose
+from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.commands import add_recipe, interrupted
-from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
-from lilgym_mp.learning.learners import Learner
-from lilgym_mp.options import (
+from lilgym_mp.evaluation.options import (
     INTERRUPTED,
     RUNS,
     CommandError,
@@ -35,7 +31,11 @@ from lilgym_mp.options import (
     flag_name,
     given_options,
 )
-from lilgym_mp.terminal import Progress
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.commands import add_recipe, interrupted
+from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
+from lilgym_mp.learning.learners import Learner
+from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.game.training import Progress as TrainingProgress

@@ -14,8 +14,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
@@ -23,6 +21,8 @@ from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_si
 from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
 from lilgym_mp.learning.ppo.models.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
 from lilgym_mp.learning.ppo.states import States
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 IMPOSSIBLE = -1e4  # logit
 SURE = 8.0  # logit of accepting an edit, of a verifier that learns from claims alone

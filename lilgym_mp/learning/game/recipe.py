@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.choices import choose
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.ppo.recipe import UpdateRecipe
 from lilgym_mp.learning.recipes import setting
+from lilgym_mp.scene.choices import choose
 
 ALGORITHMS = {
     "independent": "a network and a critic for each agent (IPPO)",

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
@@ -21,6 +20,7 @@ from lilgym_mp.learning.game.situations import CONTEXT, SituationReader, with_hi
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.scene import BOX_COUNT
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 

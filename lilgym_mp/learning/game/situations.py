@@ -9,12 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.arrays import Int16Array, Int64Array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.observations import ItemArrayPart, ProposedScenePart
 from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.scene.arrays import Int16Array, Int64Array
 
 CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "goal")  # 0 where an agent does not know it
 ROLE, INTENT, PENDING, MESSAGE, REFUSED, ROUNDS, GOAL = range(len(CONTEXT))

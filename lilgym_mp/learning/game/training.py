@@ -12,7 +12,6 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.settings import with_tasks
@@ -43,6 +42,7 @@ from lilgym_mp.learning.ppo.tasks import training_tasks
 from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
 from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingRunError, begin_run, resumable_run
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 CRITIC = "critic"  # name of the central critic's network
 TEXT_LAYERS, HEADS = 1, 2

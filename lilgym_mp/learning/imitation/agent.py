@@ -9,10 +9,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from lilgym_mp.appearances import RELEASED_GRID
-from lilgym_mp.arrays import UInt8Array
-from lilgym_mp.choices import choose
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
@@ -33,8 +31,10 @@ from lilgym_mp.learning.model_file import (
     load_weights,
 )
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import RELEASED_GRID
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.choices import choose
 
 KIND = "imitation"
 VERSION = 1

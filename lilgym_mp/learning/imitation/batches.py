@@ -11,7 +11,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.spelling import normalised_words, plain_words
 from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, ActionHeads
@@ -20,6 +19,7 @@ from lilgym_mp.learning.imitation.dataset import DatasetEntry
 from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDED_WORDS, Inputs
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene import Colour
+from lilgym_mp.scene.arrays import Int64Array
 
 CACHED_STATEMENTS = 20_000
 MAX_CHARACTERS = 1_000  # longer statements are truncated

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.appearances.legality import box_legality
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Item, Scene
+from lilgym_mp.scene.appearances.legality import box_legality
 
 CELL = 20  # pixels: side of a cell of the released grid
 CELLS = BOX_SIDE // CELL  # a side of a box, in cells

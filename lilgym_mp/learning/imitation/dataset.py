@@ -9,15 +9,15 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.augmentation import symmetries
 from lilgym_mp.corpus.tokens import words
+from lilgym_mp.envs.rules import Dynamics, State
+from lilgym_mp.learning.augmentation import symmetries
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
-from lilgym_mp.rules import Dynamics, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.solver import Solver
-from lilgym_mp.task import Task
 
 BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))
 MAX_RANDOM_EDITS = 3

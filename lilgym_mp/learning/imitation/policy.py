@@ -12,14 +12,14 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs, pad_rows
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS, ImitationNetwork, Inputs, Outputs
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 BATCH_SIZE = 128  # scenes per forward pass
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning.imitation.batches import StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry

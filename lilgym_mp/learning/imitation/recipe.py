@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.choices import choose
 from lilgym_mp.learning.recipes import Recipe, setting
+from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,7 @@ from typing import cast
 
 import numpy as np
 
-from lilgym_mp.actions import Action, AddBlock, AddItem, RemoveBlock
-from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.numbering import remove_index
+from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, Rng
@@ -22,14 +20,16 @@ from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries_of
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.search import Planner
-from lilgym_mp.rules import Dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock
+from lilgym_mp.scene.appearances import Scatter
+from lilgym_mp.scene.appearances.numbering import remove_index
 from lilgym_mp.solver.edit_tables import (
     addition_actions,
     addition_table,
     removal_table,
 )
-from lilgym_mp.task import Task
 
 STOPS_PER_LABEL = 3  # scenes stopped in for each scene with truth alone that is asked for
 MOST_PLANS = 6  # for a scene, as short as the best and nearly as sure

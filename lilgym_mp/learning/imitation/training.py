@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from lilgym_mp.appearances import make_appearance
+from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning import timed_run
 from lilgym_mp.learning.agents import scratch_tasks
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
@@ -33,8 +33,8 @@ from lilgym_mp.learning.imitation.update import Imitation, StepResult
 from lilgym_mp.learning.model_file import select_device
 from lilgym_mp.learning.timed_run import Budget, TimedRun
 from lilgym_mp.learning.training_run import begin_run
-from lilgym_mp.rules import make_dynamics
-from lilgym_mp.task import Task
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import make_appearance
 
 GEOMETRY_UPDATES = 4  # of geometry pretraining per update of text pretraining (Scatter); short, outside the budget
 MAX_STOP_RULE_TASKS = 600

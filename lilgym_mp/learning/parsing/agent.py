@@ -8,8 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, Action
-from lilgym_mp.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
@@ -27,8 +25,10 @@ from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import Plan, Planner
 from lilgym_mp.learning.parsing.training import KIND, VERSION
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP, Action
+from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.render import draw
 
 MAX_CACHED_EPISODES = 4096
 

@@ -10,12 +10,12 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp import options
+from lilgym_mp.corpus.terminal import Progress
+from lilgym_mp.evaluation import options
+from lilgym_mp.evaluation.options import given_options
 from lilgym_mp.learning.commands import add_recipe, interrupted
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.options import given_options
-from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.training import Progress as TrainingProgress

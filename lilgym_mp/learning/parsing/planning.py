@@ -6,17 +6,17 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from lilgym_mp.actions import STOP, Action, describe
-from lilgym_mp.choices import choose
+from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser, truths
 from lilgym_mp.learning.parsing.recipe import OBJECTIVES
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import Dynamics, Outcome
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import STOP, Action, describe
+from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver, WeightedGoal
 from lilgym_mp.solver.solution import edit_cost
-from lilgym_mp.task import Task
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
 IDENTITY = Calibration()

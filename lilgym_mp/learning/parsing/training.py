@@ -15,12 +15,13 @@ from typing import Any, NamedTuple
 import torch
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
+from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statement_digest
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.generator import training_pairs
 from lilgym_mp.learning.model_file import ModelDescription, select_device
 from lilgym_mp.learning.parsing import batches
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
@@ -31,7 +32,6 @@ from lilgym_mp.learning.parsing.planning import Planner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.timed_run import Budget, Every, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import TrainingRun, begin_run
-from lilgym_mp.rules import Outcome
 
 KIND = "parse-and-plan"
 VERSION = 1

@@ -10,8 +10,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import BoolArray, Int64Array
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.agents import AgentError, check_configuration
@@ -28,6 +26,8 @@ from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.learning.ppo.states import BoxImageTable
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 KIND = "ppo"
 VERSION = 2

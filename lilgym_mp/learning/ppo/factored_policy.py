@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
-from lilgym_mp.appearances import Appearance, Grid
-from lilgym_mp.appearances.numbering import ITEM_TYPES, item_type_of
-from lilgym_mp.arrays import Float32Array, Float64Array, Int64Array
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour
+from lilgym_mp.scene.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPES, item_type_of
+from lilgym_mp.scene.arrays import Float32Array, Float64Array, Int64Array
 
 UNUSED = -1  # sentinel: an argument the type does not use, or an action without probability
 STOP = 0  # action index

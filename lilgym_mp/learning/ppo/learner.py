@@ -10,13 +10,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp import options
+from lilgym_mp.corpus.terminal import Progress
+from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
+from lilgym_mp.evaluation.options import given_options
 from lilgym_mp.learning.commands import add_recipe, interrupted, new_run, resumed_run
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, REPORTED_PARAMETERS, PPORecipe, make_recipe
-from lilgym_mp.options import given_options
-from lilgym_mp.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.ppo.training import Progress as TrainingProgress

@@ -12,10 +12,10 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.choices import choose
+from lilgym_mp.evaluation.options import flag_name
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.recipes import Recipe, setting
-from lilgym_mp.options import flag_name
+from lilgym_mp.scene.choices import choose
 
 MODELS = {
     "ours": "a transformer over boxes and words, nothing pretrained",

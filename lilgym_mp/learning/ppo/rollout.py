@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from lilgym_mp.arrays import BoolArray, Float32Array, Int64Array
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
+from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 
 class Rollout(NamedTuple):

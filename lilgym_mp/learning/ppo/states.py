@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
-from lilgym_mp.render import draw, image_shape
-from lilgym_mp.render.drawing import SEPARATOR_RGB
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_WIDTH, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene.arrays import Int16Array, Int64Array, UInt8Array, UInt64Array
+from lilgym_mp.scene.render import draw, image_shape
+from lilgym_mp.scene.render.drawing import SEPARATOR_RGB
 
 IMAGE_SHAPE = image_shape("half")  # (50, 190, 3)
 SIDE = IMAGE_SHAPE[0]  # side of a box in pixels

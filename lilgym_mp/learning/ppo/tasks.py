@@ -9,15 +9,15 @@ from zlib import crc32
 
 import numpy as np
 
-from lilgym_mp.arrays import BoolArray, Int64Array
-from lilgym_mp.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_tasks
 from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
 from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.task import Task
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TRAINING_SPLIT = "train"
 MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced

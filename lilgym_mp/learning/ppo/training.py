@@ -16,8 +16,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
@@ -42,6 +40,8 @@ from lilgym_mp.learning.ppo.update import (
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
 from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.training_run import begin_run
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import Int64Array
 
 
 class Progress(NamedTuple):

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 from torch import Tensor
 
-from lilgym_mp.actions import Stop
 from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_corpus
 from lilgym_mp.corpus.records import SCRATCH
@@ -22,6 +21,7 @@ from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.training_run import TrainingRun
+from lilgym_mp.scene.actions import Stop
 
 SPLIT = "dev"
 EVALUATIONS_FILE = "evaluations.jsonl"

@@ -11,13 +11,13 @@ import numpy as np
 import torch
 from torch import nn
 
-from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.proposer_verifier import Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.partners import encode_answer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
+from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.agents import check_configuration
 from lilgym_mp.learning.model_file import (
@@ -32,8 +32,8 @@ from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Judge, Planner, mean_probabilities
-from lilgym_mp.rules import State
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import Float64Array
 
 KIND = "reward-model"
 VERSION = 1

@@ -10,12 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.actions import STOP, Action, AddItem, RemoveItem
-from lilgym_mp.appearances.numbering import ITEM_TYPES
-from lilgym_mp.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.search import box_distances
-from lilgym_mp.rules import Dynamics, Outcome, State
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
@@ -29,7 +27,9 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 Rng = np.random.Generator
 Boxes = tuple[int, int, int]  # a scene as indices in the box table

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.appearances.tower import CAPACITY, tower_tables
-from lilgym_mp.arrays import Int64Array, UInt8Array
 from lilgym_mp.learning.imitation.box_features import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
 from lilgym_mp.scene import BOX_SIDE, Colour, Scene, Shape, Size
+from lilgym_mp.scene.appearances.tower import CAPACITY, tower_tables
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 
 COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
 CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's centre, symmetric: 40 mirrors 160

@@ -8,12 +8,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
 from lilgym_mp.learning.imitation.batches import StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS
 from lilgym_mp.learning.reward_model.features import BoxTable, exchanges, standard_exchanges
 from lilgym_mp.learning.reward_model.network import BoxFeatures
+from lilgym_mp.scene.arrays import Int64Array
 
 MOST_BOXES = 100_000
 Rng = np.random.Generator

@@ -16,10 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lilgym_mp.actions import STOP, Action, AddBlock, RemoveBlock
-from lilgym_mp.appearances import Scatter
-from lilgym_mp.appearances.tower import tower_tables
-from lilgym_mp.arrays import Float64Array, Int64Array
+from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.learning.reward_model.features import (
     look_counts,
     scatter_box_features,
@@ -28,8 +25,11 @@ from lilgym_mp.learning.reward_model.features import (
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import BoxFeatures, ModulatedNetwork, sum_boxes
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.rules import Dynamics
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
+from lilgym_mp.scene.actions import STOP, Action, AddBlock, RemoveBlock
+from lilgym_mp.scene.appearances import Scatter
+from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 from lilgym_mp.solver.canonical_items import canonical_items
 from lilgym_mp.solver.edit_tables import (
     addition_actions,

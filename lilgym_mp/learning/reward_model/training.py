@@ -15,7 +15,6 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from lilgym_mp.arrays import Float64Array, Int64Array
 from lilgym_mp.corpus.held_out import held_out_digests, statement_digest
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import BUILTIN
@@ -41,6 +40,7 @@ from lilgym_mp.learning.reward_model.search import Planner
 from lilgym_mp.learning.timed_run import Budget, TimedRun
 from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, begin_run
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 ENTRIES_PER_COLLECTION = 16
 STOPS_PER_COLLECTION = 10  # for each of them

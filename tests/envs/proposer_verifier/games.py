@@ -7,16 +7,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lilgym_mp.actions import STOP, AddBlock, RemoveBlock
-from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays, GameState
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup, with_tasks
-from lilgym_mp.rules import Outcome
+from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
+from lilgym_mp.scene.appearances import Tower
 
 TOWER = Tower()
 SOME_BLUE = Task(

@@ -13,9 +13,9 @@ import pytest
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import data_equivalence
 
-from lilgym_mp.actions import ActionError
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, BatchedGames, TurnError, parallel_env, read_text
+from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
 PROPOSER, VERIFIER = AGENTS

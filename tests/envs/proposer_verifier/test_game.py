@@ -10,11 +10,11 @@ from gymnasium.error import ResetNeeded
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier import PROTOCOLS, Intent, Role, TurnError
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, VERIFIER
-from lilgym_mp.rules import Outcome
+from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import (
     ACCEPT,
     ADD_BLACK,

@@ -39,7 +39,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord, TargetMetrics
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
-from lilgym_mp.rules import Outcome
+from lilgym_mp.envs.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
 
 PROPOSER, VERIFIER = AGENTS

@@ -17,7 +17,6 @@ from gymnasium.utils.env_checker import data_equivalence
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test, render_test, seed_test
 from pettingzoo.test.state_test import state_test
 
-from lilgym_mp.actions import ActionError
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     ENVIRONMENT_ID,
@@ -29,6 +28,7 @@ from lilgym_mp.envs.proposer_verifier import (
     parallel_env,
     raw_env,
 )
+from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW, STOPS, WAIT
 
 PROPOSER, VERIFIER = AGENTS

@@ -12,7 +12,7 @@ from gymnasium.utils.env_checker import data_equivalence
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
-from lilgym_mp.render import draw
+from lilgym_mp.scene.render import draw
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, setup
 
 PROPOSER, VERIFIER = AGENTS

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lilgym_mp.envs.observation import item_array
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
@@ -20,7 +21,6 @@ from lilgym_mp.learning.game.situations import (
     SituationReader,
     with_hidden_facts,
 )
-from lilgym_mp.observation import item_array
 
 GAMMA, LAMBDA = 0.9, 0.8
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from lilgym_mp.appearances import Tower
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.rules import State, make_dynamics
 from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, action_heads
 from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -16,10 +16,10 @@ from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, en
 from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.programs import compile_program
-from lilgym_mp.rules import State, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Colour, Scene
+from lilgym_mp.scene.appearances import Tower
 from lilgym_mp.solver import Solver
-from lilgym_mp.task import Task
 
 
 def collected(corpus: str) -> tuple[list[DatasetEntry], BoxFeatureTable]:
@@ -85,7 +85,7 @@ def test_batch__labels_hold_after_recolouring(statements: str):
 
 def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
     """The Tower scene encoded in the inputs."""
-    from lilgym_mp.appearances.tower import tower_tables
+    from lilgym_mp.scene.appearances.tower import tower_tables
 
     tables = tower_tables()
     boxes: list[Box] = []

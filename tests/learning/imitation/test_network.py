@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.appearances import Scatter, Tower
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions, log_policy
-from lilgym_mp.rules import make_dynamics
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import Scatter, Tower
 
 STATEMENTS = ["There is a blue block.", "No circle is black and none is blue.", "Something."]
 

@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import normalised
+from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.imitation.batches import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining, generated_examples
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.rules import make_dynamics
+from lilgym_mp.scene.appearances import make_appearance
 
 
 @pytest.mark.long

@@ -7,8 +7,8 @@ import pytest
 
 from lilgym_mp import load_agent
 from lilgym_mp.evaluation import Observations, Settings, evaluate
-from lilgym_mp.render import draw
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.render import draw
 from tests.scenes import LARGE, MEDIUM, B, K, circle, square
 
 MIN_ACCURACY = {  # on dev; random play has at most 0.2

@@ -8,17 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.actions import Action, AddBlock, Stop
-from lilgym_mp.appearances import make_appearance
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import Dynamics, State, Transition, make_dynamics
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.teaching import first_edits
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.programs.compiler import Program
-from lilgym_mp.rules import Dynamics, State, Transition, make_dynamics
 from lilgym_mp.scene import Colour, Scene
+from lilgym_mp.scene.actions import Action, AddBlock, Stop
+from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.solver import Solver
 from tests.learning.imitation.conftest import small_recipe
 from tests.learning.reward_model import conftest as reward_model

@@ -199,7 +199,7 @@ def test_policy__handles_unknown_empty_and_very_long_statements(statements: str,
     import numpy as np
 
     from lilgym_mp.evaluation import Observations
-    from lilgym_mp.render import draw
+    from lilgym_mp.scene.render import draw
 
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)

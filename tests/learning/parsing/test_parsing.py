@@ -18,6 +18,7 @@ from torch import Tensor
 from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -56,11 +57,10 @@ from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import prefix_tokens
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import parse
-from lilgym_mp.render import draw
-from lilgym_mp.rules import Outcome
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
-from lilgym_mp.task import Task
 from tests.corpora import write_own_corpus, write_thin_corpus
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})

@@ -9,8 +9,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from lilgym_mp.actions import ActionType
-from lilgym_mp.appearances import Appearance, Scatter, Tower
 from lilgym_mp.learning.ppo.factored_policy import (
     CHUNK,
     FactoredPolicy,
@@ -20,6 +18,8 @@ from lilgym_mp.learning.ppo.factored_policy import (
     slot_factorisation,
 )
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE
+from lilgym_mp.scene.actions import ActionType
+from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
 
 STATES = 3
 MAKERS = [slot_factorisation, joint_factorisation]

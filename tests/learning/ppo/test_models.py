@@ -13,7 +13,6 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from lilgym_mp.appearances import Scatter, Tower, make_appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.agents import open_agent
@@ -24,6 +23,7 @@ from lilgym_mp.learning.ppo.models.pretrained import C3, C10, WeightsError
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.training import train_ppo
+from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 
 STATEMENTS = ("There is a blue block.", "All of it is black.", "Two towers.")
 

@@ -313,9 +313,9 @@ def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path,
 def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
-    from lilgym_mp.appearances import Tower
     from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
     from lilgym_mp.learning.ppo.models.factory import make_model
+    from lilgym_mp.scene.appearances import Tower
 
     tasks = training_tasks(settings, recipe)
     torch.manual_seed(0)

@@ -8,11 +8,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.appearances import make_appearance
-from lilgym_mp.appearances.tower import tower_tables
-from lilgym_mp.augmentation import Augmentation
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
+from lilgym_mp.envs.rules import Outcome, State, make_dynamics
+from lilgym_mp.learning.augmentation import Augmentation
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
     Exchange,
@@ -24,9 +23,10 @@ from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Judge, Plan, Planner, box_distances, mean_probabilities
-from lilgym_mp.rules import Outcome, State, make_dynamics
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
-from lilgym_mp.task import Task
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.appearances.tower import tower_tables
 
 STATEMENT = "there is a black block on the left"
 VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.actions import Action, Stop
-from lilgym_mp.appearances.tower import tower_tables
-from lilgym_mp.arrays import Float64Array
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.rules import Dynamics, State, Transition
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
@@ -25,9 +23,11 @@ from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.learning.training_run import TrainingRunError
-from lilgym_mp.rules import Dynamics, State, Transition
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.task import Task
+from lilgym_mp.scene.actions import Action, Stop
+from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.arrays import Float64Array
 from tests.learning.reward_model.conftest import small_recipe
 
 UPDATES = 110

@@ -12,8 +12,8 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.partners import ClaimingProposer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
+from lilgym_mp.envs.rules import State
 from lilgym_mp.learning.reward_model.agent import RewardModelVerifier
-from lilgym_mp.rules import State
 
 
 class SureModel:

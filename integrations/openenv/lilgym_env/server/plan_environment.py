@@ -8,7 +8,7 @@ from fastapi import HTTPException
 from openenv.core.env_server.interfaces import Environment
 from openenv.core.env_server.types import State
 
-from lilgym_mp.rlvr import Conversation, rows
+from lilgym_mp.contrib.rlvr import Conversation, rows
 
 try:
     from ..models import LilgymAction, LilgymObservation

@@ -16,10 +16,6 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.actions import ActionType
-from lilgym_mp.appearances import Appearance, Grid
-from lilgym_mp.appearances.numbering import ITEM_TYPES
-from lilgym_mp.arrays import Int64Array
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.imitation import network
@@ -27,6 +23,10 @@ from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisatio
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
 from lilgym_mp.scene import BOX_COUNT, Colour
+from lilgym_mp.scene.actions import ActionType
+from lilgym_mp.scene.appearances import Appearance, Grid
+from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
+from lilgym_mp.scene.arrays import Int64Array
 
 CHANNELS = 32  # channels of a patch
 MIDDLE_GREY, HALF_RANGE = 127.5, 127.5

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.appearances import Appearance
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.learning.model_file import check_sizes
 from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
@@ -14,6 +13,7 @@ from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.models.pretrained import WeightsError, model_maker
 from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
+from lilgym_mp.scene.appearances import Appearance
 
 Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
 

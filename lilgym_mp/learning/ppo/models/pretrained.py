@@ -17,14 +17,14 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.actions import ActionType
-from lilgym_mp.appearances import Appearance
-from lilgym_mp.extras import install
+from lilgym_mp.corpus.extras import install
 from lilgym_mp.learning.model_file import weights_digest
 from lilgym_mp.learning.ppo.factored_policy import Factorisation, slot_factorisation
 from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
 from lilgym_mp.learning.ppo.recipe import FINE_TUNED
 from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
+from lilgym_mp.scene.actions import ActionType
+from lilgym_mp.scene.appearances import Appearance
 
 ARCHITECTURES = {"c3-bert": ("bert",), "c10-bert": ("bert",), "vilt": ("vilt",), "flava": ("flava",)}
 MAX_INTENSITY = 255.0

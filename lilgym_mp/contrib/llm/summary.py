@@ -1,0 +1,159 @@
+"""Episodes of text agents, their progression and summary statistics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lilgym_mp.contrib.llm.agents import Message
+from lilgym_mp.envs.rules import State
+from lilgym_mp.solver import Solver
+
+Z_95 = 1.959964  # normal quantile of a two-sided 95 % interval
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One answer of the agent."""
+
+    answer: str
+    understood: bool
+    action: str | None  # the action taken; None if the agent was asked again
+    seconds: float
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    reasoning: str | None = None  # what the server sent apart from the answer
+    retries: int = 0  # failed calls before the answer
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode with its complete conversation."""
+
+    task: str
+    statement: str
+    target: bool
+    outcome: str
+    reward: float  # sum over the episode
+    progression: float
+    actions: list[str]
+    turns: list[Turn]
+    messages: list[Message]
+
+    @property
+    def is_success(self) -> bool:
+        return self.outcome == "success"
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Episode:
+        """Inverse of `dataclasses.asdict`. Raises KeyError or TypeError for other data."""
+        return cls(**{**data, "turns": [Turn(**turn) for turn in data["turns"]]})
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An episode that ended because the agent failed."""
+
+    task: str
+    error: str
+    messages: list[Message]
+
+
+def progression(solver: Solver, start: State, last: State, *, success: bool) -> float:
+    """Progress towards the goal, 0 to 1, as in BALROG: 1 - (distance from `last`) / (distance from `start`).
+
+    The distance is the length of the expert's shortest solution, STOP included. 1 only on success; 0 if the expert
+    finds no solution from either state.
+    """
+    if success:
+        return 1.0
+    total, left = _distance(solver, start), _distance(solver, last)
+    return 0.0 if total is None or left is None else max(0.0, 1 - left / total)
+
+
+def _distance(solver: Solver, state: State) -> int | None:
+    solution = solver.solve_from(state._replace(steps=0))
+    return solution.steps if solution.solved else None
+
+
+def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
+    """The 95 % confidence interval of a success rate (Wilson 1927). Raises ValueError without episodes."""
+    if episodes < 1 or not 0 <= successes <= episodes:
+        raise ValueError(f"no success rate from {successes} successes in {episodes} episodes")
+    rate, squared = successes / episodes, Z_95**2
+    centre = (rate + squared / (2 * episodes)) / (1 + squared / episodes)
+    spread = math.sqrt(rate * (1 - rate) / episodes + squared / (4 * episodes**2)) * Z_95
+    half = spread / (1 + squared / episodes)
+    return max(0.0, centre - half), min(1.0, centre + half)
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Results of an agent on a split; token counts and costs are None if unknown.
+
+    Episodes that failed because the agent did are counted apart, not among `episodes`.
+    """
+
+    episodes: int
+    successes: int
+    success: float
+    success_low: float  # 95 % confidence interval
+    success_high: float
+    progression: float  # mean
+    progression_deviation: float  # standard error of the mean
+    mean_reward: float
+    mean_actions: float
+    answers: int
+    misunderstood: int  # answers that named no action
+    seconds: float  # total time of the agent
+    prompt_tokens: int | None
+    completion_tokens: int | None
+    outcomes: dict[str, int]
+    failed_episodes: int
+    failed_calls: int  # before an answer, or an episode's failure
+    cost: float | None  # of all tokens, in the currency of the prices
+
+
+def summarise(
+    episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
+) -> Summary:
+    """`prices`: of a million tokens read and written. Raises ValueError without episodes."""
+    count, successes = len(episodes), sum(episode.is_success for episode in episodes)
+    low, high = wilson_interval(successes, count)
+    progressions = [episode.progression for episode in episodes]
+    mean = sum(progressions) / count
+    variance = sum((each - mean) ** 2 for each in progressions) / (count - 1) if count > 1 else 0.0
+    turns = [turn for episode in episodes for turn in episode.turns]
+    outcomes = [episode.outcome for episode in episodes]
+    read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
+    cost = None
+    if prices is not None and read is not None and written is not None:
+        cost = (read * prices[0] + written * prices[1]) / 1e6
+    return Summary(
+        episodes=count,
+        successes=successes,
+        success=successes / count,
+        success_low=low,
+        success_high=high,
+        progression=mean,
+        progression_deviation=math.sqrt(variance / count),
+        mean_reward=sum(episode.reward for episode in episodes) / count,
+        mean_actions=sum(len(episode.actions) for episode in episodes) / count,
+        answers=len(turns),
+        misunderstood=sum(not turn.understood for turn in turns),
+        seconds=sum(turn.seconds for turn in turns),
+        prompt_tokens=read,
+        completion_tokens=written,
+        outcomes={outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
+        failed_episodes=failed_episodes,
+        failed_calls=sum(turn.retries for turn in turns) + failed_episodes,
+        cost=cost,
+    )
+
+
+def _total(numbers: Sequence[int | None]) -> int | None:
+    """The sum; None if any number is unknown."""
+    known = [number for number in numbers if number is not None]
+    return sum(known) if known and len(known) == len(numbers) else None

@@ -1,0 +1,143 @@
+"""A language model, or one that sees pictures, loaded by the transformers library from a local directory."""
+
+from __future__ import annotations
+
+import base64
+import io
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+
+from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message, described
+from lilgym_mp.corpus.extras import install
+
+GATHERING_SECONDS = 0.01  # before a batch is generated, for the requests of other threads
+
+
+class TransformersAgent:
+    """Greedy generation with a model and tokenizer or processor saved in a directory; nothing is downloaded.
+
+    Requests of several threads are answered in batches.
+    """
+
+    concurrency = 8
+
+    def __init__(self, directory: str, *, max_new_tokens: int = 256, device: str = "cpu", batch: int = 8) -> None:
+        """`batch`: most requests generated together. Raises AgentError without the library or for a directory without
+        a model."""
+        try:
+            import transformers  # pyright: ignore[reportMissingImports]
+        except ImportError:
+            message = f'the agent "transformers" needs the library: {install("transformers")}'
+            raise AgentError(message) from None
+        library: Any = transformers
+        if not Path(directory).is_dir():
+            raise AgentError(f"{directory}: no such directory; save a model and its tokenizer there first")
+        local = {"local_files_only": True}
+        try:
+            kind = library.AutoConfig.from_pretrained(directory, **local).model_type
+            self._sees = kind in library.models.auto.modeling_auto.MODEL_FOR_IMAGE_TEXT_TO_TEXT_MAPPING_NAMES
+            reader = library.AutoProcessor if self._sees else library.AutoTokenizer
+            loader = library.AutoModelForImageTextToText if self._sees else library.AutoModelForCausalLM
+            self._reader: Any = reader.from_pretrained(directory, **local)
+            model: Any = loader.from_pretrained(directory, use_safetensors=True, **local)
+        except (OSError, ValueError) as error:
+            raise AgentError(f"{directory}: {error}") from None
+        self._model: Any = model.to(device).eval()
+        self._tokenizer: Any = self._reader.tokenizer if self._sees else self._reader
+        self._tokenizer.padding_side = "left"
+        if self._tokenizer.pad_token is None:
+            self._tokenizer.pad_token = self._tokenizer.eos_token
+        ends = self._model.generation_config.eos_token_id
+        self._ends = {self._tokenizer.eos_token_id, *(ends if isinstance(ends, list) else [ends])} - {None}
+        self._max_new_tokens = int(max_new_tokens)
+        self._batch = int(batch)
+        self._waiting: deque[_Request] = deque()
+        self._lock = threading.Lock()
+
+    def answer(self, messages: Sequence[Message]) -> Answer:
+        request = _Request(messages)
+        self._waiting.append(request)
+        while request.result is None:
+            with self._lock:
+                if request.result is None:
+                    time.sleep(GATHERING_SECONDS)
+                    self._answer_together(
+                        [self._waiting.popleft() for _ in range(min(self._batch, len(self._waiting)))]
+                    )
+        if isinstance(request.result, Answer):
+            return request.result
+        raise AgentError(described(request.result)) from request.result
+
+    def _answer_together(self, requests: Sequence[_Request]) -> None:
+        try:
+            answers = self._answers([request.messages for request in requests])
+        except Exception as error:
+            answers = [error] * len(requests)
+        for request, answer in zip(requests, answers, strict=True):
+            request.result = answer
+
+    def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
+        inputs = self._inputs([list(map(self._readable, messages)) for messages in conversations])
+        inputs = inputs.to(self._model.device)
+        generated = self._model.generate(
+            **inputs,
+            max_new_tokens=self._max_new_tokens,
+            do_sample=False,
+            pad_token_id=self._tokenizer.pad_token_id,
+        )[:, inputs["input_ids"].shape[1] :]
+        counts = inputs["attention_mask"].sum(1).tolist()
+        return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
+
+    def _inputs(self, conversations: list[list[Message]]) -> Any:
+        """Tokens of the chat template, which writes the special tokens itself, or of the messages concatenated."""
+        has_template = bool(getattr(self._reader, "chat_template", None))
+        if has_template:
+            texts = [
+                self._reader.apply_chat_template(messages, tokenize=False, add_generation_prompt=True)
+                for messages in conversations
+            ]
+        else:
+            spoken = [[f"{message['role']}: {message['content']}" for message in each] for each in conversations]
+            texts = ["\n\n".join([*lines, "assistant:"]) for lines in spoken]
+        images = [
+            [part["image"] for message in messages for part in message["content"] if part["type"] == "image"]
+            for messages in (conversations if self._sees else ())
+        ]
+        pictures = {"images": images} if any(images) else {}
+        return self._reader(
+            text=texts, **pictures, return_tensors="pt", padding=True, add_special_tokens=not has_template
+        )
+
+    def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
+        """Up to the first end; other special tokens are kept, as they may be the tags of thoughts."""
+        length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
+        pictures = {getattr(self._reader, f"{kind}_token_id", None) for kind in ("image", "video")}
+        shown = [token for token in tokens[:length] if token not in pictures]
+        text = self._tokenizer.decode(shown, skip_special_tokens=False)
+        return Answer(text, prompt_tokens, min(length + 1, len(tokens)))
+
+    def _readable(self, message: Message) -> Message:
+        """The message with pictures in the library's form. Raises AgentError for a model that does not see."""
+        parts = message["content"]
+        if isinstance(parts, str):
+            return {**message, "content": [{"type": "text", "text": parts}]} if self._sees else message
+        if not self._sees:
+            raise AgentError("the model in the directory reads no pictures; choose --scene list or drawing")
+        return {**message, "content": [part if part["type"] == "text" else _image(part) for part in parts]}
+
+
+class _Request:
+    def __init__(self, messages: Sequence[Message]) -> None:
+        self.messages = messages
+        self.result: Answer | Exception | None = None
+
+
+def _image(part: dict[str, Any]) -> dict[str, Any]:
+    data = part["image_url"]["url"].partition(",")[2]
+    return {"type": "image", "image": Image.open(io.BytesIO(base64.b64decode(data)))}

@@ -1,0 +1,255 @@
+"""Matplotlib charts in a common style: bars, lines, heat maps and film strips."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lilgym_mp.contrib.report.aggregation import MeanStd
+from lilgym_mp.contrib.report.plotting import new_figure
+from lilgym_mp.scene.arrays import UInt8Array
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
+OKABE_ITO = (BLUE, ORANGE, GREEN, VERMILION, "#cc79a7", "#56b4e9", "#f0e442", "#000000")
+HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey
+DASHES = ("-", "--", "-.", ":")
+INK, FAINT = "#1d2733", "#5b6770"
+WIDTH = 1000  # pixels
+PANEL_HEIGHT = 250
+LEGEND_ROW_HEIGHT = 18
+LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
+FRAMES_PER_ROW = 5
+FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
+
+
+class Look(NamedTuple):
+    """What distinguishes a series in a chart."""
+
+    colour: str
+    hatch: str
+
+
+class Looks(dict[str, Look]):
+    """The look of each series by name, chosen when it is first used: one such map for all charts of a report."""
+
+    def __missing__(self, name: str) -> Look:
+        index = len(self)
+        self[name] = Look(OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)])
+        return self[name]
+
+
+class BarPanel(NamedTuple):
+    """Data of a grouped bar chart: a value for each series and category."""
+
+    title: str
+    categories: Sequence[str]
+    values: Mapping[str, Sequence[MeanStd | float | None]]  # by series
+    unit: str = ""  # label of the y axis, if not that of the whole chart
+
+
+def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None, *, top: float | None = None) -> Figure:
+    """A grouped bar chart with error bars for each panel; series without a value in a category take no room there.
+
+    Error bars are intervals, or the deviation over runs. Panels with the chart's unit share their y axis; `top`: its
+    fixed upper limit.
+    """
+    from matplotlib.patches import Patch
+
+    looks = Looks() if looks is None else looks
+    columns = min(2, len(panels))
+    shown = {name: looks[name] for panel in panels for name in panel.values}
+    legend = {
+        name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white", linewidth=0)
+        for name, look in looks.items()
+        if name in shown
+    }
+    figure, grid = _empty_panels(len(panels), columns, legend, shared=not any(panel.unit for panel in panels))
+    for axes, panel in zip(grid, panels, strict=True):
+        style_axes(axes, panel.title, panel.unit or unit)
+        _draw_bars(axes, panel, looks, WIDTH / columns)
+    for axes, panel in zip(grid, panels, strict=True):  # after all are drawn, as they may share their limits
+        if top is not None or all(_mean(value) >= 0 for value in _values(panel)):
+            axes.set_ylim(0, top)
+    return figure
+
+
+def _empty_panels(
+    count: int, columns: int, legend: Mapping[str, Any], *, shared: bool, width: int = WIDTH
+) -> tuple[Figure, list[Any]]:
+    """A figure with a legend of these artists, and the axes of its panels."""
+    legend_columns = max(1, min(4, (width - 40) // (6 * max(map(len, legend)) + 40)))
+    legend_rows = -(-len(legend) // legend_columns)
+    rows = -(-count // columns)
+    figure = new_figure(width, PANEL_HEIGHT * rows + LEGEND_ROW_HEIGHT * (legend_rows + 1))
+    grid: Any = figure.subplots(rows, columns, squeeze=False, sharey=shared)
+    for axes in grid.flat[count:]:
+        axes.set_visible(False)
+    figure.legend(legend.values(), legend, loc="outside upper left", ncols=legend_columns, frameon=False, fontsize=8)
+    return figure, list(grid.flat[:count])
+
+
+def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> None:
+    places = 0 if any(abs(_mean(value)) >= 10 for value in _values(panel)) else 2
+    shown = [  # names by category
+        [name for name, values in panel.values.items() if values[index] is not None]
+        for index in range(len(panel.categories))
+    ]
+    width = 0.8 / max(1, *map(len, shown))
+    for name, series in panel.values.items():
+        values = {index: value for index, value in enumerate(series) if value is not None}
+        if not values:
+            continue
+        xs = [index + (shown[index].index(name) - (len(shown[index]) - 1) / 2) * width for index in values]
+        heights = np.array([_mean(value) for value in values.values()])
+        ends = np.array([v.spread if isinstance(v, MeanStd) else (v, v) for v in values.values()]).T
+        errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
+        bars = axes.bar(
+            *(xs, heights, width * 0.92),
+            color=looks[name].colour,
+            hatch=looks[name].hatch,
+            edgecolor="white",
+            linewidth=0,
+            yerr=errors if errors.any() else None,
+            error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
+        )
+        if 0.9 * panel_width * width / len(panel.categories) >= LABEL_WIDTH:
+            axes.bar_label(bars, fmt=f"{{:.{places}f}}", fontsize=7, color=INK, padding=2)
+    count = len(panel.categories)
+    axes.set_xticks(range(count), labels=panel.categories, fontsize=8 if count < 8 else 6.5)
+    axes.set_xlim(-0.5, count - 0.5)
+    axes.margins(y=0.12)
+
+
+def _values(panel: BarPanel) -> list[MeanStd | float]:
+    return [value for values in panel.values.values() for value in values if value is not None]
+
+
+def _mean(value: MeanStd | float) -> float:
+    return value.mean if isinstance(value, MeanStd) else value
+
+
+def style_axes(axes: Any, title: str, unit: str = "") -> None:
+    axes.set_title(title, loc="left", fontsize=10, fontweight="bold", color=INK)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines[["left", "bottom"]].set_color(FAINT)
+    axes.tick_params(colors=INK, labelsize=8)
+    axes.grid(axis="y", color="#e6eaee", linewidth=0.8)
+    axes.set_axisbelow(True)
+    if unit:
+        axes.set_ylabel(unit, fontsize=8, color=FAINT)
+
+
+class Line(NamedTuple):
+    """A series of a line chart."""
+
+    name: str
+    xs: Sequence[float]
+    ys: Sequence[float]
+    deviations: Sequence[float] | None = None  # drawn as a band around the line
+    agent: str | None = None  # whose colour it has; None: its own
+
+
+def line_chart(
+    panels: Sequence[tuple[str, str, str, Sequence[Line]]], looks: Looks | None = None, *, diagonal: bool = False
+) -> Figure:
+    """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers.
+
+    Without it, the x axis counts steps: its ticks are whole numbers. A line of a single point is drawn as a marker.
+    Several lines of an agent differ in their dashes.
+    """
+    from matplotlib.lines import Line2D
+    from matplotlib.ticker import EngFormatter, MaxNLocator
+
+    columns = min(2 if len(panels) <= 4 else 3, len(panels))
+    looks = Looks() if looks is None else looks
+    legend: dict[str, Line2D] = {}
+    for line in (line for *_, lines in panels for line in lines if line.name not in legend):
+        colour = looks[line.agent or line.name].colour
+        dash = DASHES[[drawn.get_color() for drawn in legend.values()].count(colour) % len(DASHES)]
+        legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
+    shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2
+    figure, grid = _empty_panels(len(panels), columns, legend, shared=shared, width=width)
+    for axes, (title, x_label, y_label, lines) in zip(grid, panels, strict=True):
+        style_axes(axes, title, y_label)
+        axes.set_xlabel(x_label, fontsize=8, color=FAINT)
+        for line in lines:
+            marker = "o" if diagonal or len(line.xs) == 1 else None
+            drawn = legend[line.name]
+            colour = drawn.get_color()
+            axes.plot(line.xs, line.ys, color=colour, linestyle=drawn.get_linestyle(), linewidth=1.6, marker=marker)
+            if line.deviations is not None:
+                band = np.subtract(line.ys, line.deviations), np.add(line.ys, line.deviations)
+                axes.fill_between(line.xs, *band, color=colour, alpha=0.15, linewidth=0)
+        if diagonal:
+            axes.plot([0, 1], [0, 1], color=FAINT, linewidth=0.8, linestyle="--")
+        else:
+            axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 2.5, 5, 10]))
+            axes.xaxis.set_major_formatter(EngFormatter())
+    return figure
+
+
+def heat_maps(panels: Sequence[Sequence[tuple[str, np.ndarray]]]) -> Figure:
+    """Rows of titled heat maps, each with its own scale and colour bar."""
+    figure: Any = new_figure(WIDTH, 125 * len(panels) + 20)
+    grid: Any = figure.subplots(len(panels), max(map(len, panels)), squeeze=False)
+    for row, row_panels in zip(grid, panels, strict=True):
+        for axes, (title, values) in zip(row, row_panels, strict=True):
+            top = values.max() or 1.0  # matplotlib draws an empty range in the middle colour
+            image = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="equal")
+            axes.set_title(title, loc="left", fontsize=8, color=INK)
+            axes.set_xticks([])
+            axes.set_yticks([])
+            bar = figure.colorbar(image, ax=axes, fraction=0.015, pad=0.02)
+            bar.ax.tick_params(labelsize=6)
+            bar.outline.set_visible(False)
+    return figure
+
+
+class FilmStrip(NamedTuple):
+    """An episode as a sequence of scene images, each captioned with the action that led to it."""
+
+    head: Sequence[str]  # lines of text above the frames
+    frames: Sequence[tuple[UInt8Array, str]]  # image, caption
+    success: bool | None = None  # colours the last frame; None: not coloured
+
+
+def film_strips(strips: Sequence[FilmStrip]) -> Figure:
+    """Film strips one below the other, at most FRAMES_PER_ROW frames in a row."""
+    rows = [max(1, -(-len(strip.frames) // FRAMES_PER_ROW)) for strip in strips]
+    heights = [14 * len(s.head) + 20 + count * FRAME_HEIGHT for s, count in zip(strips, rows, strict=True)]
+    figure: Any = new_figure(WIDTH, sum(heights))
+    figure.set_layout_engine("none")
+    top = sum(heights)
+    total = top
+    for strip, height in zip(strips, heights, strict=True):
+        _draw_strip(figure, strip, top, total)
+        top -= height
+    return figure
+
+
+def _draw_strip(figure: Any, strip: FilmStrip, top: float, total: float) -> None:
+    for index, text in enumerate(strip.head):
+        weight, colour = ("bold", INK) if index == 0 else ("normal", "#4b5866")
+        y = (top - 14 - 14 * index) / total
+        figure.text(10 / WIDTH, y, text, fontsize=8, fontweight=weight, color=colour, parse_math=False)
+    head = 14 * len(strip.head) + 6
+    last = len(strip.frames) - 1
+    for index, (image, caption) in enumerate(strip.frames):
+        row, column = divmod(index, FRAMES_PER_ROW)
+        left = 10 + column * FRAME_WIDTH
+        bottom = top - head - (row + 1) * FRAME_HEIGHT + 4
+        axes = figure.add_axes((left / WIDTH, bottom / total, (FRAME_WIDTH - 6) / WIDTH, (FRAME_HEIGHT - 24) / total))
+        axes.imshow(image, interpolation="nearest", aspect="auto")
+        axes.set_xticks([])
+        axes.set_yticks([])
+        judged = index == last and strip.success is not None
+        edge = FAINT if not judged else GREEN if strip.success else VERMILION
+        for spine in axes.spines.values():
+            spine.set_color(edge)
+            spine.set_linewidth(2 if judged else 0.6)
+        axes.set_title(caption, loc="left", fontsize=6.5, color=INK if not judged else edge, pad=2, parse_math=False)

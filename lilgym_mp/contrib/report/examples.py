@@ -1,0 +1,102 @@
+"""Film strips of recorded episodes: example tasks, trajectories, programs and failures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from textwrap import wrap
+
+from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind
+from lilgym_mp.contrib.report.charts import FilmStrip, film_strips
+from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
+from lilgym_mp.contrib.report.report_data import EXPERT, ReportData
+from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.render import draw
+
+MAX_FRAMES = 10  # frames of a film strip
+EXAMPLE_LENGTH = 4  # preferred number of actions of an example
+
+
+def example_items(data: ReportData) -> Iterator[Item]:
+    """Figures 1, 2 and 7."""
+    entries = [data.find(EXPERT, name) or data.of(name)[0] for name in data.configurations if data.of(name)]
+    runs = [entry.runs[0] for entry in entries]
+    chosen = [(run, episode) for run in runs if (episode := example_episode(run)) is not None]
+    if not chosen:
+        for item, title in (("Figure 1", "A task"), ("Figure 2", "Trajectories"), ("Figure 7", "Programs")):
+            yield MissingItem(item, title, "no recorded episode succeeds")
+        return
+    run, episode = max(chosen, key=lambda pair: len(pair[1].actions))
+    strip = film_strip(run, episode)
+    yield Chart("Figure 1", "A task and a way to complete it", film_strips([strip]), _played_by(run), raster=True)
+    films = [film_strip(run, episode) for run, episode in chosen]
+    note = _played_by(chosen[0][0])
+    yield Chart("Figure 2", "Trajectories, one per configuration", film_strips(films), note, raster=True)
+    programs = [_program(run, episode) for run, episode in chosen[:2]]
+    note = "Before the first and after the last edit: the program is false in one scene and true in the other."
+    yield Chart("Figure 7", "Programs with true and false scenes", film_strips(programs), note, raster=True)
+
+
+def _played_by(run: Recording) -> str:
+    return f"Played by {run.header.agent}, corpus {run.header.corpus}."
+
+
+def example_episode(run: Recording) -> RecordedEpisode | None:
+    """The first success whose number of actions is closest to EXAMPLE_LENGTH; None without successes."""
+    successes = [episode for episode in run.episodes if episode.is_success]
+    return min(successes, key=lambda episode: abs(len(episode.actions) - EXAMPLE_LENGTH), default=None)
+
+
+def film_strip(run: Recording, episode: RecordedEpisode, *extra: str) -> FilmStrip:
+    """The start scene and the scene after each action; `extra`: further lines above the frames."""
+    settings = run.header.settings
+    reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
+    outcome = f"{episode.outcome}{reason}".replace("_", " ")
+    head = [
+        f"“{episode.statement}”  Make it {str(episode.target).lower()}.",
+        f"{settings.configuration}, {run.header.split}, task {episode.task}: {outcome}, reward {episode.reward:+.1f}",
+        *extra,
+    ]
+    return FilmStrip(head, _frames(settings, episode), episode.is_success)
+
+
+def _frames(settings: Settings, episode: RecordedEpisode) -> list:
+    visited = scenes(settings.dynamics(), episode.start, episode.actions)
+    captions = ["start", *(f"{step}. {describe(action)}" for step, action in enumerate(episode.actions, start=1))]
+    frames = [(draw(scene, "half"), caption) for scene, caption in zip(visited, captions, strict=True)]
+    if len(frames) > MAX_FRAMES:
+        omitted = len(frames) - MAX_FRAMES
+        half = MAX_FRAMES // 2
+        image, caption = frames[-half]
+        frames = [*frames[:half], (image, f"(… {omitted} omitted) {caption}"), *frames[-half + 1 :]]
+    return frames
+
+
+def _program(run: Recording, episode: RecordedEpisode) -> FilmStrip:
+    settings = run.header.settings
+    visited = scenes(settings.dynamics(), episode.start, episode.actions)
+    before = f"start: {str(not episode.target).lower()}" if len(episode.actions) > 1 else "start"
+    captions = before, f"at STOP: {str(episode.target).lower()}"
+    frames = [(draw(visited[index], "half"), caption) for index, caption in zip((0, -1), captions, strict=True)]
+    return FilmStrip([f"“{episode.statement}”", *wrap(episode.program, 150, break_on_hyphens=False)], frames)
+
+
+def failure_items(data: ReportData) -> Iterator[Item]:
+    """For each agent, the first recorded example of each kind of error."""
+    for agent in data.agents:
+        examples: dict[str, FilmStrip] = {}
+        entries = [entry for entry in data.main_results if entry.agent == agent]
+        played = [(run, episode) for entry in entries for run in entry.runs for episode in run.episodes]
+        for run, episode in played:
+            kind = error_kind(episode)
+            if kind is not None and kind not in examples:
+                settings = run.header.settings
+                task = f"--corpus {settings.corpus} --split {run.header.split} --task {episode.task}"
+                command = f"lilgym-mp play {settings.configuration} {task}"
+                hint = f"Kind of error: {kind}. Open the task with: {command}"
+                examples[kind] = film_strip(run, episode, hint)
+        shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
+        if shown:
+            yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)

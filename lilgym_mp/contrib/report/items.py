@@ -1,0 +1,143 @@
+"""Items of a report: tables, charts, and placeholders for missing items, each named as in the paper."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from lilgym_mp.contrib.report.aggregation import MeanStd
+from lilgym_mp.corpus.terminal import NUMBER
+from lilgym_mp.evaluation.report import markdown_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Cell = str | int | float | MeanStd | None
+MISSING = "–"
+PUBLISHED = "†"  # ends the first cell of a row from the paper
+PARTS = ("mean", "sd", "runs", "low", "high")  # columns of a MeanStd in CSV files
+LATEX = str.maketrans(
+    {
+        **{sign: f"\\{sign}" for sign in "&%$#_{}"},
+        "\\": r"\textbackslash{}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "<": "$<$",
+        ">": "$>$",
+        "±": r"$\pm$",
+        "†": r"$^\dagger$",
+        "–": "--",
+    }
+)
+FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
+
+
+@dataclass(frozen=True)
+class Named:
+    """An item of the paper, or our own."""
+
+    item: str  # its name in the paper, such as "Table 2", or our own
+    title: str
+
+    @property
+    def name(self) -> str:
+        """File name without suffix."""
+        return re.sub(r"[^a-z0-9]+", "-", f"{self.item} {self.title}".lower()).strip("-")
+
+
+@dataclass(frozen=True)
+class Table(Named):
+    """Rows of cells; None is a missing value."""
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+    def texts(self) -> list[list[str]]:
+        """The cells as shown: percentages with one decimal, other fractions with two."""
+        places = [1 if re.search("%|per cent|points", f"{self.title} {column}") else 2 for column in self.columns]
+        return [[format_cell(cell, count) for cell, count in zip(row, places, strict=True)] for row in self.rows]
+
+    def markdown(self) -> str:
+        head = f"**{self.item}. {self.title}**\n\n{markdown_table([self.columns, *self.texts()])}\n"
+        return f"{head}\n{self.note}\n" if self.note else head
+
+    def latex(self) -> str:
+        """A `tabular` with the rules of the LaTeX package booktabs."""
+        texts = self.texts()
+        columns = "".join("r" if all(map(NUMBER.fullmatch, cells)) else "l" for cells in zip(*texts, strict=True))
+        head, *rows = (" & ".join(cell.translate(LATEX) for cell in row) + r" \\" for row in (self.columns, *texts))
+        lines = [
+            f"% {self.item}. {self.title}. Needs \\usepackage{{booktabs}}.",
+            *(f"\\begin{{tabular}}{{{columns}}}", r"\toprule", head, r"\midrule"),
+            *(*rows, r"\bottomrule", r"\end{tabular}"),
+        ]
+        return "\n".join(lines) + "\n"
+
+    def csv(self) -> str:
+        """Unrounded numbers; columns of `MeanStd` are split into its parts."""
+        is_split = [any(isinstance(row[index], MeanStd) for row in self.rows) for index in range(len(self.columns))]
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(
+            name
+            for column, split in zip(self.columns, is_split, strict=True)
+            for name in ([f"{column} {part}" for part in PARTS] if split else (column,))
+        )
+        for row in self.rows:
+            writer.writerow(
+                value
+                for cell, split in zip(row, is_split, strict=True)
+                for value in (_split_cell(cell) if split else ("" if cell is None else cell,))
+            )
+        return text.getvalue()
+
+
+@dataclass(frozen=True)
+class Chart(Named):
+    """A matplotlib figure."""
+
+    figure: Figure
+    note: str = ""
+    raster: bool = False  # contains scene images, so the page embeds the PNG instead of the SVG
+
+
+@dataclass(frozen=True)
+class MissingItem(Named):
+    """An item that cannot be made from these recordings."""
+
+    note: str  # the reason, and what is needed
+
+
+Item = Table | Chart | MissingItem
+
+
+def table(item: str, title: str, columns: Sequence[str], rows: Iterable[Sequence[Cell]], note: str = "") -> Table:
+    """A table without the columns that are empty but for the paper's rows."""
+    rows = [tuple(row) for row in rows]
+    own = [row for row in rows if not str(row[0]).endswith(PUBLISHED)]
+    kept = [index for index in range(len(columns)) if not own or any(row[index] is not None for row in own)]
+    kept_rows = tuple(tuple(row[index] for index in kept) for row in rows)
+    return Table(item, title, tuple(columns[index] for index in kept), kept_rows, note)
+
+
+def format_cell(cell: Cell, places: int = 2) -> str:
+    if cell is None:
+        return MISSING
+    if isinstance(cell, float):
+        return f"{cell:.{places}f}"
+    if isinstance(cell, MeanStd):
+        return cell.text(0 if places == 1 and (cell.episodes or FEW_EPISODES) < FEW_EPISODES else places)
+    if isinstance(cell, int):
+        return f"{cell:,}"
+    return str(cell)
+
+
+def _split_cell(cell: Cell) -> Sequence[Any]:
+    if isinstance(cell, MeanStd):
+        return ["" if part is None else part for part in cell[: len(PARTS)]]
+    return ["" if cell is None else cell, *[""] * (len(PARTS) - 1)]

@@ -1,0 +1,150 @@
+"""Learning curves: accuracy on dev during training, for runs that were evaluated, and training progress of all runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from lilgym_mp.contrib.report.aggregation import mean_std
+from lilgym_mp.contrib.report.charts import Line, line_chart
+from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
+from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.learners import find_learner
+
+ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
+REWARD_KEY = "nlvr_reward"  # recipe key: whether only STOP in a scene of the corpus was rewarded
+NOT_EVALUATED = (
+    "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
+    " --evaluate-every N`, with and without --nlvr-reward"
+)
+MEANS = "A line is the mean over the runs of a recipe; if there are several, the band is the sample standard deviation."
+# Keys of an evaluation on Scratch, restricted to tasks with an image; FlipIt evaluations have only `accuracy`.
+PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
+
+
+def learning_items(data: ReportData) -> Iterator[Item]:
+    yield from dev_curves(data)
+    yield progress_curves(data)
+
+
+def dev_curves(data: ReportData) -> Iterator[Item]:
+    """Figure 4: one panel per configuration, one line per recipe, with the mean and deviation over seeds."""
+    panels: list[tuple[str, str, str, list[Line]]] = []
+    rows: list[list[Cell]] = []
+    evaluated = [curve for curve in data.curves if curve.evaluations]
+    shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
+    keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
+    for configuration, of_panel in shown.items():
+        if not of_panel:
+            continue
+        drawn: list[Line] = []
+        for name, runs in _group_by_recipe(of_panel, keys).items():
+            for suffix, key in _metrics(runs):
+                line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key, 100)
+                assert line is not None
+                drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
+                last = mean_std([100 * run.evaluations[-1][key] for run in runs])
+                rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last])
+        panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
+    if not panels:
+        yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
+        return
+    yield Chart(ITEM, ON_DEV, line_chart(panels, data.looks), caption(evaluated))
+    columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
+    yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
+
+
+def caption(evaluated: Sequence[TrainingCurve]) -> str:
+    """What the curves show, from the recipes and evaluations of their runs."""
+    masks = {curve.recipe.get("mask") for curve in evaluated}
+    if None in masks:
+        mask = "it is not recorded whether masked"
+    elif len(masks) > 1:
+        mask = "masked for some runs alone"
+    else:
+        mask = "illegal ones masked" if True in masks else "no mask of legal actions"
+    parts = [f"Sampled actions, {mask}."]
+    if any(curve.recipe.get(REWARD_KEY) for curve in evaluated):
+        parts.append(
+            "With the program reward, STOP is right if the program says so; with the NLVR reward, only in a scene that"
+            " the corpus has for the statement; 'by program' evaluates that agent by the program."
+        )
+    if any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations):
+        parts.append("As in the paper, Scratch tasks without a scene in the corpus are excluded.")
+    if any(curve.recipe.get("stop_forcing") for curve in evaluated):
+        parts.append("PPO+SF: STOP was forced in training, never in these evaluations.")
+    return " ".join([*parts, MEANS])
+
+
+def method(curve: TrainingCurve) -> str:
+    """The learner, or for PPO its variant as in the paper."""
+    if curve.learner != "ppo":
+        return curve.learner
+    return "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"
+
+
+def _differing_settings(*panels: Sequence[TrainingCurve]) -> list[str]:
+    """The settings, except the seed, in which recipes of one panel differ; the reward too if any run has NLVR's."""
+    keys = {key: None for curves in panels for key in differing_keys([curve.recipe for curve in curves])}
+    if any(curve.recipe.get(REWARD_KEY) for curves in panels for curve in curves):
+        keys[REWARD_KEY] = None
+    return [key for key in keys if key != "stop_forcing"]  # which `method` names
+
+
+def _group_by_recipe(curves: Sequence[TrainingCurve], keys: Sequence[str]) -> dict[str, list[TrainingCurve]]:
+    """The runs by learner and these settings of their recipes."""
+    groups: dict[str, list[TrainingCurve]] = {}
+    for curve in curves:
+        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] if REWARD_KEY in keys else []
+        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys if key != REWARD_KEY]
+        groups.setdefault(", ".join([method(curve), *settings, *reward]), []).append(curve)
+    return groups
+
+
+def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
+    """The lines of runs of one recipe: suffix of the line's name, key of the evaluations."""
+    if any(line.get(PROGRAM_ACCURACY) is None for run in runs for line in run.evaluations):
+        return [("", "accuracy")]
+    if runs[0].recipe.get(REWARD_KEY):
+        return [("", IMAGE_ACCURACY), (", by program", PROGRAM_ACCURACY)]
+    return [("", PROGRAM_ACCURACY)]
+
+
+def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str, scale: float = 1) -> Line | None:
+    """Mean and deviation over runs up to where the first of them ends, at its steps; None without such records."""
+    series: list[tuple[list[float], list[float]]] = []
+    for run in runs:
+        records = [record for record in run if record.get(key) is not None]
+        if records:
+            steps = [record.get("steps", record.get("updates")) for record in records]
+            series.append((steps, [scale * record[key] for record in records]))
+    if not series:
+        return None
+    xs = min((steps for steps, _ in series), key=max)
+    ys = np.array([np.interp(xs, *points) for points in series])
+    return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)
+
+
+def progress_curves(data: ReportData) -> Item:
+    """One panel per learner and configuration, one line per recipe, with the mean and deviation over runs."""
+    groups: dict[tuple[str, str], list[TrainingCurve]] = {}
+    for curve in data.curves:
+        groups.setdefault((curve.learner, curve.configuration), []).append(curve)
+    panels: list[tuple[str, str, str, list[Line]]] = []
+    for (learner, configuration), curves in groups.items():
+        key, label = find_learner(learner).progress
+        by_recipe = _group_by_recipe(curves, _differing_settings(curves))
+        lines = [
+            line._replace(agent=data.agent_of(runs[0].run))
+            for name, runs in by_recipe.items()
+            if (line := mean_line(name, [run.progress for run in runs], key)) is not None
+        ]
+        if lines:
+            counted = "steps" if "steps" in curves[0].progress[0] else "updates"
+            panels.append((f"{learner} {configuration}".strip(), counted, label, lines))
+    if not panels:
+        return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
+    return Chart(ITEM, TITLE, line_chart(panels, data.looks), f"Training progress, on training tasks. {MEANS}")

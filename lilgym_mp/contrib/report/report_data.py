@@ -1,0 +1,334 @@
+"""Loads the recordings for a report, checks that they are comparable, and groups them by agent."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import groupby, product
+from pathlib import Path
+from typing import Any, cast
+
+from lilgym_mp.contrib.report.charts import Looks
+from lilgym_mp.corpus.records import shown
+from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEpisode, Recording, read_episodes
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.learning.learners import find_learner
+
+RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
+FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
+SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
+EXPERT = "expert"
+STEPS = ("steps", "updates")  # keys of a progress record, of which it has one
+CHECKSUM_DIGITS = 10
+ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
+
+
+class ReportError(ValueError):
+    """Recordings or directories that no report can be made from."""
+
+
+@dataclass(frozen=True)
+class AgentResults:
+    """An agent's recordings in one configuration and split, one per run."""
+
+    agent: str
+    configuration: str
+    split: str
+    runs: tuple[Recording, ...]  # a trained agent's recordings with several evaluation seeds are one run
+    evaluation_seeds: tuple[int, ...] = ()
+    metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have any
+
+    @property
+    def header(self) -> Header:
+        return self.runs[0].header
+
+    def start_scenes(self, predicate: Callable[[RecordedEpisode], bool]) -> int:
+        """The number of start scenes whose episodes satisfy the predicate."""
+        return sum(map(predicate, self.runs[0].episodes)) // self.header.passes
+
+
+@dataclass(frozen=True)
+class TrainingCurve:
+    """Progress records and evaluations of a training run."""
+
+    run: Path
+    learner: str
+    configuration: str  # "" for a run on all configurations
+    progress: tuple[dict[str, Any], ...]
+    evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
+    recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
+    corpus: str | None = None  # trained on
+    checksum: str | None = None  # of the training tasks' file
+    commit: str | None = None  # of the code that trained
+
+
+@dataclass(frozen=True)
+class ReportData:
+    """Everything that a report is made from."""
+
+    entries: tuple[AgentResults, ...]
+    curves: tuple[TrainingCurve, ...]
+    training_commands: tuple[str, ...] = ()  # commands of experiments, sorted by run name
+
+    @property
+    def metadata(self) -> list[RecordingMetadata]:
+        """Of the recordings that have any."""
+        return [made for entry in self.entries for made in entry.metadata]
+
+    @property
+    def agents(self) -> list[str]:
+        """Trained agents first, the expert last."""
+        names = dict.fromkeys(entry.agent for entry in self.entries)
+        trained = {entry.agent for entry in self.entries if entry.header.run is not None}
+        return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
+
+    @cached_property
+    def looks(self) -> Looks:
+        """What the agents look like in all charts."""
+        looks = Looks()
+        for agent in self.agents:
+            looks[agent]  # chooses its look
+        return looks
+
+    def agent_of(self, run: Path) -> str | None:
+        """The agent of a training run; None if no episodes of it were recorded."""
+        recorded = ((entry, each.header.run) for entry in self.entries for each in entry.runs)
+        return next((entry.agent for entry, of in recorded if of and Path(of).resolve() == run.resolve()), None)
+
+    @property
+    def configurations(self) -> list[str]:
+        return [name for name in CONFIGURATIONS if any(entry.configuration == name for entry in self.entries)]
+
+    @property
+    def splits(self) -> list[str]:
+        return sorted({entry.split for entry in self.entries})
+
+    @property
+    def main_split(self) -> str:
+        """The split used for analyses: dev, as in the paper, if it was played."""
+        return "dev" if "dev" in self.splits else self.splits[0]
+
+    @property
+    def header(self) -> Header:
+        return self.entries[0].header
+
+    def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
+        """The agent's results, by default on the main split."""
+        key = agent, configuration, split or self.main_split
+        return next((entry for entry in self.entries if (entry.agent, entry.configuration, entry.split) == key), None)
+
+    def of(self, configuration: str) -> list[AgentResults]:
+        """All agents' results in a configuration on the main split, in the order of `agents`."""
+        return self.results([configuration], [self.main_split])
+
+    def results(self, configurations: Iterable[str], splits: Sequence[str]) -> list[AgentResults]:
+        """The agents' results by configuration, split and agent, each in the order above."""
+        places = product(configurations, splits, self.agents)
+        found = (self.find(agent, configuration, split) for configuration, split, agent in places)
+        return [entry for entry in found if entry is not None]
+
+    @property
+    def main_results(self) -> list[AgentResults]:
+        """All results on the main split."""
+        return self.results(self.configurations, [self.main_split])
+
+
+def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
+    """Loads all recordings and training curves in the paths: recordings, or directories searched recursively.
+
+    `runs`: further directories with training runs.
+
+    Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
+    damaged file.
+    """
+    files = list(dict.fromkeys(file for path in paths for file in _files(path)))
+    recordings = _distinct(read_episodes(file) for file in files)
+    _check_comparable(recordings)
+    return ReportData(
+        tuple(_entries(recordings)),
+        tuple(_curves([*paths, *runs])),
+        tuple(_training_commands(paths)),
+    )
+
+
+def _files(path: Path) -> list[Path]:
+    if not path.exists():
+        raise ReportError(f"{path}: there is no such file or directory")
+    if not path.is_dir():
+        return [path]
+    found = sorted(path.rglob(f"*{SUFFIX}"))
+    if not found:
+        problem = "is a training run without" if (path / RUN_FILE).exists() else "contains no training run and no"
+        raise ReportError(
+            f"{path} {problem} recorded episodes (*{SUFFIX});"
+            " record some with: lilgym-mp evaluate RUN --record DIR, or name a run that `lilgym-mp train` finished"
+        )
+    return found
+
+
+def _distinct(recordings: Iterable[Recording]) -> list[Recording]:
+    """Drops duplicates, such as a deterministic policy recorded twice."""
+    distinct: list[Recording] = []
+    for recording in recordings:
+        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in distinct):
+            distinct.append(recording)
+    return distinct
+
+
+def _check_comparable(recordings: Sequence[Recording]) -> None:
+    """Raises ReportError if recordings differ in SHARED_SETTINGS or task files."""
+    first = recordings[0]
+    tasks: dict[tuple[str, str], Recording] = {}
+    for recording in recordings:
+        for key in SHARED_SETTINGS:
+            values = [getattr(each.header.settings, key) for each in (first, recording)]
+            if values[0] != values[1]:
+                raise ReportError(
+                    f"{recording.path}: {key} is {values[1]!r}, but {values[0]!r} in {first.path};"
+                    f" all recordings of a report must have the same {key}"
+                )
+        header = recording.header
+        known = tasks.setdefault((header.settings.configuration, header.split), recording)
+        if known.header.tasks_sha256 != header.tasks_sha256:
+            raise ReportError(
+                f"{recording.path}: tasks_sha256 is {header.tasks_sha256[:12]}..., but {known.header.tasks_sha256[:12]}"
+                f"... in {known.path}: the tasks come from different files"
+            )
+
+
+def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
+    groups: dict[tuple[str, str, str], list[Recording]] = {}
+    labels = _labels([recording.header for recording in recordings])
+    for recording, label in zip(recordings, labels, strict=True):
+        header = recording.header
+        groups.setdefault((label, header.settings.configuration, header.split), []).append(recording)
+    for (label, configuration, split), runs in groups.items():
+        runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
+        _check_seeds(runs)
+        seeds = tuple(dict.fromkeys(run.header.seed for run in runs))
+        metadata = tuple(made for run in runs if (made := RecordingMetadata.read(run.path)) is not None)
+        yield AgentResults(label, configuration, split, tuple(_pooled(runs)), seeds, metadata)
+
+
+def _pooled(runs: Sequence[Recording]) -> Iterator[Recording]:
+    """One recording per training seed, whose episodes are those of all evaluation seeds; others as they are."""
+    for seed, group in groupby(runs, key=lambda run: run.header.training_seed):
+        first, *others = group
+        if seed is None or not others:
+            yield from (first, *others)
+            continue
+        episodes = tuple(episode for run in (first, *others) for episode in run.episodes)
+        passes = first.header.passes + sum(run.header.passes for run in others)
+        yield Recording(first.path, replace(first.header, passes=passes, episodes=len(episodes)), episodes)
+
+
+def _check_seeds(runs: Sequence[Recording]) -> None:
+    """Raises ReportError for runs of one agent that have the same seeds."""
+    seen: dict[tuple[int | None, int], Recording] = {}
+    for run in runs:
+        header = run.header
+        if header.run is not None and header.training_seed is None and len(runs) > 1:
+            raise ReportError(f"{run.path}: training_seed is missing; it must distinguish this run from {runs[0].path}")
+        other = seen.setdefault((header.training_seed, header.seed), run)
+        if other is not run:
+            raise ReportError(
+                f"{run.path}: training_seed {header.training_seed} and seed {header.seed} are those of {other.path};"
+                " runs of one agent must differ in a seed, or get different names with --name"
+            )
+
+
+def _labels(headers: Sequence[Header]) -> list[str]:
+    """A label for each recording's agent: its name, and where it differs from other recordings of that name."""
+    labels: list[str] = []
+    for header in headers:
+        own = header.agent, header.settings, header.split
+        others = [other for other in headers if (other.agent, other.settings, other.split) == own]
+        keys = differing_keys([other.recipe for other in others])
+        differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
+        if len({other.actions for other in others}) > 1:
+            differences.append(header.actions)
+        if len({other.mask for other in others}) > 1:
+            differences.append("with mask" if header.mask else "without mask")
+        if len({other.supervision for other in others}) > 1 and not differences:
+            differences.append(header.supervision)
+        labels.append(f"{header.agent} ({', '.join(differences)})" if differences else header.agent)
+    return labels
+
+
+def differing_keys(recipes: Sequence[Any]) -> list[str]:
+    """Keys, except the seed, in which recipes differ."""
+    keys = dict.fromkeys(key for recipe in recipes for key in recipe if key != "seed")
+    return [key for key in keys if len({json.dumps(recipe.get(key)) for recipe in recipes}) > 1]
+
+
+def format_setting(value: Any) -> str:
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
+
+
+def _curves(paths: Iterable[Path]) -> Iterator[TrainingCurve]:
+    """The curve of every training run in the directories."""
+    for file in _search(paths, PROGRESS_FILE):
+        if (description := file.with_name(RUN_FILE)).exists():
+            try:
+                described = _object(json.loads(description.read_text(encoding="utf-8")))
+                identity = _object(described.get("identity"))
+                learner = str(identity.get("learner"))
+                environment = identity.get("environment", {})
+                configuration = environment.get("configuration", "")
+                if configuration not in ("", *CONFIGURATIONS):
+                    raise ValueError(f"unknown configuration {shown(configuration)}")
+                progress = _records(file, find_learner(learner).progress[0])
+                evaluations = _records(file.with_name(EVALUATIONS_FILE), *ACCURACIES)
+                recipe = _object(identity.get("recipe", {}))
+                corpus = identity.get("corpus", environment.get("corpus"))
+                checksum = identity.get("tasks_sha256", identity.get("corpus_sha256"))
+                commit = _object(described.get("made", {})).get("commit")
+                origin = [None if text is None else str(text) for text in (corpus, checksum, commit)]
+            except (OSError, ValueError, AttributeError, RecursionError) as fault:
+                raise ReportError(f"{file}: damaged, or not the progress of a training run: {fault}") from None
+            origin[1] = origin[1] and origin[1][:CHECKSUM_DIGITS]
+            yield TrainingCurve(file.parent, learner, configuration, progress, evaluations, recipe, *origin)
+
+
+def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:
+    """The records of a JSON Lines file; empty if there is no such file. Raises ValueError for an invalid number."""
+    if not file.exists():
+        return ()
+    records = [_object(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    for record in records:
+        if not any(record.get(key) is not None for key in STEPS):
+            raise ValueError(f"a record has none of {', '.join(STEPS)}")
+        for key in (*STEPS, *keys):
+            value = record.get(key, 0)
+            if value is not None and (not isinstance(value, int | float) or not abs(value) < MAX_NUMBER):
+                raise ValueError(f"{key} must be a number, not {shown(value)}")
+    return tuple(records)
+
+
+def _object(value: object) -> dict[str, Any]:
+    """`value` if it is a JSON object. Raises ValueError otherwise."""
+    if not isinstance(value, dict):
+        raise ValueError(f"must be a JSON object, not {shown(value)}")
+    return cast("dict[str, Any]", value)
+
+
+def _training_commands(paths: Iterable[Path]) -> Iterator[str]:
+    """The commands that trained the runs of the experiments in the paths."""
+    for file in _search(paths, f"{FINISHED}/*.json"):
+        try:
+            words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
+            command = " ".join(["lilgym-mp", *words])
+        except (OSError, ValueError, KeyError, IndexError, TypeError) as fault:
+            raise ReportError(f"{file}: damaged, or not of a finished run: {fault!r}") from None
+        if words:
+            yield command
+
+
+def _search(paths: Iterable[Path], pattern: str) -> Iterator[Path]:
+    """The files in the directories that match, sorted within each."""
+    return (file for path in paths if path.is_dir() for file in sorted(path.rglob(pattern)))

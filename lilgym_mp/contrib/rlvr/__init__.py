@@ -1,0 +1,31 @@
+"""Tasks for training language models with verifiable rewards: endless prompts, and exact scores for replies.
+
+`rows` generates tasks as JSON-ready rows of four kinds: plan, truth, scene and program. `row.prompt` is the text for
+the model, `messages_of(row, scene)` the same with a picture, `score(reply, row)` the reward; `Conversation` plays a
+plan task over several turns. `solutions` are the baselines. docs/language_model_training.md shows how to train with
+them.
+"""
+
+from lilgym_mp.contrib.rlvr.conversation import Conversation, Turn
+from lilgym_mp.contrib.rlvr.generation import rows
+from lilgym_mp.contrib.rlvr.prompts import images_of, messages_of
+from lilgym_mp.contrib.rlvr.rows import KINDS, Row, RowError
+from lilgym_mp.contrib.rlvr.scoring import REWARDS, Score, score
+from lilgym_mp.contrib.rlvr.solutions import BASELINES, expert_reply, random_reply
+
+__all__ = [
+    "BASELINES",
+    "KINDS",
+    "REWARDS",
+    "Conversation",
+    "Row",
+    "RowError",
+    "Score",
+    "Turn",
+    "expert_reply",
+    "images_of",
+    "messages_of",
+    "random_reply",
+    "rows",
+    "score",
+]

@@ -1,0 +1,203 @@
+"""Reads the answers in models' replies. Any text is either understood or not, in bounded time."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Iterator, Sequence
+from itertools import chain
+
+from lilgym_mp.envs.rules import RULE_SETS
+from lilgym_mp.scene import Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, AddBlock
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.wrappers.replies import (
+    THOUGHTS,
+    UNREADABLE,
+    action_on,
+    answer_text,
+    enclosed_answers,
+    marked_answers,
+    without_lead_in,
+)
+
+MAX_LINES = 500  # candidate lines of a plan
+
+_PREFIX = re.compile(  # markup, a label such as "Final plan:" or "Step 2:", a number or letter and "then"
+    r"[\W_]{0,9}(?:(?:(?:my|the|final|complete|full|first|next|last|best|chosen)[ \t]+){0,3}"
+    r"(?:(?P<whole>answer|(?:action[ \t])?plan|solution)|(?P<action>action)|step|move)s?(?![ \t]?\([^\W\d])(?:[ \t]is)?"
+    r"(?:[ \t]?#?\d{1,3})?[\W_]{1,9})?"
+    r"(?:(?:\d{1,3}(?:st|nd|rd|th)?|(?:[a-z]|[ivx]{2,4})(?=[.):]))[\W_]{1,9})?"
+    r"(?:(?:first|then|next|finally|lastly|now|and)\b[\W_]{1,9}){0,2}",
+    re.IGNORECASE,
+)
+_VERB = r"(?:add|remove|stop)(?![^\W_])"
+_BEFORE_VERB = rf"(?=[\W_]{{0,9}}(?:\d{{1,3}}[.):]\s{{0,3}})?{_VERB})"
+_LIKE_ACTION = re.compile(rf"(?:\d{{1,3}}x\s)?{_VERB}|[A-Z]\w{{1,20}}\s?\([^()]*\)\W*$", re.IGNORECASE)
+_CALL_IN_TEXT = re.compile(r"(?<![^\W_])(?:add|remove|place|put|delete|take)\s?\(", re.IGNORECASE)
+_BETWEEN = re.compile(
+    rf";|<br ?/?>|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\band\b|\bthen\b){_BEFORE_VERB}", re.IGNORECASE
+)  # actions on one line
+_SENTENCE = re.compile(  # begins in small letters, as in "Stop when it is true"
+    r"(?:Add|Remove|Stop|add|remove|stop)\s(?=.*\b(?:because|since|so|as|that|which|until|unless|when|once|if|while|it"
+    r"|this|is|are|was|will|would|can|could|should|must|needs?|not)\b)"
+)
+_BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|action|step|move)\s?\(?\s?)?\d+[\s)*_`]{0,9}")
+_BOX_LINE = re.compile(rf"^[^\w\n]*({'|'.join(BOX_NAMES)})(?: box)?[*_`]*[ \t]*:([^\n]*)$", re.I | re.M)
+_ITEM = re.compile(r"(\w+) (\w+) (\w+) (?:at )?\((\d{1,3}), ?(\d{1,3})\)")
+_NOTHING = ("empty", "none", "nothing", "-")
+_TRUTH = re.compile(r"[^\w?!~¬≠]*(true|false)[^\w?]*", re.IGNORECASE)
+_FENCED = re.compile(r"```(?:python|py)?[ \t]*\n(.*?)```", re.IGNORECASE | re.DOTALL)
+_PROGRAM_LABEL = re.compile(r"\W*(?:(?:my|the|final)\s+){0,2}(?:answer|program)\W*[:=]", re.IGNORECASE)
+
+
+class NotUnderstood(ValueError):
+    """A reply without a readable answer; the message says why."""
+
+
+def read_plan(reply: object, appearance: Appearance, *, thoughts: Sequence[str] = THOUGHTS) -> list[int]:
+    """The indices of the actions on lines that consist of actions, in order.
+
+    Only marked parts count, if there are any: what is enclosed, or what follows the first "Answer:" or "Plan:". Raises
+    NotUnderstood, also if a line looks like an action and cannot be read, since the plan would lack it.
+    """
+    text = html.unescape(_answer_text(reply, thoughts))
+    plans = [_plan(part.splitlines(), appearance) for part in enclosed_answers(text)]
+    if not plans:
+        lines = text.splitlines()
+        labelled = next((index for index, line in enumerate(lines) if _prefix(line)["whole"]), 0)
+        plans = [_plan(lines[labelled:], appearance) or _plan(lines, appearance)]
+    stop = appearance.encode(STOP)
+    if plans[0][-1:] == [stop] and all(plan == plans[0] for plan in plans):
+        plans = plans[:1]  # a plan that is stated several times
+    joined = list(chain.from_iterable(plans))
+    if not joined:
+        raise NotUnderstood("no line is an action")
+    if stop in joined[:-1]:
+        raise NotUnderstood("actions follow STOP")
+    return joined
+
+
+def _plan(lines: Sequence[str], appearance: Appearance) -> list[int]:
+    plan: list[int] = []
+    candidates, is_labelled = 0, False
+    for line in lines:
+        prefix = _prefix(line)
+        rest = line[prefix.end() :]
+        labels = prefix["action"] is not None and bool(rest) and (":" in prefix[0] or "=" in prefix[0])
+        if not (labels or _LIKE_ACTION.match(rest) or _BARE_NUMBER.fullmatch(line)):
+            if _CALL_IN_TEXT.search(line):
+                raise NotUnderstood(f"{line.strip()!r:.80} has an action within text; the plan would lack it")
+            continue
+        candidates += 1
+        if candidates > MAX_LINES:
+            raise NotUnderstood(f"more than {MAX_LINES} lines begin like actions")
+        if labels and plan and not is_labelled:
+            raise NotUnderstood('actions stand before the first "Action:"')
+        is_labelled = is_labelled or labels
+        actions = [_action(part, appearance) for part in _BETWEEN.split(rest, MAX_LINES) if part.strip(" \t.,*_`'\"")]
+        if None not in actions and actions:
+            plan += [action for action in actions if action is not None]
+        elif labels or not _SENTENCE.match(rest):
+            raise NotUnderstood(f"{line.strip()!r:.80} looks like an action and names none")
+    return plan
+
+
+def _prefix(line: str) -> re.Match[str]:
+    match = _PREFIX.match(line)
+    assert match is not None, "every part of it is optional"
+    return match
+
+
+def _action(part: str, appearance: Appearance) -> int | None:
+    action = action_on(part[_prefix(part).end() :], appearance)
+    return None if action == UNREADABLE else action
+
+
+def read_truth(reply: object, *, thoughts: Sequence[str] = THOUGHTS) -> bool:
+    """True or false. Raises NotUnderstood."""
+    text = _answer_text(reply, thoughts)
+    marked = marked_answers(text)
+    found = {_TRUTH.fullmatch(without_lead_in(line)) for line in marked or text.splitlines()}
+    if marked and None in found:
+        raise NotUnderstood("a marked answer is neither true nor false")
+    values = {match[1].lower() for match in found if match is not None}
+    if len(values) != 1:
+        raise NotUnderstood("true and false are both answers" if values else "no line is true or false")
+    return values == {"true"}
+
+
+def read_scene(reply: object, appearance: Appearance, *, thoughts: Sequence[str] = THOUGHTS) -> Scene:
+    """The scene. Raises NotUnderstood, also for one that the appearance does not have."""
+    text = _answer_text(reply, thoughts)
+    boxes: dict[str, str] = {}
+    for match in _BOX_LINE.finditer("\n".join(enclosed_answers(text)) or text):
+        items = " ".join(match[2].strip(" \t*`.").lower().split())
+        if boxes.setdefault(match[1].upper(), items) != items:
+            raise NotUnderstood(f"there are two different lines for {match[1].upper()}")
+    if set(boxes) != set(BOX_NAMES):
+        raise NotUnderstood("there must be a line for each box, LEFT, MIDDLE and RIGHT")
+    try:
+        if appearance.grid is None:
+            return _stacked([boxes[name] for name in BOX_NAMES], appearance)
+        return appearance.check_scene(Scene.of(*(list(_items(boxes[name])) for name in BOX_NAMES)))
+    except SceneError as error:
+        raise NotUnderstood(f"no scene: {error}") from None
+
+
+def read_program(reply: object, *, thoughts: Sequence[str] = THOUGHTS) -> str:
+    """The marked program, or else the last line, without markup. Raises NotUnderstood."""
+    text = _answer_text(reply, thoughts)
+    enclosed = enclosed_answers(text) or _FENCED.findall(text)[-1:]
+    lines = [line for line in text.splitlines() if line.strip(" \t`*$")]
+    labelled = [line for line in lines if (label := _PROGRAM_LABEL.match(line)) and line[label.end() :].strip(" `*")]
+    found = {_program(part) for part in enclosed or labelled or lines[-1:]} - {""}
+    if len(found) != 1:
+        raise NotUnderstood("there are several programs" if found else "there is no program")
+    return found.pop()[:10_000]
+
+
+def _program(text: str) -> str:
+    """The program in a marked part, whose lines are joined, without comments, markup and label."""
+    lines = [line for line in html.unescape(text).splitlines() if not line.lstrip().startswith(("#", "```"))]
+    bare = " ".join(" ".join(lines).split()).strip("`*$ ")
+    label = _PROGRAM_LABEL.match(bare)
+    return (bare[label.end() :] if label else bare).strip("`*$ ").rstrip("`*$ .;")
+
+
+def _answer_text(reply: object, thoughts: Sequence[str]) -> str:
+    text = answer_text(reply, thoughts)
+    if text is None:
+        raise NotUnderstood("no text, a thought that does not end, or too long a reply")
+    return text
+
+
+def _parts(line: str, separators: str = ";") -> Iterator[str]:
+    parts = (part.strip(" \t*`.") for part in re.split(f"[{separators}]", line, maxsplit=MAX_LINES))
+    return (part for part in parts if part and part.strip("()") not in _NOTHING)
+
+
+def _stacked(boxes: list[str], appearance: Appearance) -> Scene:
+    """Blocks named by colour, from the bottom."""
+    scene = Scene.empty()
+    for box, line in enumerate(boxes):
+        for name in _parts(line, ";,"):
+            if name.upper() not in Colour.__members__:
+                raise NotUnderstood(f"{name!r:.40} is not a colour")
+            action = AddBlock(box, Colour[name.upper()])
+            scene, invalid = appearance.apply(scene, action, RULE_SETS["paper"].placement)
+            if invalid is not None:
+                raise NotUnderstood(f"the {BOX_NAMES[box]} box holds no more blocks")
+    return scene
+
+
+def _items(line: str) -> Iterator[Item]:
+    for part in _parts(line):
+        match = _ITEM.fullmatch(part)
+        try:
+            if match is None:
+                raise KeyError(part)
+            size, colour, shape = (word.upper() for word in match.groups()[:3])
+            yield Item(int(match[4]), int(match[5]), Shape[shape], Colour[colour], Size[size])
+        except KeyError:
+            raise NotUnderstood(f"{part!r:.60} is not an item like: small blue circle (10, 20)") from None

@@ -1,0 +1,200 @@
+"""Endless rows: statements are new until their level has no more, and start scenes have the wanted distance."""
+
+from __future__ import annotations
+
+import math
+import random
+import time
+from collections.abc import Iterator, Mapping
+from itertools import islice
+
+import numpy as np
+
+from lilgym_mp.contrib.rlvr.checked_scenes import is_checkable
+from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
+from lilgym_mp.contrib.rlvr.solutions import constant_answers
+from lilgym_mp.corpus.generator import LEVELS, TrainingPair, split_of, statements
+from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.scene_walks import ScenePool
+from lilgym_mp.corpus.synthesis import near_misses
+from lilgym_mp.envs.rules import State
+from lilgym_mp.programs import compile_program
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.choices import choose
+from lilgym_mp.solver import Solution
+
+STARTS = 4  # plan rows of a statement and target besides those of one edit
+TRIES = 12  # scenes examined for starts
+PROBES = 3  # of these, after which statements whose goal is always near are given up
+POOL_WALKS = 64
+MAX_CONSTANT_SHARE = 0.4  # of the weights of constant answers to a scene row, that of the right ones
+TARGET_PATIENCE = 6  # statements that do not suit a target, after which the other one is next
+WEIGHT_GROWTH = 1.2  # of the weight of a right answer
+BARREN = 2_000  # statements in a row without a row, after which there is none
+PATIENCE = 3_000  # statements without a new statement, after which statements are repeated
+
+
+def rows(
+    kind: str,
+    appearance: str = "tower",
+    level: int = 3,
+    *,
+    seed: int = 0,
+    split: str = "train",
+    min_actions: int = 2,
+    max_actions: int | None = None,
+    seconds: float | None = None,
+) -> Iterator[Row]:
+    """Endless rows, deterministic in the arguments.
+
+    No statement with its program is repeated until PATIENCE in a row brought no new one. The splits share no meaning,
+    whatever their seeds, and no statement is one of the builtin or official dev and test statements.
+    `min_actions`, `max_actions`: of the shortest plan from the start to the goal, STOP included; of plan rows only.
+    `seconds`: for a row, after which the search for it ends. Raises ValueError naming the value and the choices; while
+    iterating, if there are no such starts, and TimeoutError.
+    """
+    choose("kind", kind, dict.fromkeys(KINDS))
+    choose("appearance", appearance, APPEARANCES)
+    choose("split", split, SPLITS)
+    if level not in LEVELS:
+        raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
+    horizon = dynamics_of(appearance).horizon
+    most = horizon if max_actions is None else max_actions
+    if not 2 <= min_actions <= most <= horizon:
+        raise ValueError(f"min_actions and max_actions must be 2 to {horizon}, ascending, not {min_actions} and {most}")
+    limit = math.inf if seconds is None else seconds
+    return _rows(kind, appearance, level, seed, split, range(min_actions, most + 1), limit)
+
+
+def _rows(
+    kind: str, appearance: str, level: int, seed: int, split: str, lengths: range, seconds: float
+) -> Iterator[Row]:
+    rng = random.Random(f"rows {seed} {level} {appearance} {split}")
+    variants = _VARIANTS[kind](appearance, lengths, rng)
+    number, barren, begun = 0, 0, time.monotonic()
+    for statement, program in _new_statements(appearance, level, split, rng):
+        barren += 1
+        if time.monotonic() - begun > seconds:
+            raise TimeoutError(f"no {appearance} {kind} of level {level} was found within {seconds:g} seconds")
+        if barren > BARREN:
+            words = f"{lengths.start} to {lengths.stop - 1} actions" if kind == "plan" else "a checkable meaning"
+            raise ValueError(f"{BARREN} {appearance} statements of level {level} in a row have no {kind} with {words}")
+        pair = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}" if kind == "truth" else None
+        for target, scene, steps in variants.of(program):
+            name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
+            yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps, pair)
+            number, barren, begun = number + 1, 0, time.monotonic()
+
+
+def _new_statements(appearance: str, level: int, split: str, rng: random.Random) -> Iterator[TrainingPair]:
+    """Statements of the split, new ones as long as there are any."""
+    seen: set[int] = set()
+    unused = 0  # statements since the last new one
+    for pair in statements(appearance, level, rng):
+        unused += 1
+        key = hash(pair)
+        if key in seen and unused <= PATIENCE:
+            continue
+        if statement_digest(pair.statement) in shipped_digests() or split_of(pair.program, appearance) != split:
+            continue
+        if key not in seen:
+            seen.add(key)
+            unused = 0
+        yield pair
+
+
+class _Variants:
+    """Chooses the targets, start scenes and, for plans, numbers of actions of a program's rows."""
+
+    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
+        self._appearance, self._lengths, self._rng = appearance, lengths, rng
+
+    def of(self, program: str) -> Iterator[tuple[bool, Scene, int | None]]: ...
+
+
+class _Plans(_Variants):
+    """Starts from which shortest plans, proven shortest, have one of the lengths."""
+
+    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
+        super().__init__(appearance, lengths, rng)
+        self._neighbours = _Truths(appearance, lengths, rng) if lengths.start == 2 else None
+
+    def of(self, program: str) -> Iterator[tuple[bool, Scene, int]]:
+        if self._neighbours is not None:  # an edit and STOP
+            yield from ((target, scene, 2) for target, scene, _ in self._neighbours.of(program))
+        for target in self._rng.sample((True, False), 2):
+            for scene, steps in islice(self._far(Task("", "", program, target, Scene.empty())), STARTS):
+                yield target, scene, steps
+
+    def _far(self, task: Task) -> Iterator[tuple[Scene, int]]:
+        """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it
+        nearer to the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
+        sampler, solver = SAMPLERS[self._appearance], solver_of(self._appearance)
+        min_edits = max(self._lengths.start - 1, 2)
+        near, distance = None, 0  # the scene to change next, and how far at least it is from the goal
+        for tries in range(TRIES):
+            if tries == PROBES and 2 * distance < min_edits:
+                return
+            scene = sampler.scene(self._rng) if near is None else sampler.changed(self._rng, near)
+            if task.solved_by(scene):
+                continue
+            solution = solver.solve_distant(State(task, scene, 0), min_edits)
+            if solution.least_edits >= distance:
+                near, distance = scene, solution.least_edits
+            if solution.solved:
+                ways = [way for way in self._along(State(task, scene, 0), solution) if way[1] in self._lengths]
+                yield from self._rng.sample(ways, min(1, len(ways)))
+
+    def _along(self, state: State, solution: Solution) -> Iterator[tuple[Scene, int]]:
+        """The scenes on the way to the goal that are at least two edits from it, with the actions left."""
+        dynamics = dynamics_of(self._appearance)
+        for index, action in enumerate(solution.actions[:-2]):
+            yield state.scene, solution.steps - index
+            state = dynamics.step(state, action).state
+
+
+class _Truths(_Variants):
+    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
+        super().__init__(appearance, lengths, rng)
+        self._pool = ScenePool.sample(appearance, rng, POOL_WALKS)
+
+    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
+        """Two scenes one edit apart, in one of which it is true."""
+        pair = next(near_misses(program, self._pool.neighbours(self._rng)), ())
+        yield from ((not start.label, start.scene, None) for start in self._rng.sample(pair, len(pair)))
+
+
+class _Scenes(_Variants):
+    """Targets are true and false in turn, as far as the level has such statements; of statements for which few constant
+    answers are right, above all few of those that were right most often before."""
+
+    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
+        super().__init__(appearance, lengths, rng)
+        self._weights = np.ones(len(constant_answers(appearance)))  # higher the more often an answer was right
+        self._target = rng.random() < 0.5  # of the next row
+        self._refused = 0  # statements since the last row
+
+    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
+        truths = np.fromiter(map(compile_program(program).evaluate, constant_answers(self._appearance)), bool)
+        right = truths == self._target
+        if right.any() and self._weights[right].sum() <= MAX_CONSTANT_SHARE * self._weights.sum():
+            self._weights *= np.where(right, WEIGHT_GROWTH, 1)
+            self._weights /= self._weights.sum()
+            yield self._target, Scene.empty(), None
+            self._refused = TARGET_PATIENCE
+        self._refused += 1
+        if self._refused > TARGET_PATIENCE:
+            self._target, self._refused = not self._target, 0
+
+
+class _Programs(_Variants):
+    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
+        if is_checkable(program, self._appearance):
+            yield True, Scene.empty(), None
+
+
+_VARIANTS: Mapping[str, type[_Variants]] = {"plan": _Plans, "truth": _Truths, "scene": _Scenes, "program": _Programs}

@@ -1,0 +1,46 @@
+"""Application factory: wires up database, middleware, routes and static assets."""
+
+from __future__ import annotations
+
+from collections.abc import AsyncGenerator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+from fastapi import FastAPI
+from starlette.staticfiles import StaticFiles
+
+from lilgym_mp import __version__
+from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
+from lilgym_mp.contrib.web.errors import ERROR_RESPONSES, add_error_handlers
+from lilgym_mp.contrib.web.routes import ROUTERS
+from lilgym_mp.contrib.web.security import Guard
+
+ASSETS = Path(__file__).parent / "assets"
+
+
+def create_app(options: ServeOptions) -> FastAPI:
+    """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus."""
+    services = AppServices(options)
+
+    @asynccontextmanager
+    async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
+        yield
+        services.close()
+
+    app = FastAPI(
+        title="lilgym-mp",
+        version=__version__,
+        description="JSON API behind the pages of `lilgym-mp serve`. State-changing requests need the header "
+        "X-CSRF-Token; GET /api/session returns its value.",
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        responses=ERROR_RESPONSES,
+    )
+    app.state.services = services
+    for router in ROUTERS:
+        app.include_router(router)
+    app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
+    add_error_handlers(app)
+    app.add_middleware(Guard, options)
+    return app

@@ -1,0 +1,230 @@
+"""/explore: search and filter the statements of the corpus, and show everything known about one."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena, syntactic_phenomena
+from lilgym_mp.contrib.web.app_services import Catalogue, Services
+from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, png, scene_body
+from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.field_types import AppearanceName, Name, SplitName
+from lilgym_mp.contrib.web.run_directory import FoundFile, RunDirectory, UnreadableRecording, read_recording
+from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.corpus import NoTasksError, statement_form, words
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.programs.canonical import canonical_form
+from lilgym_mp.programs.printing import source_of
+from lilgym_mp.programs.syntax import Call, WordName, parse, walk
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.solver.solution import ActionSet
+from lilgym_mp.solver.solver import UnsupportedAppearance
+
+router = APIRouter()
+api = APIRouter(prefix="/api/explore", tags=["explore"])
+
+PAGE_SIZE = 30  # statements per response
+STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
+MAX_RECORDINGS = 200  # searched for outcomes
+MAX_SCENES = 12  # per statement
+CONFIGURATION_NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
+"""Configurations by (appearance, start)."""
+
+Count = Annotated[int, Query(ge=0, le=1_000_000)]
+TextQuery = Annotated[str, Query(max_length=200)]
+
+
+@router.get("/explore", include_in_schema=False)
+def explore_page(request: Request) -> Response:
+    return render_page(request, "explore.html", appearances=list(APPEARANCES))
+
+
+@router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)
+def statement_page(
+    request: Request, services: Services, appearance: AppearanceName, split: SplitName, statement_id: str
+) -> Response:
+    found = find_statement(services.catalogue, appearance, split, statement_id)
+    query = {"appearance": appearance, "split": split, "statement_id": found.id}
+    return render_page(request, "explore_statement.html", statement=found.statement, query=query)
+
+
+@api.get("/choices")
+def choices(services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev") -> JSON:
+    """Filter values, with the number of statements for each; the length of the longest statement."""
+    found = list_statements(services.catalogue, appearance, split)
+    used = sorted({word for statement in found for word in statement.words})
+    return {
+        "phenomena": {str(kind): sum(str(kind) in statement.phenomena for statement in found) for kind in Phenomenon},
+        "words": {word: sum(word in statement.words for statement in found) for word in used},
+        "longest": max(statement.length for statement in found),
+    }
+
+
+@api.get("/statements")
+def statements(
+    services: Services,
+    appearance: AppearanceName = "tower",
+    split: SplitName = "dev",
+    text: TextQuery = "",
+    phenomenon: Phenomenon | None = None,
+    word: TextQuery | None = None,
+    least: Count = 0,
+    most: Count = 1_000,
+    first: Count = 0,
+) -> JSON:
+    """Statements of `least` to `most` words that contain the text (in statement or program, or as the whole id)."""
+    needle = text.lower()
+    found = [
+        statement
+        for statement in list_statements(services.catalogue, appearance, split)
+        if any(needle in field.lower() for field in (statement.statement, statement.program))
+        or needle == statement.id.lower()
+        if phenomenon is None or phenomenon in statement.phenomena
+        if word is None or word in statement.words
+        if least <= statement.length <= most
+    ]
+    lines = [
+        {
+            **pick(statement, "id", "statement", "length", "phenomena"),
+            "scenes": sum(start == FLIPIT for start, _ in statement.tasks),
+        }
+        for statement in found[first : first + PAGE_SIZE]
+    ]
+    return {"total": len(found), "first": first, "page": PAGE_SIZE, "statements": lines}
+
+
+@api.get("/statement")
+def statement(
+    services: Services,
+    statement_id: Annotated[Name, Query()],
+    appearance: AppearanceName = "tower",
+    split: SplitName = "dev",
+) -> JSON:
+    """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
+    found = find_statement(services.catalogue, appearance, split, statement_id)
+    runs, unreadable = _recorded_outcomes(services.run_directory, found.statement)
+    return {
+        **pick(found, "id", "statement", "program", "phenomena"),
+        "form": statement_form(found.statement),
+        "canonical": source_of(canonical_form(parse(found.program))),
+        "words": sorted(found.words),
+        "syntax": sorted(map(str, syntactic_phenomena(found.statement))),
+        "scenes": [
+            _scene(services.catalogue, CONFIGURATION_NAMES[appearance, start], task)
+            for start, task in found.tasks[:MAX_SCENES]
+        ],
+        "runs": runs,
+        "unreadable": unreadable,
+    }
+
+
+@api.get("/picture", response_class=Response)
+def picture(
+    services: Services,
+    statement_id: Annotated[Name, Query()],
+    appearance: AppearanceName = "tower",
+    split: SplitName = "dev",
+) -> Response:
+    """A start scene of a statement, as a PNG image; the last one, as scenes to flip follow the empty one."""
+    found = find_statement(services.catalogue, appearance, split, statement_id)
+    return Response(png(found.tasks[-1][1].start), media_type="image/png")
+
+
+class CorpusStatement:
+    """A statement and program of the corpus, with its tasks."""
+
+    def __init__(self, task: Task) -> None:
+        self.id = task.id
+        self.statement = task.statement
+        self.program = task.program
+        self.tasks: list[tuple[str, Task]] = []  # (start, task)
+        self.length = len(words(task.statement))
+        self.phenomena = sorted(map(str, phenomena(task.program)))
+        nodes = walk(parse(task.program))
+        self.words = frozenset(node.word.name for node in nodes if isinstance(node, Call | WordName))
+
+
+@lru_cache(STATEMENT_CACHE_SIZE)
+def list_statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
+    """The statements of an appearance and split, in file order. Responds with 404 if there are none."""
+    found: dict[tuple[str, str], CorpusStatement] = {}
+    for start in (SCRATCH, FLIPIT):
+        try:
+            tasks = catalogue.tasks(CONFIGURATION_NAMES[appearance, start], split)
+        except NoTasksError:
+            continue
+        for task in tasks:
+            statement = found.setdefault((task.statement, task.program), CorpusStatement(task))
+            statement.tasks.append((start, task))
+    if not found:
+        raise http_error(404, f"the corpus has no {appearance} statements in {split}")
+    return tuple(found.values())
+
+
+def find_statement(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> CorpusStatement:
+    """The statement of the task with that id. Responds with 404 if there is none."""
+    for statement in list_statements(catalogue, appearance, split):
+        if any(task.id == statement_id for _, task in statement.tasks):
+            return statement
+    raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
+
+
+def _scene(catalogue: Catalogue, configuration: str, task: Task) -> JSON:
+    """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
+    a lower bound unless `complete`."""
+    try:
+        best = catalogue.solver(configuration).optimal_actions(catalogue.dynamics(configuration).start(task))
+    except UnsupportedAppearance:
+        best = ActionSet((), complete=False, steps=0)
+    return {
+        **pick(best, "steps", "complete"),
+        "configuration": configuration,
+        "task_id": task.id,
+        "target": task.target,
+        "truth": task.truth(task.start),
+        "scene": scene_body(task.start),
+        "optimal_first": len(best.actions),
+        "parts": parts_body(task.program, task.start),
+    }
+
+
+def _recorded_outcomes(run_directory: RunDirectory, statement: str) -> tuple[list[JSON], list[str]]:
+    """The statement's outcomes in all recordings, and error messages for unreadable recordings."""
+    outcomes: list[JSON] = []
+    unreadable: list[str] = []
+    for file, _, fault in run_directory.recordings()[:MAX_RECORDINGS]:
+        if fault is not None:
+            unreadable.append(f"{file.name}: {fault}")
+            continue
+        try:
+            outcomes += _outcomes_by_statement(file).get(statement, ())
+        except UnreadableRecording as error:
+            unreadable.append(str(error))
+    return outcomes, unreadable
+
+
+@lru_cache(MAX_RECORDINGS)
+def _outcomes_by_statement(file: FoundFile) -> dict[str, list[JSON]]:
+    """Raises UnreadableRecording."""
+    recording = read_recording(file)
+    configuration = recording.header.settings.configuration
+    index: dict[str, list[JSON]] = {}
+    for number, episode in enumerate(recording.episodes):
+        outcome = {
+            "recording": file.name,
+            "recording_id": file.id,
+            "episode": number,  # its index in the recording
+            "agent": recording.header.agent,
+            "configuration": configuration,
+            "task_id": episode.task,
+            "outcome": episode.outcome,
+            "actions": len(episode.actions),
+            "reward": round(episode.reward, 6),
+        }
+        index.setdefault(episode.statement, []).append(outcome)
+    return index

@@ -1,0 +1,325 @@
+"""/game: take a seat in a proposer-verifier game with a partner or another person.
+
+A seat's response contains only its agent's observation and action mask, its own past actions, and the settings chosen
+for the game. Infos, the other seat's observation, and anything about the task outside of the view never leave the
+server while the game is played. Once it is over, each seat learns its own reward, and both learn how it ended.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from dataclasses import replace
+from functools import lru_cache
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from fastapi import APIRouter, Request, Response
+from pydantic import BaseModel, Field
+
+from lilgym_mp.contrib.web.app_services import AppServices, Services
+from lilgym_mp.contrib.web.bodies import JSON, changed_item, pick, removable_items, scene_body
+from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.field_types import (
+    ConfigurationName,
+    ItemTypeQuery,
+    Name,
+    PresetName,
+    ProtocolName,
+    RandomId,
+    SplitName,
+)
+from lilgym_mp.contrib.web.live_games import LiveGame
+from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
+from lilgym_mp.contrib.web.visitors import CurrentVisitor
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.envs.proposer_verifier import (
+    PRESETS,
+    PROTOCOLS,
+    SCRIPTED,
+    GameSettings,
+    Intent,
+    Partner,
+    Role,
+    View,
+    read_text,
+)
+from lilgym_mp.envs.proposer_verifier.engine import GameEngine
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
+from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.game_partners import ExpertProposer
+from lilgym_mp.scene.actions import ActionError, describe, named
+
+router = APIRouter()
+api = APIRouter(prefix="/api/game", tags=["game"])
+
+PERSON, EXPERT = "person", "expert"
+PARTNER_TITLES = {
+    EXPERT: "expert: edits towards its goal",
+    "helpful": "helpful: edits at random, claims if true",
+    "sneaky": "sneaky: edits at random, claims if false",
+    "by_intent": "helpful or sneaky, as the game's intent",
+    "oracle": "oracle: knows the truth",
+}
+SCRIPTED_PARTNERS = {  # by the seat they can take
+    Role.PROPOSER: (EXPERT, "helpful", "sneaky", "by_intent", "random"),
+    Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
+}
+FULL_VIEW = "everything"
+_ALL = View(scene="image", statement="text", target=True, proposal=True, history=6)
+VIEWS: Mapping[str, View] = {
+    FULL_VIEW: _ALL,
+    "no picture": replace(_ALL, scene="none"),
+    "no statement": replace(_ALL, statement="none"),
+    "no target": replace(_ALL, target=False),
+}
+ViewName = Literal["everything", "no picture", "no statement", "no target"]
+VERDICT_BINS = (2, 3, 5, 9)  # choices on the page; at most 9, as each answer has a digit key
+PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
+
+
+class NewGame(BaseModel):
+    """Settings of a game and who takes each seat; at least one must be a person."""
+
+    configuration: ConfigurationName = "TowerScratch"
+    split: SplitName = "dev"
+    protocol: ProtocolName = "veto"
+    rewards: PresetName = "common"
+    verdict_bins: int | None = Field(
+        None, ge=2, le=9, description="audit: number of probabilities the verifier chooses from; null: accept or reject"
+    )
+    proposer: PartnerName = PERSON
+    verifier: PartnerName = "oracle"
+    proposer_view: ViewName = "everything"
+    verifier_view: ViewName = "everything"
+
+
+class SeatAction(BaseModel):
+    """An action by name, such as ADD(LEFT, BLUE) or accept, and the number of actions this seat took before."""
+
+    action: Name
+    own_actions: int = Field(ge=0, le=100_000)
+
+
+@router.get("/game", include_in_schema=False)
+def game_page(request: Request, services: Services) -> Response:
+    return render_page(
+        request,
+        "game.html",
+        sizes=services.catalogue.sizes(),
+        protocols=list(PROTOCOLS),
+        protocol_rules=list(PROTOCOLS.values()),
+        rewards=list(PRESETS),
+        verdict_bins=VERDICT_BINS,
+        views=list(VIEWS),
+        proposers=SCRIPTED_PARTNERS[Role.PROPOSER],
+        verifiers=SCRIPTED_PARTNERS[Role.VERIFIER],
+        titles=PARTNER_TITLES,
+        trained=services.trained_partners.names(),
+    )
+
+
+@api.post("/games", status_code=201)
+def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
+    """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
+    names, views = (new.proposer, new.verifier), (new.proposer_view, new.verifier_view)
+    if PERSON not in names:
+        raise http_error(422, "at least one of the seats must be taken by a person")
+    partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
+    try:
+        setup = _game_setup(
+            services.options.corpus,
+            new.configuration,
+            views,
+            split=new.split,
+            protocol=new.protocol,
+            rewards=new.rewards,
+            verdict_bins=new.verdict_bins,
+        )
+    except CorpusError as fault:
+        raise http_error(404, str(fault)) from None
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+    engine = GameEngine(setup)
+    engine.reset(secrets.randbelow(2**31), None)
+    game = LiveGame(visitor.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
+    game.advance()
+    keys = services.games.add(game, [role for role in Role if partners[role] is None])
+    return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
+
+
+def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
+    """The partner in that seat; None for a person. Responds with 404 or 422 if it cannot take it."""
+    name, view = (new.proposer, new.proposer_view) if role is Role.PROPOSER else (new.verifier, new.verifier_view)
+    if name == PERSON:
+        return None
+    if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
+        if view != FULL_VIEW:
+            raise http_error(422, f"a trained agent must see {FULL_VIEW}; its view is {view!r}")
+        settings = Settings(new.configuration, services.options.corpus)
+        return services.trained_partners.partner(name, settings, role, new.protocol)
+    known = SCRIPTED_PARTNERS[role]
+    if name not in known:
+        raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
+    if name != EXPERT:
+        return SCRIPTED[name]
+    try:
+        return ExpertProposer(services.catalogue.dynamics(new.configuration), intent=None)
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+
+
+@lru_cache(maxsize=64)
+def _game_setup(corpus: str, configuration: str, views: tuple[str, str], **settings: Any) -> GameSetup:
+    """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
+    environment = Settings(configuration, corpus)
+    return GameSettings(
+        appearance=environment.appearance,
+        start=environment.start,
+        corpus=corpus,
+        views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
+        image_size="native",
+        **settings,
+    ).setup()
+
+
+@api.get("/seats/{key}")
+def seat(key: RandomId, services: Services) -> JSON:
+    """What the agent in this seat observes now."""
+    game, role = services.games.find(key)
+    with game.lock:
+        return _seat_body(game, role)
+
+
+@api.get("/seats/{key}/legal")
+def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> JSON:
+    """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
+    live, role = services.games.find(key)
+    game = live.engine.game
+    with live.lock:
+        legal = live.legal(role)
+    if role is Role.VERIFIER:
+        return {"actions": [game.describe(role, index) for index in legal]}
+    messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
+    actions = dict.fromkeys(game.config.dynamics.appearance.decode(index // messages) for index in legal)
+    return {"actions": [describe(action) for action in actions if item_type.matches(action)]}
+
+
+@api.post("/seats/{key}/actions")
+def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
+    """Takes an action in this seat; partners then play until a person must act.
+
+    `own_actions` must be the number of actions that the seat has taken: another window may have acted since.
+    """
+    live, role = services.games.find(key)
+    with live.lock:
+        if live.over:
+            raise http_error(409, "the game is over; start a new one")
+        if len(live.own_actions[role]) != taken.own_actions:
+            raise http_error(409, "you have acted since, perhaps in another window; reload the page")
+        legal = live.legal(role)
+        if not legal:
+            raise http_error(409, "it is not your turn")
+        index = _action_index(live, role, taken.action, legal)
+        if index not in legal:
+            raise http_error(409, f"{taken.action} is not legal now; nothing was done")
+        live.own_actions[role].append(live.engine.game.describe(role, index))
+        live.chosen[role] = index
+        live.advance()
+        return _seat_body(live, role)
+
+
+def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> int:
+    """The agent's action index for a name. Responds with 422 for an unknown name."""
+    game = live.engine.game
+    if role is Role.VERIFIER:
+        answers = {game.describe(role, index): index for index in legal}
+        if name not in answers:
+            raise http_error(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
+        return answers[name]
+    try:
+        return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
+    except ActionError as fault:
+        raise http_error(422, str(fault)) from None
+
+
+def _seat_body(live: LiveGame, role: Role) -> JSON:
+    """What the agent in this seat observes. Parts excluded from its view are null."""
+    game = live.engine.game
+    observation = live.engine.observe(role)["observation"]
+    legal = live.legal(role)
+    target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
+    stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
+    dynamics, scene = game.config.dynamics, live.engine.state.mdp.scene
+    sees_scene = "image" in observation
+    return {
+        "role": role.name.lower(),
+        "protocol": game.protocol.name,
+        "configuration": live.configuration,
+        "horizon": dynamics.horizon,
+        "opposite": live.opposite[role],  # "person" or the partner's name
+        "view": live.views[role],
+        "end": _end_body(live) if live.over else None,
+        "over": live.over,
+        "round": live.engine.state.mdp.steps + 1,
+        "your_turn": bool(legal),
+        "waiting_for_other": live.chosen[role] is not None,  # simultaneous moves: the other has not chosen
+        "own_actions": live.own_actions[role],
+        "reward": round(live.rewards[role], 6) if live.over else None,
+        "grid": dynamics.appearance.grid,  # columns, rows; null in Tower
+        "scene": scene_body(scene) if sees_scene else None,
+        "statement": read_text(observation["statement"]) if "statement" in observation else None,
+        "target": None if target is None else bool(target),
+        "intent": None if intent is None else Intent(int(intent)).name.lower(),
+        "proposal": _proposal(live, observation.get("proposal")),
+        "proposed_item": _proposed_item(live, observation) if sees_scene else None,
+        "removable": removable_items(dynamics, scene) if sees_scene and legal and role is Role.PROPOSER else {},
+        "message": None if message is None else int(message),
+        "history": [_past_turn(live, row) for row in observation.get("history", ())],
+        "answers": [game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
+        "may_stop": role is Role.PROPOSER and stop in legal,
+    }
+
+
+def _end_body(live: LiveGame) -> JSON:
+    """How the game ended, revealed to both seats: whether the statement got the target value, and what each knew."""
+    state = live.engine.state
+    task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
+    return {
+        **pick(task, "statement", "target"),
+        "reached": value is task.target,
+        "value": value,
+        "intent": state.intent.name.lower(),
+        "views": {role.name.lower(): live.views[role] for role in Role},
+    }
+
+
+def _proposal(live: LiveGame, array: Any) -> str | None:
+    """The name of an action in the released array form; None for no action."""
+    if array is None or array[0] == NO_CHOICE:
+        return None
+    return describe(live.engine.game.config.dynamics.appearance.from_array(array))
+
+
+def _proposed_item(live: LiveGame, observation: Mapping[str, Any]) -> JSON | None:
+    """The item that the proposal would add or remove."""
+    name = _proposal(live, observation.get("proposal"))
+    if name in (None, "STOP"):
+        return None
+    scene, dynamics = live.engine.state.mdp.scene, live.engine.game.config.dynamics
+    return changed_item(scene, dynamics.appearance.apply(scene, named(name), dynamics.rules.placement).scene)
+
+
+def _past_turn(live: LiveGame, row: Any) -> JSON:
+    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
+    game = live.engine.game
+    *array, answer, proposer_message, verifier_message = row.tolist()
+    answers = game.protocol.answers(game.config)
+    return {
+        "proposal": _proposal(live, np.array(array)),
+        "answer": answers[answer] if 0 <= answer < len(answers) else None,
+        "proposer_message": max(0, proposer_message),
+        "verifier_message": max(0, verifier_message),
+    }

@@ -1,0 +1,79 @@
+"""/sentence: type a sentence, see how the shipped parser reads it, and watch the plan that makes it true or false."""
+
+from __future__ import annotations
+
+from threading import Lock
+from typing import Annotated
+
+from fastapi import APIRouter, Request, Response
+from pydantic import AfterValidator, BaseModel, StringConstraints
+
+from lilgym_mp.contrib.web.app_services import Services
+from lilgym_mp.contrib.web.bodies import JSON, scene_body
+from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.field_types import AppearanceName, storable
+from lilgym_mp.contrib.web.routes.explore import CONFIGURATION_NAMES
+from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.trained_partners import SHIPPED_PREFIX
+from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import APPEARANCES
+
+router = APIRouter()
+api = APIRouter(prefix="/api/sentence", tags=["sentence"])
+
+AGENT = SHIPPED_PREFIX + "parse-and-plan"
+PLANNING_SECONDS = 20  # a request waits this long for those of others
+_PLANNING = Lock()  # one sentence at a time, so that planning occupies one core
+_TEXT = StringConstraints(strip_whitespace=True, min_length=1, max_length=200)
+
+
+class NewSentence(BaseModel):
+    sentence: Annotated[str, _TEXT, AfterValidator(storable)]
+    appearance: AppearanceName = "tower"
+    target: bool = True
+
+
+@router.get("/sentence", include_in_schema=False)
+def sentence_page(request: Request) -> Response:
+    return render_page(request, "sentence.html", appearances=list(APPEARANCES))
+
+
+@api.post("")
+def read(new: NewSentence, services: Services) -> JSON:
+    """The readings with their probabilities, notes on misspelt and unknown words, and the plan from the empty scene.
+
+    Responds with 404 or 422 if the agent cannot plan here, 503 if others keep it busy.
+    """
+    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+
+    agent = services.trained_partners.agent(AGENT)
+    assert isinstance(agent, ParseAndPlanAgent)
+    configuration = CONFIGURATION_NAMES[new.appearance, SCRATCH]
+    dynamics, start = services.catalogue.dynamics(configuration), Scene.empty()
+    if not _PLANNING.acquire(timeout=PLANNING_SECONDS):
+        raise http_error(503, "many sentences are being read; try again in a moment")
+    try:
+        planner = agent.planner(Settings(configuration, services.options.corpus))
+        plan = planner.plan(start, new.sentence, new.target)
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+    finally:
+        _PLANNING.release()
+    satisfied = {plan.goals[index].program for index in plan.satisfied}
+    steps, scene = list[JSON](), start
+    for action in plan.actions[:-1]:
+        scene = dynamics.appearance.apply(scene, action, dynamics.rules.placement).scene
+        steps.append({"action": describe(action), "scene": scene_body(scene)})
+    return {
+        "readings": [
+            {"program": program, "probability": probability, "satisfied": program in satisfied}
+            for program, probability in plan.probabilities().items()
+        ],
+        "notes": plan.parse.notes(),
+        "start": scene_body(start),
+        "steps": [*steps, {"action": "STOP", "scene": scene_body(scene)}],
+        "success_probability": plan.success_probability,
+    }

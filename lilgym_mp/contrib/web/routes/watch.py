@@ -1,0 +1,313 @@
+"""/watch: recorded episodes step by step, with the agents' predictions."""
+
+from __future__ import annotations
+
+import secrets
+from collections import Counter
+from pathlib import Path as FilePath
+from random import Random
+from threading import Lock
+from typing import Annotated
+
+import numpy as np
+from fastapi import APIRouter, Path, Query, Request, Response
+from pydantic import BaseModel, Field
+
+from lilgym_mp.contrib.web.app_services import Services
+from lilgym_mp.contrib.web.bodies import JSON, pick, png, scene_body
+from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.field_types import ConfigurationName, OutcomeName
+from lilgym_mp.contrib.web.run_directory import RecordingFile, RunDirectory, UnreadableRecording
+from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
+from lilgym_mp.evaluation.decisions import Decision, action_cells
+from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED, Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation.policies import NamedPolicy
+from lilgym_mp.evaluation.recording import Recorder, scenes
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, summarise
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.programs.compiler import bounded_truths
+from lilgym_mp.programs.errors import StepLimitError
+from lilgym_mp.scene import BOX_COUNT, Scene
+from lilgym_mp.scene.actions import ActionType, describe
+from lilgym_mp.scene.appearances import Appearance, InvalidReason
+
+router = APIRouter()
+api = APIRouter(prefix="/api/watch", tags=["watch"])
+
+EPISODES_PER_RESPONSE = 100
+REQUESTED_EPISODES = 12
+_PLAYING = Lock()  # held while an agent plays on request
+PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$")]
+MAX_GRID_CELLS = 2_000  # finer grids get no legal cells
+RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as returned by the list of recordings")]
+EpisodeIndex = Annotated[int, Path(ge=0, le=10_000_000)]
+
+
+class NewRecording(BaseModel):
+    """An agent, as named on the page, and the configuration in which it plays."""
+
+    agent: PartnerName
+    configuration: ConfigurationName
+
+
+class EpisodeFilters(BaseModel):
+    """Criteria for episodes; None matches any."""
+
+    success: bool | None = None
+    outcome: OutcomeName | None = None
+    invalid_reason: InvalidReason | None = None
+    seen: Annotated[bool | None, Query(description="whether the statement occurs in the training tasks")] = None
+    target: bool | None = None
+    task: Annotated[str | None, Query(max_length=200)] = None
+    text: Annotated[str, Query(max_length=200, description="contained in the statement or the task's id")] = ""
+    offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0
+
+    def matches(self, episode: RecordedEpisode) -> bool:
+        criteria = (
+            (self.success, episode.is_success),
+            (self.outcome, episode.outcome),
+            (self.invalid_reason, episode.invalid_reason),
+            (self.seen, episode.statement_seen),
+            (self.target, episode.target),
+            (self.task, episode.task),
+        )
+        return all(wanted is None or wanted == actual for wanted, actual in criteria) and (
+            self.text.lower() in episode.statement.lower() or self.text.lower() in episode.task.lower()
+        )
+
+
+@router.get("/watch", include_in_schema=False)
+def watch_page(request: Request, services: Services) -> Response:
+    return render_page(
+        request,
+        "watch.html",
+        outcomes=list(FINAL_OUTCOMES),
+        invalid_reasons=[str(reason) for reason in InvalidReason],
+        configurations=list(services.catalogue.sizes()),
+        agents=services.trained_partners.names(),
+    )
+
+
+@api.get("/recordings")
+def recordings(services: Services) -> JSON:
+    """The recordings in the runs directory and those made on request."""
+    return {"recordings": [_summary(file) for file in services.run_directory.recordings()]}
+
+
+@api.post("/recordings", status_code=201)
+def record(new: NewRecording, services: Services) -> JSON:
+    """Lets an agent play a few tasks drawn from dev, and records them until the server ends.
+
+    Responds with 404 or 422 if it cannot play them, 503 while another agent plays.
+    """
+    from lilgym_mp.learning.game.agent import GameAgent
+
+    agent = services.trained_partners.agent(new.agent)
+    if isinstance(agent, GameAgent):
+        raise http_error(422, "this agent plays the two-agent game; choose another")
+    settings = Settings(new.configuration, services.options.corpus)
+    if not _PLAYING.acquire(blocking=False):
+        raise http_error(503, "another agent is playing; try again in a moment")
+    try:
+        ids = services.catalogue.tasks(new.configuration, "dev").ids
+        chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
+        policy, seed = agent.policy(settings), secrets.randbelow(10**6)
+        episodes = evaluate(policy, settings, "dev", task_ids=chosen, record_decisions=True)
+        seen = training_statements(settings)
+        details = {"label": services.trained_partners.names()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
+        named = NamedPolicy(agent.description.kind, agent.policy, agent.description.supervision, details=details)
+        plan = EvaluationPlan(settings, "dev", seed, record_decisions=True)
+        result = Result(named, plan, summarise(episodes, seen), episodes, 0.0, getattr(policy, "needs_masks", True))
+        path = Recorder(settings, "dev", seen, judges_decisions=True).write(services.run_directory.requested, result)
+    except ValueError as fault:
+        raise http_error(422, str(fault)) from None
+    finally:
+        _PLAYING.release()
+    return {"id": next(one.file.id for one in services.run_directory.recordings() if one.file.path == path)}
+
+
+@api.get("/recordings/{recording_id}")
+def recording(recording_id: RecordingId, services: Services) -> JSON:
+    """A recording: agent, settings, outcome counts, and other recordings of the same tasks."""
+    read = _read(services.run_directory, recording_id)
+    header, episodes = read.header, read.episodes
+    decisions = [decision for episode in episodes for decision in episode.decisions or ()]
+    files = services.run_directory.recordings()
+    others = [one for one in files if one.file.id != recording_id and one.header]
+    return {
+        **next((_summary(one) for one in files if one.file.id == recording_id), {}),
+        "supervision": header.supervision,
+        "successes": sum(episode.is_success for episode in episodes),
+        "outcomes": dict(Counter(episode.outcome for episode in episodes).most_common()),
+        "invalid_reasons": Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
+        "has_decisions": bool(decisions),
+        "has_judgements": any(decision.steps_to_go is not None for decision in decisions),
+        "command": _rerecord_command(header, read.path.parent),  # records the same episodes with decisions
+        "comparable": [_summary(one) for one in others if one.header and _task_set(one.header) == _task_set(header)],
+    }
+
+
+@api.get("/recordings/{recording_id}/episodes")
+def episodes(recording_id: RecordingId, services: Services, filters: Annotated[EpisodeFilters, Query()]) -> JSON:
+    """Episodes that match the filters: at most 100, starting at `offset`."""
+    found = enumerate(_read(services.run_directory, recording_id).episodes)
+    matching = [(index, episode) for index, episode in found if filters.matches(episode)]
+    page = matching[filters.offset : filters.offset + EPISODES_PER_RESPONSE]
+    return {"total": len(matching), "episodes": [_episode_summary(index, episode) for index, episode in page]}
+
+
+@api.get("/recordings/{recording_id}/episodes/{index}")
+def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> JSON:
+    """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
+    recording = _read(services.run_directory, recording_id)
+    episode = _find_episode(recording, index)
+    try:
+        dynamics = recording.header.settings.dynamics()
+        steps = _steps(dynamics, episode)
+    except (ValueError, TypeError, IndexError) as fault:
+        raise http_error(422, f"the episode cannot be replayed: {fault}") from None
+    return {
+        **_episode_summary(index, episode),
+        **pick(episode, "program", "tags", "form_seen", "optimal_actions"),
+        "total": round(episode.reward, 6),
+        "grid": _grid(dynamics.appearance),
+        "steps": steps,
+    }
+
+
+@api.get("/recordings/{recording_id}/episodes/{index}/picture", response_class=Response)
+def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> Response:
+    """The start scene of an episode, as a PNG image."""
+    recording = _read(services.run_directory, recording_id)
+    return Response(png(_find_episode(recording, index).start), media_type="image/png")
+
+
+def _read(run_directory: RunDirectory, recording_id: str) -> Recording:
+    """Responds with 404 if there is no such recording, 422 if it is unreadable."""
+    try:
+        recording = run_directory.read(recording_id)
+    except UnreadableRecording as fault:
+        raise http_error(422, str(fault)) from None
+    if recording is None:
+        raise http_error(404, "there is no such recording; it may have been moved: reload the list")
+    return recording
+
+
+def _find_episode(recording: Recording, index: int) -> RecordedEpisode:
+    """Responds with 404 if there is no such episode."""
+    if index >= len(recording.episodes):
+        raise http_error(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
+    return recording.episodes[index]
+
+
+def _summary(recording: RecordingFile) -> JSON:
+    """A recording in the list; if its header is unreadable, `fault` says why and it has no other fields."""
+    file, header, fault = recording
+    summary = {"id": file.id, "name": file.name, "fault": fault}
+    if header is None:
+        return summary
+    names = ("agent", "split", "corpus", "actions", "mask", "seed", "training_seed", "episodes")
+    return {**summary, **pick(header, *names), **pick(header.settings, "configuration", "rules")}
+
+
+def _episode_summary(index: int, episode: RecordedEpisode) -> JSON:
+    names = ("task", "statement", "target", "outcome", "invalid_reason", "statement_seen")
+    rest = {"index": index, "actions": len(episode.actions), "reward": round(episode.reward, 6)}
+    return {**pick(episode, *names), **rest}
+
+
+def _rerecord_command(header: Header, directory: FilePath) -> str:
+    """The command that records the same episodes with decisions, reconstructed from the header."""
+    settings = header.settings
+    words = [f"--policy {header.agent.replace(' ', '-')}" if header.run is None else header.run]
+    if header.run is not None:
+        words.append(f"--actions {SAMPLED if header.actions == SAMPLED else GREEDY}")
+    words.append(f"--configuration {settings.configuration}")
+    defaults = {"corpus": "builtin", "rules": "paper"}
+    words += [f"--{name} {getattr(settings, name)}" for name in defaults if getattr(settings, name) != defaults[name]]
+    words.append(f"--split {header.split}")
+    words += [f"--seed {header.seed}"] if header.seed else []
+    words += [f"--passes {header.passes}"] if header.passes > 1 else []
+    return f"lilgym-mp evaluate {' '.join(words)} --record {directory} --record-decisions --force"
+
+
+def _task_set(header: Header) -> tuple[str, str, str]:
+    return header.settings.configuration, header.split, header.tasks_sha256
+
+
+def _grid(appearance: Appearance) -> tuple[int, int]:
+    """Columns and rows."""
+    return appearance.grid or (BOX_COUNT, 1)
+
+
+def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
+    """Scenes with the actions taken in them; the last scene has no action."""
+    for action in episode.actions:
+        dynamics.appearance.encode(action)  # raises for an action of another appearance
+    visited = scenes(dynamics, dynamics.appearance.check_scene(episode.start), episode.actions)
+    if episode.outcome == "horizon" and not dynamics.rules.applies_edit_at_horizon:
+        visited[-1] = visited[-2]
+    decisions = episode.decisions or (None,) * len(episode.actions)
+    rows = _grid(dynamics.appearance)[1]
+    steps = [
+        {
+            "scene": scene_body(scene),
+            "action": describe(action),
+            "reward": reward,
+            "decision": None if decision is None else _decision_body(decision, rows, scene, episode.target),
+            "legal": _legal_cells(dynamics, scene),
+        }
+        for scene, action, reward, decision in zip(visited, episode.actions, episode.rewards, decisions, strict=False)
+    ]
+    return [*steps, {"scene": scene_body(visited[-1]), "action": None, "reward": None, "decision": None, "legal": []}]
+
+
+def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[JSON]:
+    """The grid cells with legal actions, by the exact mask: the number of ADDs, and whether there is a REMOVE."""
+    columns, rows = _grid(dynamics.appearance)
+    if columns * rows > MAX_GRID_CELLS:
+        return []
+    kinds, cells, count = action_cells(dynamics.appearance)
+    mask = dynamics.appearance.legal_mask(scene, dynamics.rules.placement)
+    adds, removes = (
+        np.bincount(cells[mask & (kinds == kind)], minlength=count) for kind in (ActionType.ADD, ActionType.REMOVE)
+    )
+    return [
+        {"column": cell // rows, "row": cell % rows, "add": int(adds[cell]), "remove": bool(removes[cell])}
+        for cell in np.flatnonzero(adds + removes).tolist()
+    ]
+
+
+def _has_value(program: str, scene: Scene, value: bool) -> bool:
+    """Also for untrusted programs: invalid and slow ones have none."""
+    try:
+        return bounded_truths(program, [scene]) == [value]
+    except (ProgramError, StepLimitError):
+        return False
+
+
+def _decision_body(decision: Decision, rows: int, scene: Scene, target: bool) -> JSON:
+    """The agent's predictions before an action. `rows` of the grid: cell indices are column-major.
+
+    `satisfied`: the programs that have the target value in this scene.
+    """
+    body = pick(
+        decision,
+        *("legal_probability", "value", "success_probability", "programs", "optimal", "steps_to_go", "notes"),
+    )
+    for name, kind in (("stop", ActionType.STOP), ("add", ActionType.ADD), ("remove", ActionType.REMOVE)):
+        body |= {name: decision.types[kind], f"legal_{name}": decision.legal[kind]}
+    adds, removes = decision.add_cells, decision.remove_cells
+    return {
+        **body,
+        "cells": [
+            {"column": cell // rows, "row": cell % rows, "add": adds.get(cell, 0.0), "remove": removes.get(cell, 0.0)}
+            for cell in sorted({*adds, *removes})
+        ],
+        "likeliest": {describe(action): share for action, share in decision.likeliest},
+        "answers": [answer._asdict() for answer in decision.answers],
+        "satisfied": [program for program in decision.programs if _has_value(program, scene, target)],
+    }

@@ -1,0 +1,604 @@
+"""Code generation: syntax tree -> intermediate representation, in which a program is operations on bitmasks.
+
+A collection of items becomes one bitmask per box, a test of an item is vectorised over its box, and loops over boxes
+are unrolled. A subexpression that depends on one box only (usually most of the program) becomes a *kernel*: a function
+of a box, memoised in `box.memo`, so that after an environment step only the changed box is re-evaluated.
+
+Generated code returns the value of the reference evaluator or raises FallbackError. It raises whenever the reference
+evaluator would fail, and sometimes when it would not. Unsupported constructs raise Unsupported at compile time.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+from enum import Enum
+from typing import Any, NamedTuple, cast
+
+from lilgym_mp.envs.fast import box_functions, ir, printing
+from lilgym_mp.envs.fast.word_lowering import ATTRIBUTE_WORDS, BINARY_WORDS, VALUE_WORDS
+from lilgym_mp.programs import costs
+from lilgym_mp.programs.syntax import (
+    METHODS,
+    Arithmetic,
+    Call,
+    Comparison,
+    Constant,
+    Display,
+    Lambda,
+    Logic,
+    Member,
+    Node,
+    Not,
+    SceneName,
+    Subscript,
+    Variable,
+    WordName,
+    as_lambda,
+    children,
+    own_size,
+)
+from lilgym_mp.programs.values import Color, Shape, Side, Size
+from lilgym_mp.programs.words import Word
+from lilgym_mp.scene import BOX_COUNT, Scene
+
+MAX_SIZE = 4_000  # nodes of the code of a value
+MAX_ALL_SIZE = 400_000  # of all intermediate values of one program together
+MAX_NODES = 5_000  # nodes of the syntax tree lowered for one program
+
+
+def generate_code(tree: Node) -> ir.Code | None:
+    """The code of a program's truth value, or None when it is unsupported."""
+    try:
+        value = _Generator(_Context(), kernel=False).lower(tree, {})
+        return value.code if isinstance(value, ir.Bool) else None
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
+        return None
+
+
+def generate_function(tree: Node) -> Callable[[Scene], bool] | None:
+    """The generated function of a program, or None when it is unsupported. It may raise FallbackError."""
+    code = generate_code(tree)
+    try:
+        return code and printing.scene_function(code)
+    except (ir.Unsupported, RecursionError, MemoryError, SyntaxError):
+        return None
+
+
+class _KernelUse(NamedTuple):
+    """A kernel in one program."""
+
+    kernel: ir.Kernel
+    total: bool
+    steps: int  # upper bound on the evaluation steps of a call
+
+
+class _NodeInfo(NamedTuple):
+    """Context-independent properties of a node."""
+
+    node: Node  # keeps the node alive, as nodes are keyed by id()
+    uses_scene: bool  # depends on more than its free variables
+    free: frozenset[str]  # free variables
+    size: int  # `own_size`
+
+
+class _Context:
+    """State of compiling one program: the budget for generated code, kernels, and an upper bound on evaluation steps.
+
+    No code is generated for a program that could exceed STEP_LIMIT on boxes of MAX_BOX_ITEMS items, because generated
+    code does not count steps and so would not fail there.
+    """
+
+    def __init__(self) -> None:
+        self.nodes_left = MAX_NODES
+        self.size_left = MAX_ALL_SIZE
+        self.steps_left = costs.STEP_LIMIT
+        self.kernels: dict[tuple[str, int, object], _KernelUse] = {}
+        self._info: dict[int, _NodeInfo] = {}
+
+    def info(self, node: Node) -> _NodeInfo:
+        known = self._info.get(id(node))
+        if known is None:
+            parts = [self.info(child) for child in children(node)]
+            uses_scene = isinstance(node, SceneName) or (
+                isinstance(node, Call | WordName) and node.word.depends_on == "scene"
+            )
+            free = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()
+            free = free.union(*(part.free for part in parts))
+            if isinstance(node, Lambda):
+                free -= {node.parameter}
+            uses_scene = uses_scene or any(part.uses_scene for part in parts)
+            known = self._info[id(node)] = _NodeInfo(node, uses_scene, free, own_size(node))
+        return known
+
+
+class _Generator:
+    """Generates one function: of the boxes b0, b1, b2 of a scene, or a kernel of one box b."""
+
+    def __init__(self, context: _Context, *, kernel: bool) -> None:
+        self.context = context
+        self.kernel = kernel
+        self.max_runs: int = 1  # upper bound on how often the code being generated runs per evaluation
+        self.variables = 0  # number of loop variables created
+
+    def charge(self, steps: int) -> None:
+        self.context.nodes_left -= 1
+        self.context.steps_left -= self.max_runs * steps
+        if self.context.nodes_left < 0 or self.context.steps_left < 0:
+            ir.unsupported("too much work")
+
+    def charge_call(self, word: Word, *values: ir.Value) -> None:
+        measuring = sum(map(ir.max_measure_steps, values))
+        self.charge(measuring + word.steps(sum(map(ir.max_elements, values)), ir.MAX_ITEMS))
+
+    def charge_lambda(self, body: Node, calls: int = 1) -> None:
+        self.charge(calls * (costs.LAMBDA + costs.NODE * self.context.info(body).size))
+
+    def charge_operator(self, *values: ir.Value) -> None:
+        self.charge(costs.OPERATION + sum(map(ir.max_measure_steps, values)) + sum(map(ir.max_elements, values)))
+
+    # Kernels and vectorised words
+
+    def kernel_call(
+        self, box: str, key: tuple[str, int, object], lower_body: Callable[[_Generator], ir.Bool | ir.BoxItems]
+    ) -> tuple[ir.Code, bool]:
+        """A call of the kernel generated by `lower_body`, and whether it is total.
+
+        `key` identifies the kernel within the program: the lambda's parameter and body, and what is computed from them.
+        """
+        use = self.context.kernels.get(key)
+        if use is None:
+            inner = _Generator(self.context, kernel=True)
+            before = self.context.steps_left
+            value = lower_body(inner)
+            steps, self.context.steps_left = before - self.context.steps_left, before
+            kernel = printing.kernel(value.code if isinstance(value, ir.Bool) else value.mask)
+            use = self.context.kernels[key] = _KernelUse(kernel, value.total, steps)
+        self.charge(use.steps)
+        return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
+
+    def box_call(self, name: str, function: Any, box: str) -> ir.Code:
+        return ir.BoxCall(box, name, function, None)
+
+    def can_be_kernel(self, function: Lambda) -> bool:
+        info = self.context.info(function.body)
+        return not self.kernel and info.free <= {function.parameter} and not info.uses_scene
+
+    # Expressions
+
+    def condition(self, node: Node, scope: ir.Scope, *, strict: bool = False) -> ir.Bool:
+        """The truthiness of the node's value; with `strict`, the value itself, which must be a bool."""
+        if strict:
+            value = self.lower(node, scope)
+            return value if isinstance(value, ir.Bool) else ir.unsupported("not a bool")
+        match node:
+            case Logic(operator=operator, operands=operands):
+                truths = [self.condition(operand, scope) for operand in operands]
+                return ir.Bool(ir.operate(operator, *(truth.code for truth in truths)), ir.all_total(truths))
+            case Member(of=of, name=name, called=False) if name in METHODS:
+                owner = self.lower(of, scope)
+                return ir.TRUE if isinstance(owner, ir.BoxRef) else ir.unsupported()
+            case _:
+                value = self.lower(node, scope)
+                self.charge(ir.max_measure_steps(value))
+                return ir.as_truth(value)
+
+    def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
+        """Lowers a node. Raises Unsupported when its code, which may repeat that of its parts, gets too long."""
+        self.charge(0)
+        value = self._lower_node(node, scope)
+        size = ir.size_of(value)
+        self.context.size_left -= size
+        if size > MAX_SIZE or self.context.size_left < 0:
+            ir.unsupported("too long")
+        return value
+
+    def _lower_node(self, node: Node, scope: ir.Scope) -> ir.Value:
+        match node:
+            case Constant(value=bool() as value):
+                return ir.TRUE if value else ir.FALSE
+            case Constant(value=int() as value):
+                return ir.Int(ir.Number(value))
+            case Constant(value=Color() | Shape() | Size() as value):
+                return ir.AttributeValue(ir.Number(value.value), enum=type(value))
+            case SceneName(name="all_boxes"):
+                return ir.StaticList(tuple(map(ir.BoxRef, ir.BOXES)), (ir.TRUE,) * BOX_COUNT)
+            case SceneName():
+                self.charge(ir.MAX_ITEMS)
+                return ir.Items(tuple(ir.BoxItems(box, None) for box in ir.BOXES), ordered=True)
+            case Variable(name=name):
+                return scope[name]
+            case Logic(operands=operands):
+                truths = [self.condition(operand, scope, strict=True) for operand in operands]
+                return ir.Bool(ir.operate(node.operator, *(truth.code for truth in truths)), ir.all_total(truths))
+            case Not(operand=operand):
+                return ir.negate(self.condition(operand, scope))
+            case Comparison():
+                return self.comparison(node, scope)
+            case Arithmetic():
+                return self.arithmetic(node, scope)
+            case Subscript(of=of, index=Constant(value=int() as index)):
+                collection = self.lower(of, scope)
+                self.charge_operator(collection)
+                if (
+                    isinstance(collection, ir.StaticList)
+                    and collection.is_indexable
+                    and index < len(collection.elements)
+                ):
+                    return collection.elements[index]
+                ir.unsupported("subscript")
+            case Member():
+                return self.member(node, scope)
+            case Display(kind=kind, elements=elements) if kind is set or kind is list:
+                return self.display(kind is set, [self.lower(element, scope) for element in elements])
+            case Call():
+                return self.call(node, scope)
+            case _:
+                ir.unsupported(type(node).__name__)
+
+    def display(self, is_set: bool, values: list[ir.Value]) -> ir.Value:
+        self.charge_operator(*values)
+        if values and all(isinstance(value, ir.BoxRef) for value in values) and not is_set:
+            return ir.StaticList(tuple(values), (ir.TRUE,) * len(values))
+        enums = {value.enum for value in values if isinstance(value, ir.AttributeValue)}
+        if (
+            len(enums) != 1
+            or len(values) > ir.MAX_ITEMS
+            or not all(isinstance(value, ir.AttributeValue) for value in values)
+        ):
+            ir.unsupported("display")
+        codes = tuple(cast("ir.AttributeValue", value).code for value in values)
+        total = ir.all_total(values)
+        if not is_set:
+            return ir.AttributeList(ir.Listed(codes), total, enum=enums.pop())
+        return ir.AttributeSet(ir.bits_at(codes), total, enum=enums.pop())
+
+    def member(self, node: Member, scope: ir.Scope) -> ir.Value:
+        of = self.lower(node.of, scope)
+        self.charge(1 + ir.MAX_ITEMS)
+        if isinstance(of, ir.BoxRef) and node.called:
+            if node.name == "is_tower":
+                return ir.Bool(self.box_call("is_tower", box_functions.is_tower, of.box))
+            return ir.Items((ir.BoxItems(of.box, None),), ordered=True)
+        if isinstance(of, ir.ItemRef):
+            if node.name == "box":
+                return ir.BoxRef(of.box) if of.total else ir.unsupported("box of an item that may not exist")
+            if node.name in ir.ATTRIBUTE_TYPES:
+                return self.attribute_of(of, node.name)
+        ir.unsupported("member")
+
+    def attribute_of(self, item: ir.ItemRef, name: str) -> ir.AttributeValue:
+        code = ir.ItemField(item.box, item.code, ir.ITEM_FIELDS[name])
+        return ir.AttributeValue(code, item.total, enum=ir.ATTRIBUTE_TYPES[name])
+
+    def comparison(self, node: Comparison, scope: ir.Scope) -> ir.Bool:
+        values = [self.lower(part, scope) for part in (node.left, *node.rights)]
+        self.charge_operator(*values, *values)
+        total = ir.all_total(values)
+        if all(isinstance(value, ir.Int | ir.Bool) for value in values) and "in" not in " ".join(node.operators):
+            return ir.Bool(ir.compare(node.operators, *(cast("ir.Int", value).code for value in values)), total)
+        if len(values) != 2:
+            ir.unsupported("chain")
+        left, right = values
+        match node.operators[0]:
+            case "==":
+                return ir.equality(left, right)
+            case "!=":
+                return ir.negate(ir.equality(left, right))
+            case "in":
+                return self.membership(left, right)
+            case "not in":
+                return ir.negate(self.membership(left, right))
+            case _:
+                ir.unsupported("order")
+
+    def membership(self, value: ir.Value, collection: ir.Value) -> ir.Bool:
+        collection = ir.as_collection(collection)
+        total = ir.all_total((value, collection))
+        if (
+            isinstance(value, ir.AttributeValue)
+            and isinstance(collection, ir.AttributeSet)
+            and value.enum is collection.enum
+        ):
+            return ir.Bool(ir.has_bit(collection.code, value.code), total)
+        if isinstance(value, ir.ItemRef) and isinstance(collection, ir.Items) and len(collection.parts) == 1:
+            part = collection.parts[0]
+            if part.box == value.box:
+                return ir.Bool(ir.has_bit(part.mask, value.code), total)
+        ir.unsupported("membership")
+
+    def arithmetic(self, node: Arithmetic, scope: ir.Scope) -> ir.Value:
+        left, right = self.lower(node.left, scope), self.lower(node.right, scope)
+        self.charge_operator(left, right)
+        if isinstance(left, ir.Int) and isinstance(right, ir.Int):
+            if node.operator == "%" and (node.right == Constant(0) or not isinstance(node.right, Constant)):
+                ir.unsupported("remainder")
+            return ir.Int(ir.operate(node.operator, left.code, right.code), ir.all_total((left, right)))
+        if node.operator == "+" and isinstance(left, ir.Items) and isinstance(right, ir.Items):
+            boxes = [part.box for part in (*left.parts, *right.parts)]
+            if left.ordered and right.ordered and len(set(boxes)) == len(boxes):
+                return ir.Items(left.parts + right.parts, ordered=True)
+        ir.unsupported("arithmetic")
+
+    # Calls
+
+    def call(self, node: Call, scope: ir.Scope) -> ir.Value:
+        word = node.word
+        if word.is_item_test:
+            return self.test(node, scope)
+        if len(word.parameters) == 1 and word.parameters[0].type.mapped and word.depends_on == "box":
+            return self.relation(node, scope)
+        if word.name in BINARY_WORDS:
+            return self.binary(node, scope)
+        if word.name == "all_same_attribute":
+            return self.all_same_attribute(node, scope)
+        if word.name in ("filter_obj", "All", "Any"):
+            return self.quantifier(node, scope)
+        lower_word = ATTRIBUTE_WORDS.get(word.name) or VALUE_WORDS.get(word.name)
+        if lower_word is None or None in node.arguments:
+            ir.unsupported(word.name)
+        values = [ir.as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
+        self.charge_call(word, *values)
+        return lower_word(self, *values)
+
+    def test(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        item = self.lower(cast("Node", node.arguments[0]), scope)
+        if isinstance(item, ir.UniqueItem):
+            parts = item.of.parts
+            tests = ir.Listed(tuple(self.test_mask(node, part.box) for part in parts))
+            return ir.Bool(ir.operate("only_in", ir.Listed(tuple(part.mask for part in parts)), tests), total=False)
+        if not isinstance(item, ir.ItemRef):
+            ir.unsupported("test of something other than an item")
+        return ir.Bool(ir.has_bit(self.test_mask(node, item.box), item.code), item.total)
+
+    def test_mask(self, node: Call, box: str) -> ir.Code:
+        self.charge_call(node.word, *[ir.FALSE] * len(node.arguments))
+        constants: list[Enum] = []
+        for parameter, argument in zip(node.word.parameters[1:], node.arguments[1:], strict=True):
+            side = Constant(parameter.default) if argument is None else argument
+            if not isinstance(side, Constant) or not isinstance(side.value, Side):
+                ir.unsupported("side")
+            constants.append(side.value)
+        name = "_".join((node.word.name, *(value.name for value in constants)))
+        return self.box_call(name, box_functions.vectorised_test(node.word, tuple(constants)), box)
+
+    def relation(self, node: Call, scope: ir.Scope) -> ir.Items:
+        of = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, of)
+        if isinstance(of, ir.ItemRef):
+            rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), of.box)
+            return ir.Items((ir.BoxItems(of.box, ir.operate("row", rows, of.code), of.total),), ordered=False)
+        if not isinstance(of, ir.Items):
+            ir.unsupported("relation")
+        parts: list[ir.BoxItems] = []
+        for part in sorted(of.parts, key=lambda part: part.box):
+            rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), part.box)
+            parts.append(ir.BoxItems(part.box, ir.operate("union", rows, part.mask), part.total))
+        return ir.Items(tuple(parts), ordered=False)
+
+    def binary(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        """AND, OR, NOT and the comparisons of numbers."""
+        values = [self.lower(argument, scope) for argument in node.arguments if argument is not None]
+        self.charge_call(node.word, *values)
+        operand_type, operator = BINARY_WORDS[node.word.name]
+        if not all(isinstance(value, operand_type) for value in values):
+            ir.unsupported("operand of the wrong type")
+        if operator == "not":
+            return ir.negate(cast("ir.Bool", values[0]))
+        if operator in ("and", "or") and not values[1].total:
+            operator = {"and": "&", "or": "|"}[operator]
+        return ir.Bool(ir.operate(operator, *(cast("ir.Int", value).code for value in values)), ir.all_total(values))
+
+    def quantifier(self, node: Call, scope: ir.Scope) -> ir.Value:
+        """filter_obj, All and Any."""
+        collection = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, collection, ir.FALSE)
+        function = _as_lambda(cast("Node", node.arguments[1]))
+        name = node.word.name
+        strict = name != "filter_obj"
+        if isinstance(collection, ir.AttributeSet):
+            collection = ir.as_static_list(collection)
+        if isinstance(collection, ir.Combinations):
+            found = self.filter_combinations(function, collection, scope, strict=strict)
+            return found if name == "filter_obj" else self.quantify_combinations(name, collection, found)
+        if isinstance(collection, ir.StaticList):
+            found = self.filter_static(function, collection, scope, strict=strict)
+            return found if name == "filter_obj" else self.quantify_static(name, collection, found)
+        if not isinstance(collection, ir.Items):
+            ir.unsupported("collection")
+        parts = [self.filter_part(function, part, scope, strict=strict) for part in collection.parts]
+        found = ir.Items(tuple(parts), ordered=True)
+        if name == "filter_obj":
+            return found
+        if name == "Any":
+            return ir.existence(found)
+        some = ir.existence(collection)
+        same = [ir.operate("==", part.mask, kept.mask) for part, kept in zip(collection.parts, parts, strict=True)]
+        return ir.Bool(ir.operate("and", some.code, *same), collection.total and found.total)
+
+    def quantify_static(self, name: str, collection: ir.StaticList, found: ir.StaticList) -> ir.Bool:
+        if not collection.elements or not (collection.unconditional or (collection.total and found.total)):
+            ir.unsupported("quantifier that may fail")
+        conditions = [condition.code for condition in found.conditions]
+        if name == "Any":
+            return ir.Bool(ir.operate("or", *conditions), found.total)
+        if collection.unconditional:
+            return ir.Bool(ir.operate("and", *conditions), found.total)
+        same = [
+            ir.operate("or", ir.negate(before).code, after)
+            for before, after in zip(collection.conditions, conditions, strict=True)
+        ]
+        return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
+
+    def quantify_combinations(self, name: str, collection: ir.Combinations, found: ir.Combinations) -> ir.Bool:
+        if name == "Any":
+            return ir.existence(found)
+        code = ir.compare(("==", "!="), collection.count, found.count, ir.Number(0))
+        return ir.Bool(code, collection.total and found.total)
+
+    def filter_combinations(
+        self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
+    ) -> ir.Combinations:
+        if collection.filtered:
+            ir.unsupported("combinations filtered twice")
+        counts: list[ir.Code] = []
+        total = collection.total
+        for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
+            items: list[ir.ItemRef] = []
+            loops: list[tuple[tuple[str, ...], ir.Code]] = []
+            for box, same in itertools.groupby(parts, key=lambda part: part.box):
+                group = list(same)
+                names = tuple(f"i{self.variables + index + 1}" for index in range(len(group)))
+                self.variables += len(group)
+                items.extend(ir.ItemRef(ir.LoopIndex(name), box=box) for name in names)
+                loops.append((names, group[0].mask))
+            chosen: ir.Scope = {**scope, function.parameter: ir.StaticList(tuple(items), (ir.TRUE,) * len(items))}
+            sizes = Counter(part.box for part in parts).values()
+            choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes)
+            max_runs, self.max_runs = self.max_runs, self.max_runs * choices
+            self.charge_lambda(function.body)
+            condition = self.condition(function.body, chosen, strict=strict)
+            self.max_runs = max_runs
+            total = total and condition.total
+            counts.append(ir.TupleCount(tuple(loops), condition.code))
+        return ir.Combinations(collection.parts, collection.size, ir.operate("+", *counts), total, filtered=True)
+
+    def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        collection = self.lower(cast("Node", node.arguments[0]), scope)
+        function = _as_lambda(cast("Node", node.arguments[1]))
+        self.charge_call(node.word, collection, ir.FALSE)
+        if isinstance(collection, ir.AttributeSet):
+            collection = ir.as_static_list(collection)
+        if not isinstance(collection, ir.StaticList):
+            ir.unsupported("all_same_attribute")
+        self.charge_lambda(function.body, len(collection.elements))
+        values = [self.lower(function.body, {**scope, function.parameter: element}) for element in collection.elements]
+        if not all(isinstance(value, ir.Int) for value in values) and not all(isinstance(v, ir.Bool) for v in values):
+            ir.unsupported("all_same_attribute of other values")
+        codes = tuple(cast("ir.Int", value).code for value in values)
+        conditions = tuple(condition.code for condition in collection.conditions)
+        return ir.Bool(ir.AllEqual(codes, conditions), collection.total and ir.all_total(values))
+
+    def filter_static(
+        self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool
+    ) -> ir.StaticList:
+        conditions: list[ir.Bool] = []
+        for element, before in zip(collection.elements, collection.conditions, strict=True):
+            condition = self.element_condition(function, element, scope, strict=strict)
+            if before != ir.TRUE:
+                condition = ir.Bool(ir.operate("and", before.code, condition.code), before.total and condition.total)
+            conditions.append(condition)
+        return ir.StaticList(collection.elements, tuple(conditions))
+
+    def element_condition(self, function: Lambda, element: ir.Value, scope: ir.Scope, *, strict: bool) -> ir.Bool:
+        parameter, body = function.parameter, function.body
+        self.charge_lambda(body)
+        if not isinstance(element, ir.BoxRef) or not self.can_be_kernel(function):
+            return self.condition(body, {**scope, parameter: element}, strict=strict)
+        local: ir.Scope = {parameter: ir.BoxRef(ir.LOCAL_BOX)}
+        key = (parameter, id(body), ("box", strict))  # the tree outlives the generator
+        return ir.Bool(*self.kernel_call(element.box, key, lambda inner: inner.condition(body, local, strict=strict)))
+
+    def filter_part(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
+        """The items of a part for which the body is true, computed by a kernel where possible."""
+        if not self.can_be_kernel(function):
+            return self.filter_inline(function, part, scope, strict=strict)
+        whole = ir.BoxItems(ir.LOCAL_BOX, None)
+        chosen, total = self.kernel_call(
+            part.box,
+            (function.parameter, id(function.body), ("items", strict)),
+            lambda inner: inner.filter_inline(function, whole, {}, strict=strict),
+        )
+        if part.chosen is not None:
+            chosen = ir.operate("&", part.chosen, chosen)
+        return ir.BoxItems(part.box, chosen, part.total and total)
+
+    def filter_inline(self, function: Lambda, part: ir.BoxItems, scope: ir.Scope, *, strict: bool) -> ir.BoxItems:
+        self.variables += 1
+        index = f"i{self.variables}"
+        item = ir.ItemRef(ir.LoopIndex(index), box=part.box)
+        bound: ir.Scope = {**scope, function.parameter: item}
+        max_runs, self.max_runs = self.max_runs, self.max_runs * box_functions.MAX_BOX_ITEMS
+        self.charge_lambda(function.body)
+        masks, rest = self.split(function, item, bound, strict=strict)
+        for mask in masks:
+            part = ir.narrow(part, mask)
+        if rest is None:
+            self.max_runs = max_runs
+            return part
+        condition = self.condition(rest, bound, strict=strict)
+        self.max_runs = max_runs
+        return ir.BoxItems(part.box, ir.Where(index, part.mask, condition.code), part.total and condition.total)
+
+    def split(
+        self, function: Lambda, item: ir.ItemRef, bound: ir.Scope, *, strict: bool
+    ) -> tuple[list[ir.ItemMask], Node | None]:
+        """Splits the body of a filter into masks and the remaining condition to be evaluated item by item."""
+
+        def mask_of(node: Node) -> ir.ItemMask | None:
+            return self.item_mask(function.parameter, node, item, bound)
+
+        body = function.body
+        whole = mask_of(body)
+        if whole is not None:
+            return [whole], None
+        match body:
+            case Logic(operator="and", operands=operands) if not strict:
+                masks: list[ir.ItemMask] = []
+                for position, operand in enumerate(operands):
+                    mask = mask_of(operand)
+                    if mask is None:
+                        rest = operands[position:]
+                        return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
+                    masks.append(mask)
+            case Call(word=Word(name="AND"), arguments=(first, second)) if first and second:
+                for tested, rest in ((first, second), (second, first)):
+                    mask = mask_of(tested)
+                    if mask is not None and self.condition(rest, bound, strict=True).total:
+                        return [mask], rest if strict else Not(Not(rest))
+            case _:
+                pass
+        return [], body
+
+    def item_mask(self, parameter: str, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
+        """A condition on an item vectorised over its box; None when that is not possible."""
+        self.charge(costs.CALL + 8)  # the cost of AND, OR and NOT of bools
+        match node:
+            case Call(word=word, arguments=(Variable(name=name), *_)) if name == parameter and word.is_item_test:
+                return ir.ItemMask(self.test_mask(node, item.box))
+            case Not(operand=operand) | Call(word=Word(name="NOT"), arguments=(operand,)) if operand is not None:
+                inner = self.item_mask(parameter, operand, item, bound)
+                return inner and ir.ItemMask(ir.operate("~", inner.code), in_range=False, total=inner.total)
+            case Logic(operator=operator) | Call(word=Word(name="AND" | "OR" as operator)):
+                return self.combined_mask(parameter, operator.lower(), children(node), item, bound)
+            case _:
+                return self.constant_mask(node, item, bound)
+
+    def combined_mask(
+        self, parameter: str, operator: str, operands: Iterable[Node], item: ir.ItemRef, bound: ir.Scope
+    ) -> ir.ItemMask | None:
+        masks: list[ir.ItemMask] = []
+        for operand in operands:
+            mask = self.item_mask(parameter, operand, item, bound)
+            if mask is None:
+                return None
+            masks.append(mask)
+        in_range = any(m.in_range for m in masks) if operator == "and" else all(m.in_range for m in masks)
+        code = ir.operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
+        return ir.ItemMask(code, in_range=in_range, total=ir.all_total(masks))
+
+    def constant_mask(self, node: Node, item: ir.ItemRef, bound: ir.Scope) -> ir.ItemMask | None:
+        """A condition independent of the item, such as one on its box, broadcast to all items of the box."""
+        try:
+            value = self.condition(node, bound, strict=True)
+        except ir.Unsupported:
+            return None
+        if item.code.indices & value.code.indices:
+            return None
+        return ir.ItemMask(ir.operate("negative", value.code), in_range=False, total=value.total)
+
+
+def _as_lambda(node: Node) -> Lambda:
+    return as_lambda(node, "x") or ir.unsupported("function")

@@ -1,0 +1,471 @@
+"""The intermediate representation of generated code: a tree of operations, and the typed values that they compute.
+
+`printing` writes the tree as Python source, `instructions` its integer part as instructions for compiled code. `total`:
+evaluating a value never raises.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from enum import Enum
+from functools import cached_property
+from typing import Any, NoReturn, cast
+
+from lilgym_mp.envs.fast import box_functions
+from lilgym_mp.programs import costs
+from lilgym_mp.programs.values import Color, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, Box, Item
+
+MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # most items of a scene that generated code accepts
+BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
+LOCAL_BOX = "b"  # the parameter of a kernel
+ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
+ITEM_FIELDS = dict(zip(ATTRIBUTE_TYPES, map(Item._fields.index, ("colour", "shape", "size")), strict=True))
+
+
+class Unsupported(Exception):
+    """Code generation does not support this construct."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """A node of the tree."""
+
+    @cached_property
+    def parts(self) -> tuple[Code, ...]:
+        """The nodes below it."""
+        return tuple(_codes([getattr(self, field.name) for field in fields(self)]))
+
+    @cached_property
+    def size(self) -> int:
+        """The number of nodes, a shared one counted each time it is printed."""
+        return 1 + sum(part.size for part in self.parts)
+
+    @cached_property
+    def indices(self) -> frozenset[str]:
+        """The names of the loop indices in it."""
+        return frozenset[str]().union(*(part.indices for part in self.parts))
+
+
+def _codes(values: Iterable[Any]) -> Iterator[Code]:
+    for value in values:
+        if isinstance(value, Code):
+            yield value
+        elif isinstance(value, tuple):
+            yield from _codes(cast("tuple[Any, ...]", value))
+
+
+@dataclass(frozen=True)
+class Number(Code):
+    value: int  # or a bool
+
+
+@dataclass(frozen=True)
+class LoopIndex(Code):
+    """The index of an item in a loop over items of a box."""
+
+    name: str
+
+    @cached_property
+    def indices(self) -> frozenset[str]:
+        return frozenset({self.name})
+
+
+@dataclass(frozen=True)
+class ItemCount(Code):
+    """The number of items in a box."""
+
+    box: str
+
+
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
+class Kernel:
+    """A function of a box with its own code, in which the box is LOCAL_BOX."""
+
+    key: str  # of its values in `box.memo`
+    function: Callable[[Box], Any]
+    code: Code
+
+
+@dataclass(frozen=True)
+class BoxCall(Code):
+    """A call of a function of a box: a vectorised word, or a kernel."""
+
+    box: str
+    name: str
+    function: box_functions.BoxFunction
+    kernel: Kernel | None
+
+
+@dataclass(frozen=True)
+class Apply(Code):
+    """An operator of Python between the operands, several for a chain of comparisons, or one of `printing.CALLS`."""
+
+    operator: str
+    operands: tuple[Code, ...]
+
+
+@dataclass(frozen=True)
+class ItemField(Code):
+    """A field of an item of a box, as a number."""
+
+    box: str
+    item: Code
+    field: int
+
+
+@dataclass(frozen=True)
+class FieldList(Code):
+    """The list of a field of the items of a box that are in the mask."""
+
+    box: str
+    mask: Code
+    field: int
+
+
+@dataclass(frozen=True)
+class Listed(Code):
+    elements: tuple[Code, ...]
+
+
+@dataclass(frozen=True)
+class Where(Code):
+    """The mask of the items in `mask` for whose `index` the condition is true."""
+
+    index: str
+    mask: Code
+    condition: Code
+
+
+@dataclass(frozen=True)
+class TupleCount(Code):
+    """The number of tuples of items that satisfy the condition; a loop has its indices, and the mask they are from."""
+
+    loops: tuple[tuple[tuple[str, ...], Code], ...]
+    condition: Code
+
+
+@dataclass(frozen=True)
+class AllEqual(Code):
+    """Whether the values whose conditions are true have exactly one distinct value."""
+
+    values: tuple[Code, ...]
+    conditions: tuple[Code, ...]
+
+
+def operate(operator: str, *operands: Code) -> Code:
+    """The operands joined by a binary operator, from left to right, or given to a function."""
+    return Apply(operator, operands)
+
+
+def compare(operators: Sequence[str], *operands: Code) -> Code:
+    """A chain of comparisons."""
+    return Apply(" ".join(operators), operands)
+
+
+def has_bit(mask: Code, position: Code) -> Code:
+    return operate("&", operate(">>", mask, position), Number(1))
+
+
+def bits_at(positions: Iterable[Code]) -> Code:
+    """The mask of the bits at one or more positions."""
+    return operate("|", *(operate("<<", Number(1), position) for position in positions))
+
+
+@dataclass(frozen=True)
+class Coded:
+    """A value that one expression computes."""
+
+    code: Code
+    total: bool = True
+
+
+@dataclass(frozen=True)
+class Bool(Coded):
+    """0, 1, False or True."""
+
+
+@dataclass(frozen=True)
+class Int(Coded):
+    pass
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attribute(Coded):
+    """Members of an enum."""
+
+    enum: type[Enum]
+
+
+class AttributeValue(Attribute):
+    """An enum member, represented by its integer value."""
+
+
+class AttributeSet(Attribute):
+    """A set of enum members, represented as a bitmask of their integer values."""
+
+
+class AttributeList(Attribute):
+    """A list of enum members, represented as a list of their integer values."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ItemRef(Coded):
+    """An item, represented by its index in a box."""
+
+    box: str
+
+
+TRUE, FALSE = Bool(Number(True)), Bool(Number(False))
+
+
+@dataclass(frozen=True)
+class BoxRef:
+    box: str
+    total: bool = True
+
+
+@dataclass(frozen=True)
+class BoxItems:
+    """Items of one box, represented as a bitmask; `chosen` None means all items."""
+
+    box: str
+    chosen: Code | None
+    total: bool = True
+
+    @property
+    def mask(self) -> Code:
+        if self.chosen is not None:
+            return self.chosen
+        return operate("-", operate("<<", Number(1), ItemCount(self.box)), Number(1))
+
+    @property
+    def nonempty(self) -> Code:
+        return operate("!=", ItemCount(self.box) if self.chosen is None else self.chosen, Number(0))
+
+    @property
+    def count(self) -> Code:
+        return ItemCount(self.box) if self.chosen is None else operate("bit_count", self.chosen)
+
+
+@dataclass(frozen=True)
+class Items:
+    """A list or set of distinct items, one bitmask per box."""
+
+    parts: tuple[BoxItems, ...]
+    ordered: bool  # True: a list in scene order; False: a set
+
+    @property
+    def total(self) -> bool:
+        return all(part.total for part in self.parts)
+
+
+@dataclass(frozen=True)
+class StaticList:
+    """A collection whose possible elements are known at compile time; each is present if its condition is true."""
+
+    elements: tuple[Value, ...]
+    conditions: tuple[Bool, ...]
+    ordered: bool = True  # True: a list or tuple; False: a set, elements in scene order
+
+    @property
+    def total(self) -> bool:
+        return all(condition.total for condition in self.conditions)
+
+    @property
+    def unconditional(self) -> bool:
+        return all(condition == TRUE for condition in self.conditions)
+
+    @property
+    def is_indexable(self) -> bool:
+        return self.ordered and self.unconditional
+
+
+@dataclass(frozen=True)
+class UniqueItem:
+    """The only item of a collection that spans several boxes; its box is not known at compile time."""
+
+    of: Items
+    total: bool = False
+
+
+@dataclass(frozen=True)
+class Combinations:
+    """The list of `size`-element tuples of the items in `parts`; only its length is represented."""
+
+    parts: tuple[BoxItems, ...]
+    size: int
+    count: Code
+    total: bool = True
+    filtered: bool = False
+
+
+Value = (
+    Bool
+    | Int
+    | AttributeValue
+    | AttributeSet
+    | AttributeList
+    | ItemRef
+    | BoxRef
+    | Items
+    | StaticList
+    | UniqueItem
+    | Combinations
+)
+Scope = dict[str, Value]
+
+
+def unsupported(construct: object = "") -> NoReturn:
+    raise Unsupported(construct)
+
+
+@dataclass(frozen=True)
+class ItemMask:
+    """A condition on the items of a box."""
+
+    code: Code
+    in_range: bool = True  # no bits set beyond the last item of the box
+    total: bool = True
+
+
+def narrow(part: BoxItems, mask: ItemMask) -> BoxItems:
+    if part.chosen is None and mask.in_range:
+        return BoxItems(part.box, mask.code, mask.total)
+    return BoxItems(part.box, operate("&", part.mask, mask.code), part.total and mask.total)
+
+
+def max_elements(value: Value) -> int:
+    """Upper bound on the elements of a value at all levels, itself included."""
+    match value:
+        case Items(parts=parts):
+            return 1 + len(parts) * box_functions.MAX_BOX_ITEMS
+        case BoxRef():
+            return 1 + box_functions.MAX_BOX_ITEMS
+        case AttributeList():
+            return 1 + MAX_ITEMS
+        case AttributeSet(enum=enum):
+            return 1 + len(enum)
+        case Combinations(parts=parts, size=size):
+            return 1 + math.comb(len(parts) * box_functions.MAX_BOX_ITEMS, size) * (1 + size)
+        case StaticList(elements=elements):
+            return (
+                1 + len(elements) + sum(max_elements(e) for e in elements if isinstance(e, StaticList | AttributeList))
+            )
+        case _:
+            return 1
+
+
+def max_measure_steps(value: Value) -> int:
+    """Upper bound on the steps charged for measuring a value and, for a set, sorting it."""
+    count = max_elements(value)
+    if isinstance(value, AttributeSet) or (isinstance(value, Items | StaticList) and not value.ordered):
+        return 2 * count + costs.sort_steps(count, count)
+    return 2 * count
+
+
+def size_of(value: Value) -> int:
+    """The number of nodes of a value's code."""
+    match value:
+        case BoxRef():
+            return 0
+        case StaticList(elements=elements, conditions=conditions):
+            return sum(map(size_of, (*elements, *conditions)))
+        case Items(parts=parts) | UniqueItem(of=Items(parts=parts)):
+            return sum(0 if part.chosen is None else part.chosen.size for part in parts)
+        case Combinations(parts=parts, count=count):
+            return count.size + sum(0 if part.chosen is None else part.chosen.size for part in parts)
+        case _:
+            return value.code.size
+
+
+def as_static_list(values: AttributeSet) -> StaticList:
+    """An attribute set as a list of all members of the enum, each present if its bit is set."""
+    members = [AttributeValue(Number(value.value), enum=values.enum) for value in values.enum]
+    conditions = (Bool(has_bit(values.code, member.code), values.total) for member in members)
+    return StaticList(tuple(members), tuple(conditions))
+
+
+def all_total(values: Iterable[Any]) -> bool:
+    return all(value.total for value in values)
+
+
+def negate(truth: Bool) -> Bool:
+    return Bool(operate("not", truth.code), truth.total)
+
+
+def as_collection(value: Value) -> Value:
+    """Coerces a box, or a static tuple of items, to Items; other values are returned unchanged."""
+    if isinstance(value, BoxRef):
+        return Items((BoxItems(value.box, None),), ordered=True)
+    if isinstance(value, StaticList) and value.unconditional and value.elements:
+        items = [element for element in value.elements if isinstance(element, ItemRef)]
+        if len(items) == len(value.elements):  # one of several combinations, in scene order
+            parts: dict[str, list[Code]] = {}
+            for item in items:
+                parts.setdefault(item.box, []).append(item.code)
+            return Items(tuple(BoxItems(box, bits_at(indices)) for box, indices in parts.items()), ordered=True)
+    return value
+
+
+def as_truth(value: Value) -> Bool:
+    match value:
+        case Bool():
+            return value
+        case Int() | AttributeSet():
+            return Bool(operate("!=", value.code, Number(0)), value.total)
+        case AttributeList():
+            return Bool(operate("nonempty", value.code), value.total)
+        case Items() | Combinations():
+            return existence(value)
+        case BoxRef():
+            return existence(Items((BoxItems(value.box, None),), ordered=True))
+        case StaticList():
+            return existence(value) if value.elements else FALSE
+        case _:
+            return TRUE if value.total else unsupported("truth of a value that may raise")
+
+
+def existence(value: Items | StaticList | Combinations) -> Bool:
+    if isinstance(value, Combinations):
+        return Bool(operate("!=", value.count, Number(0)), value.total)
+    if isinstance(value, StaticList):
+        codes = [condition.code for condition in value.conditions]
+    else:
+        codes = [part.nonempty for part in value.parts]
+    return Bool(operate("or" if value.total else "|", *codes), value.total)
+
+
+def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
+    """The parts of two collections paired by box."""
+    pairs = list(zip(left.parts, right.parts, strict=False))
+    if len(left.parts) != len(right.parts) or any(a.box != b.box for a, b in pairs):
+        unsupported("collections from different boxes")
+    return pairs
+
+
+def conjunction(codes: Iterable[Code], *, total: bool) -> Bool:
+    return Bool(operate("and" if total else "&", *codes), total)
+
+
+def equality(left: Value, right: Value) -> Bool:
+    """`left == right`, for operands of comparable types."""
+    total = all_total((left, right))
+    match left, right:
+        case (Bool() | Int(), Bool() | Int()):
+            return Bool(operate("==", left.code, right.code), total)
+        case (
+            (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) | (AttributeList(), AttributeList())
+        ):
+            same = left.enum is right.enum
+            return Bool(operate("==", left.code, right.code), total) if same else unsupported("different attributes")
+        case (Items(), Items()) if left.ordered == right.ordered:
+            return conjunction((operate("==", a.mask, b.mask) for a, b in paired_by_box(left, right)), total=total)
+        case (ItemRef(), ItemRef()) if left.box == right.box:
+            return Bool(operate("==", left.code, right.code), total)
+        case (BoxRef(), BoxRef()):
+            return TRUE if left.box == right.box else FALSE
+        case _:
+            unsupported("equality")

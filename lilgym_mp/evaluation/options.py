@@ -1,0 +1,213 @@
+"""Command-line options that several commands share, and the error of all commands.
+
+An option that was not given has the value None; only then do the defaults of `Settings` or of a recipe apply.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from difflib import get_close_matches
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.rules import RULE_SETS
+from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
+
+RUNS = Path("runs")  # default parent of training runs
+INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
+PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named
+CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
+CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
+
+
+class CommandError(Exception):
+    """An error that the user can correct; only its message is printed, without a traceback."""
+
+
+def help_of(module: str) -> dict[str, Any]:
+    """The help of a command, from its module's docstring: its first line in lists of commands, the rest in its own."""
+    summary, _, description = (import_module(module).__doc__ or "").strip().partition("\n\n")
+    return {"help": summary[:1].lower() + summary[1:-1], "description": description}
+
+
+def add_settings(parser: argparse.ArgumentParser) -> None:
+    """Options for every field of `Settings` except the configuration."""
+    options = parser.add_argument_group("environment")
+    options.add_argument("--corpus", help=CORPUS_HELP)
+    options.add_argument("--rules", choices=sorted(RULE_SETS), help="rule set (default: paper)")
+    options.add_argument("--horizon", type=int, metavar="N", help="actions per episode (default: the rule set's)")
+    columns, rows = RELEASED_GRID
+    options.add_argument(
+        "--grid",
+        type=parse_grid,
+        metavar="COLUMNSxROWS",
+        help=f'grid of Scatter (default: {columns}x{rows}), or "{NATIVE}" for pixels',
+    )
+
+
+def add_corpus(parser: argparse.ArgumentParser) -> None:
+    """--corpus, for commands that need no further environment settings."""
+    parser.add_argument("--corpus", default="builtin", help=CORPUS_HELP)
+
+
+def add_configuration(parser: argparse.ArgumentParser, **settings: Any) -> None:
+    """A configuration as positional argument; `Settings` rejects unknown names."""
+    parser.add_argument("configuration", metavar="CONFIGURATION", help=f"one of {CONFIGURATIONS_HELP}", **settings)
+
+
+def add_split(parser: argparse.ArgumentParser, default: str) -> None:
+    parser.add_argument(
+        "--split", choices=list(SPLITS), default=default, help=f"split of the corpus (default: {default})"
+    )
+
+
+def add_number(parser: argparse.ArgumentParser, flag: str, default: float, purpose: str) -> None:
+    """An option of the type of its default."""
+    help_text = f"{purpose} (default: %(default)s)"
+    parser.add_argument(flag, type=type(default), default=default, metavar="N", help=help_text)
+
+
+def add_budget(parser: argparse.ArgumentParser, unit: str, default: int, purpose: str) -> None:
+    """The options of a training budget: --steps or --updates, and --minutes as a cap on CPU time."""
+    parser.add_argument(
+        f"--{unit}", type=int, metavar="N", help=f"{purpose} (default: the resumed run's, or {default:,})"
+    )
+    parser.add_argument("--minutes", type=float, metavar="N", help="end after this CPU time, even if fewer were made")
+
+
+def check_budget(args: argparse.Namespace, unit: str) -> None:
+    """Raises CommandError naming an option of `add_budget` that is not above 0."""
+    check_at_least(args, 1, unit)
+    if args.minutes is not None and not 0 < args.minutes < math.inf:
+        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
+
+
+def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
+    """--seed, 0 by default; `purpose` completes "random seed"."""
+    add_number(parser, "--seed", 0, f"random seed {purpose}")
+
+
+def add_thoughts(parser: argparse.ArgumentParser) -> None:
+    """--thoughts: tags of thoughts in the replies of language models; None stands for `wrappers.replies.THOUGHTS`."""
+    parser.add_argument(
+        "--thoughts",
+        nargs="+",
+        metavar="TAG",
+        help="tags of thoughts, which are not read: names, as of <think> and [THINK], or BEGIN...END (default: those of"
+        " common models)",
+    )
+
+
+def add_device(parser: argparse.ArgumentParser) -> None:
+    """Where networks run; `learning.model_file` rejects devices that are not available."""
+    parser.add_argument("--device", default="auto", metavar="NAME", help="auto, cpu or cuda (default: %(default)s)")
+    add_number(parser, "--threads", 1, "CPU threads")
+
+
+def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
+    """--out and --resume of a training run; `default`: its directory's name in RUNS."""
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"run directory (default: {RUNS}/{default})")
+    parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
+
+
+def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> None:
+    """--record and --judge-decisions; `decisions_option`: the option that has decisions recorded."""
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="record every episode in DIR, for `report` and the /watch page"
+    )
+    parser.add_argument(
+        "--judge-decisions",
+        action="store_true",
+        help=f"with {decisions_option}: ask the expert at each step whether the action taken begins a shortest solution"
+        " (slow in Scatter)",
+    )
+
+
+def flag_name(name: str) -> str:
+    """The option for a field, without its leading dashes."""
+    return name.replace("_", "-")
+
+
+def parse_grid(text: str) -> tuple[int, int] | str:
+    """A grid written as on the command line, such as 38x10. Raises ArgumentTypeError naming the valid forms."""
+    if text == NATIVE:
+        return NATIVE
+    try:
+        columns, rows = (int(count) for count in text.lower().split("x"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or COLUMNSxROWS, such as 38x10") from None
+    try:
+        return checked_grid((columns, rows))
+    except GridError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def task_with_id(corpus: str, task_id: str) -> Task:
+    """The task, from whichever set of the corpus contains it. Raises CommandError suggesting existing ids."""
+    return task_sets_with_id(list(load_all_tasks(corpus)), corpus, task_id)[0].by_id(task_id)
+
+
+def task_sets_with_id(sets: Sequence[TaskSet], corpus: str, task_id: str) -> list[TaskSet]:
+    """Those of the corpus's task sets that contain the task, at least one. Raises CommandError as above."""
+    matches = [tasks for tasks in sets if task_id in tasks.ids]
+    if not matches:
+        ids = [known for tasks in sets for known in tasks.ids]
+        examples = ", ".join(get_close_matches(task_id, ids) or ids[:3])
+        raise CommandError(f"no task {task_id!r} in corpus {corpus!r}; tasks include {examples}")
+    return matches
+
+
+def split_of(settings: Settings, split: str | None, *task_ids: str | None) -> str:
+    """`split` if given, else the first of dev, train and test that has the tasks; None stands for any task.
+
+    Raises CommandError naming the split of a task that is not in `split`, NoTasksError for a corpus without tasks.
+    """
+    wanted = {task_id for task_id in task_ids if task_id is not None}
+    ids: dict[str, set[str]] = {}  # by split
+    for name in ([split] if split else []) + PREFERRED_SPLITS:
+        try:
+            ids[name] = set(load_tasks(settings.corpus, settings.appearance, settings.start, name).ids)
+        except NoTasksError:
+            continue
+        if wanted <= ids[name]:
+            if split not in (None, name):
+                raise CommandError(f"{', '.join(sorted(wanted))} of {settings.configuration} is in {name}, not {split}")
+            return name
+    return split or next(iter(ids), PREFERRED_SPLITS[0])
+
+
+def given_environment(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `Settings`, except the configuration, that were given on the command line."""
+    return given_options(args, [field.name for field in fields(Settings) if field.name != "configuration"])
+
+
+def given_settings(args: argparse.Namespace) -> dict[str, Any]:
+    """The fields of `Settings` that were given on the command line."""
+    return {**given_environment(args), **given_options(args, ["configuration"])}
+
+
+def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
+    """The values of those options that were given."""
+    return {name: value for name in names if (value := getattr(args, name)) is not None}
+
+
+def fill_options(args: argparse.Namespace, remembered: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
+    """Gives each option that was not given its value in the resumed run, if it has one there, else its default."""
+    for name, default in defaults.items():
+        if getattr(args, name) is None:
+            setattr(args, name, remembered.get(name, default))
+
+
+def check_at_least(args: argparse.Namespace, minimum: int, *names: str) -> None:
+    """Raises CommandError for the first of the options that was given a lower value."""
+    for name, value in given_options(args, names).items():
+        if value < minimum:
+            raise CommandError(f"--{flag_name(name)} must be at least {minimum}, not {value}")

@@ -1,0 +1,384 @@
+"""Overlap, distance, snapping and cell coverage of items, as lookup tables.
+
+The relation of two items depends only on their footprints (shape and size) and integer offset. So the exact geometry
+is computed once, by `scripts/build_placement_tables.py` with shapely, and shipped as
+`lilgym_mp.data/placement.npz`. Only ties between several pairs of nearest points are resolved at run time. Source:
+docs/spec.md, "Legality and effects"; the circle is shapely's 64-sided polygon.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from importlib.resources import files
+from math import inf, sqrt
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
+from lilgym_mp.scene.arrays import BoolArray, UInt8Array
+
+Value = TypeVar("Value")
+Point = tuple[float, float]
+Ring = Sequence[Point]  # closed: the last point repeats the first
+
+SNAP_REACH = 4  # pixels: the largest truncated distance over which a new item snaps
+LARGEST_SIDE = max(FOOTPRINT_SIDES)
+OFFSET_LIMIT = LARGEST_SIDE + SNAP_REACH  # no two items further apart than this, in x or y, affect each other
+OFFSET_COUNT = 2 * OFFSET_LIMIT + 1
+NO_OFFSET = OFFSET_LIMIT * OFFSET_COUNT + OFFSET_LIMIT  # index of equal top-left corners in a pair's table
+LARGEST_MOVE = 8  # snap moves are smaller than this, in x and y
+TIED = 0  # sentinel instead of the code of a move
+CACHED_MOVES = 16_384  # moves resolved at run time; on a grid they recur
+AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so that equal areas are equal
+
+OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
+FIRST_TOO_FAR = SNAP_REACH + 2  # clearance code of everything beyond the snapping distance
+
+
+class PlacementRules(NamedTuple):
+    """How a rule set places items."""
+
+    searches_cell: bool  # if the item overlaps others at the cell's corner, other positions in the cell are tried
+    keeps_unfit_snaps: bool  # a snap applies even if the item then leaves the box or overlaps others
+    rounds_in_image: bool  # nearest points are rounded in full-image, not box-local, coordinates
+
+
+@dataclass(frozen=True, slots=True)
+class PlacementTables:
+    """The shipped tables. `offset` is new minus other top-left, plus OFFSET_LIMIT, in x then y."""
+
+    clearance: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) by new footprint, other footprint, offset: clearance code
+    moves: Sequence[Sequence[bytes]]  # (9, 9, 69 * 69) likewise: snap move, (x + 8) * 16 + y + 8
+    # keyed by flat index in `clearance`: the nearest segments, where they matter
+    ties: Mapping[int, Sequence[tuple[int, int]]]
+    outlines: Sequence[Ring]  # by footprint: relative to the bounding square's centre
+    pixel_areas: NDArray[np.int64]  # (9, 30, 30) by footprint, x, y: area of the shape in that pixel, in AREA_UNITs
+
+    def closest(self, footprint: int, x: int, y: int, items: Iterable[Item]) -> tuple[int, Item | None]:
+        """Clearance of a new `footprint` at (x, y) to the closest of `items`, and that item (the first if several).
+
+        OVERLAPPING, or 1 + truncated distance; FIRST_TOO_FAR and None when none is near.
+        """
+        by_footprint = self.clearance[footprint]
+        smallest = FIRST_TOO_FAR
+        closest = None
+        for item in items:
+            dx = x - item[0]
+            dy = y - item[1]
+            if -OFFSET_LIMIT <= dx <= OFFSET_LIMIT and -OFFSET_LIMIT <= dy <= OFFSET_LIMIT:
+                code = by_footprint[FOOTPRINTS[item[2]][item[4]]][dx * OFFSET_COUNT + dy + NO_OFFSET]
+                if code < smallest:
+                    smallest = code
+                    closest = item
+        return smallest, closest
+
+    def move(self, footprint: int, x: int, y: int, other: Item, frame_x: int) -> tuple[int, int]:
+        """The snap move of a new item towards `other`, which must be within SNAP_REACH.
+
+        `frame_x`: x of the box's left border in the coordinates that are rounded.
+        """
+        other_footprint = other.footprint
+        offset = (x - other[0]) * OFFSET_COUNT + y - other[1] + NO_OFFSET
+        index = (footprint * FOOTPRINT_COUNT + other_footprint) * OFFSET_COUNT**2 + offset
+        if index in self.ties or other[0] + frame_x < 0 or other[1] < 0:
+            return _resolved_move(index, footprint, x + frame_x, y, other_footprint, other[0] + frame_x, other[1])
+        code = self.moves[footprint][other_footprint][offset]
+        return (code >> 4) - LARGEST_MOVE, (code & 15) - LARGEST_MOVE
+
+    def points(self, footprint: int, x: int, y: int, segments: Iterable[int]) -> Mapping[int, Point]:
+        """End points of outline segments of an item of `footprint` at (x, y), by index."""
+        centre_x, centre_y = x + FOOTPRINT_SIDES[footprint] / 2, y + FOOTPRINT_SIDES[footprint] / 2
+        outline = self.outlines[footprint]
+        return {
+            i: (centre_x + outline[i][0], centre_y + outline[i][1])
+            for segment in segments
+            for i in (segment, segment + 1)
+        }
+
+
+@lru_cache(maxsize=CACHED_MOVES)
+def _resolved_move(
+    index: int, footprint: int, x: int, y: int, other_footprint: int, other_x: int, other_y: int
+) -> tuple[int, int]:
+    """`PlacementTables.move`, computed from the nearest points of the two outlines.
+
+    `index`: the key of the pair in `PlacementTables.ties`.
+    """
+    tables = placement_tables()
+    pairs = tables.ties.get(index) or all_pairs(tables.outlines[footprint], tables.outlines[other_footprint])
+    new_ring = tables.points(footprint, x, y, {i for i, _ in pairs})
+    other_ring = tables.points(other_footprint, other_x, other_y, {j for _, j in pairs})
+    p, q = nearest_points(new_ring, other_ring, pairs)
+    return int(q[0]) - int(p[0]), int(q[1]) - int(p[1])
+
+
+class CodeArrays(NamedTuple):
+    """`clearance` and `moves` of `PlacementTables` as arrays."""
+
+    clearance: UInt8Array  # (9, 9, 69, 69)
+    moves: UInt8Array  # (9, 9, 69, 69); TIED where several pairs of points are nearest
+
+
+@cache
+def code_arrays() -> CodeArrays:
+    tables = placement_tables()
+    shape = FOOTPRINT_COUNT, FOOTPRINT_COUNT, OFFSET_COUNT, OFFSET_COUNT
+    both = (b"".join(map(b"".join, codes)) for codes in (tables.clearance, tables.moves))
+    clearance, moves = (np.frombuffer(codes, np.uint8).copy() for codes in both)
+    moves[list(tables.ties)] = TIED
+    return CodeArrays(clearance.reshape(shape), moves.reshape(shape))
+
+
+@cache
+def placement_tables() -> PlacementTables:
+    with (files("lilgym_mp.data") / "placement.npz").open("rb") as file, np.load(file) as arrays:
+        segments = [(i, j) for i, j in arrays["tie_segments"].tolist()]
+        outlines = [(px, py) for px, py in arrays["outlines"].tolist()]
+        return PlacementTables(
+            clearance=_by_footprints(arrays["clearance"]),
+            moves=_by_footprints((arrays["moves"].astype(np.int64) + LARGEST_MOVE) @ (16, 1)),
+            ties=dict(zip(arrays["tie_placements"].tolist(), _runs(segments, arrays["tie_counts"]), strict=True)),
+            outlines=_runs(outlines, arrays["outline_lengths"]),
+            pixel_areas=arrays["pixel_areas"],
+        )
+
+
+def _by_footprints(codes: NDArray[np.integer]) -> list[list[bytes]]:
+    """(9, 9, ...) codes below 256 as a bytes object for each pair of footprints."""
+    return [[pair.astype(np.uint8).tobytes() for pair in row] for row in codes]
+
+
+def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[Value]]:
+    """`values` cut into consecutive runs of the given lengths."""
+    ends = lengths.cumsum(dtype=np.int64).tolist()
+    return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
+
+
+LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint: largest x and y inside the box
+
+
+def fits_box(footprint: int, x: int, y: int) -> bool:
+    return 0 <= x <= LAST_CORNER[footprint] and 0 <= y <= LAST_CORNER[footprint]
+
+
+def is_free(footprint: int, x: int, y: int, items: Iterable[Item]) -> bool:
+    """Whether an item of `footprint` at (x, y) overlaps none of `items`."""
+    return placement_tables().closest(footprint, x, y, items)[0] != OVERLAPPING
+
+
+def snapped(
+    footprint: int, x: int, y: int, closest: Item, items: Sequence[Item], box_index: int, rules: PlacementRules
+) -> tuple[int, int]:
+    """Position of a new item after snapping, from its free position (x, y) among `items`.
+
+    `closest` is the first of `items` with the smallest truncated distance, within SNAP_REACH.
+    """
+    frame_x = box_index * BOX_PITCH if rules.rounds_in_image else 0
+    move_x, move_y = placement_tables().move(footprint, x, y, closest, frame_x)
+    if not (move_x or move_y):
+        return x, y
+    new_x, new_y = x + move_x, y + move_y
+    if rules.keeps_unfit_snaps or (fits_box(footprint, new_x, new_y) and is_free(footprint, new_x, new_y, items)):
+        return new_x, new_y
+    return x, y
+
+
+@cache
+def clear_templates() -> BoolArray:
+    """(9, 9, 61, 61) by other footprint, new footprint, offset in x and y from -30: whether the two do not overlap."""
+    inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
+    return np.ascontiguousarray((code_arrays().clearance[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
+
+
+@cache
+def inside_corners() -> BoolArray:
+    """(9, 100, 100) by footprint, x, y: whether an item of that footprint placed there lies inside the box."""
+    last = BOX_SIDE - np.array(FOOTPRINT_SIDES)
+    along = np.arange(BOX_SIDE) <= last[:, None]
+    return along[:, :, None] & along[:, None, :]
+
+
+@cache
+def _areas_before() -> NDArray[np.int64]:
+    """(9, 31, 31) by footprint, x, y: area of the shape left of x and above y."""
+    areas = placement_tables().pixel_areas
+    before = np.zeros((FOOTPRINT_COUNT, LARGEST_SIDE + 1, LARGEST_SIDE + 1), np.int64)
+    before[:, 1:, 1:] = areas.cumsum(axis=1).cumsum(axis=2)
+    return before
+
+
+def shape_area(footprint: int) -> int:
+    """Area of a shape, in AREA_UNITs."""
+    return int(_areas_before()[footprint, -1, -1])
+
+
+@cache
+def cell_areas(cell_width: int, cell_height: int) -> tuple[tuple[tuple[int, ...], ...], ...]:
+    """Area of a shape in a cell, in AREA_UNITs, by footprint and by cell minus item top-left.
+
+    Indexed [footprint][dx + cell_width - 1][dy + cell_height - 1]; an offset outside the table means no overlap.
+    """
+    before = _areas_before()
+    width, height = LARGEST_SIDE + cell_width - 1, LARGEST_SIDE + cell_height - 1
+    start_x, start_y = np.arange(width) - (cell_width - 1), np.arange(height) - (cell_height - 1)
+    low_x, high_x = start_x.clip(0), (start_x + cell_width).clip(max=LARGEST_SIDE)
+    low_y, high_y = start_y.clip(0), (start_y + cell_height).clip(max=LARGEST_SIDE)
+    right, left = before[:, high_x], before[:, low_x]
+    areas = right[:, :, high_y] - right[:, :, low_y] - left[:, :, high_y] + left[:, :, low_y]
+    return tuple(tuple(tuple(row) for row in footprint_areas) for footprint_areas in areas.tolist())
+
+
+@cache
+def search_offsets(cell_width: int, cell_height: int) -> BoolArray:
+    """(9, cell width, cell height) by footprint and offset in the cell: whether the search may place an item there.
+
+    It may if half of the item lies in the cell or the item covers half of the cell.
+    """
+    areas = np.array(cell_areas(cell_width, cell_height))[:, :cell_width, :cell_height]
+    inside = areas[:, ::-1, ::-1]
+    half_items = np.array([shape_area(footprint) for footprint in range(FOOTPRINT_COUNT)])[:, None, None]
+    half_cell = cell_width * cell_height * AREA_UNIT
+    return np.ascontiguousarray((2 * inside >= half_items) | (2 * inside >= half_cell))
+
+
+def _as_bits(flags: BoolArray, pitch: int) -> int:
+    """Flags (columns, rows) as a bitmask, with bit column * pitch + row."""
+    padded = np.zeros((len(flags), pitch), np.bool_)
+    padded[:, : flags.shape[1]] = flags
+    return int.from_bytes(np.packbits(padded, bitorder="little").tobytes(), "little")
+
+
+def _search_pitch(cell_height: int) -> int:
+    """Bits per column: enough that shifted masks never spill into the next column's cell."""
+    return cell_height + 2 * LARGEST_SIDE
+
+
+@cache
+def _search_bits(footprint: int, fitting: tuple[int, int], cell: tuple[int, int]) -> int:
+    """Bitmask of the positions in a cell that the search may choose in an empty box.
+
+    `fitting`: number of columns and rows of the cell at which the item stays in the box.
+    """
+    places = search_offsets(*cell)[footprint].copy()
+    places[max(0, fitting[0]) :] = False
+    places[:, max(0, fitting[1]) :] = False
+    return _as_bits(places, _search_pitch(cell[1]))
+
+
+@cache
+def _overlap_bits(cell_height: int) -> Sequence[Sequence[int]]:
+    """(9, 9) by other footprint and new footprint: bitmask of the offsets from -30 that overlap."""
+    pitch = _search_pitch(cell_height)
+    return [[_as_bits(~clear, pitch) for clear in by_new] for by_new in clear_templates()]
+
+
+def searched(
+    footprint: int, cell_x: int, cell_y: int, cell: tuple[int, int], items: Iterable[Item]
+) -> tuple[int, int] | None:
+    """The first free position in the cell whose top-left pixel is (cell_x, cell_y), or None.
+
+    The search goes by column from the left, and from top to bottom within a column.
+    """
+    width, height = cell
+    pitch = _search_pitch(height)
+    beyond = BOX_SIDE - FOOTPRINT_SIDES[footprint] + 1
+    free = _search_bits(footprint, (min(width, beyond - cell_x), min(height, beyond - cell_y)), cell)
+    overlaps = _overlap_bits(height)
+    for item in items:
+        left, top = cell_x - item[0] + LARGEST_SIDE, cell_y - item[1] + LARGEST_SIDE
+        if -width < left <= 2 * LARGEST_SIDE and -height < top <= 2 * LARGEST_SIDE:
+            taken, shift = overlaps[FOOTPRINTS[item[2]][item[4]]][footprint], left * pitch + top
+            free &= ~(taken >> shift if shift >= 0 else taken << -shift)
+    if not free:
+        return None
+    offset_x, offset_y = divmod((free & -free).bit_length() - 1, pitch)
+    return cell_x + offset_x, cell_y + offset_y
+
+
+def check_apart(items: Sequence[Item]) -> None:
+    """Raises SceneError when an item lies outside the box or overlaps another."""
+    for index, item in enumerate(items):
+        if not fits_box(item.footprint, item.x, item.y):
+            raise SceneError(f"item {index} at ({item.x}, {item.y}), {item.side} pixels wide, lies outside its box")
+        if not is_free(item.footprint, item.x, item.y, items[:index]):
+            raise SceneError(f"item {index} at ({item.x}, {item.y}) overlaps an earlier item of its box")
+
+
+# The nearest points of two outlines, to the last bit as GEOS (shapely's engine) computes them. Snapping truncates them
+# to integers, and which of several equally near pairs (parallel sides, symmetric circles) is chosen depends on how
+# distances round at the items' positions. So ties are resolved as GEOS's brute-force facet distance does: segment by
+# segment in ring order, in IEEE doubles, a later pair winning only when it is strictly nearer.
+
+
+def nearest_points(
+    first: Mapping[int, Point], second: Mapping[int, Point], pairs: Sequence[tuple[int, int]]
+) -> tuple[Point, Point]:
+    """The nearest points on two rings that do not intersect, the first ring's first.
+
+    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order; rings are given by the
+    segments' end points: segment i goes from point i to point i + 1.
+    """
+    nearest = inf
+    found = first[pairs[0][0]], second[pairs[0][1]]
+    for i, j in pairs:
+        a, b, c, d = first[i], first[i + 1], second[j], second[j + 1]
+        if _envelope_distance_squared(a, b, c, d) > nearest * nearest:
+            continue
+        distance = min(_to_segment(a, c, d), _to_segment(b, c, d), _to_segment(c, a, b), _to_segment(d, a, b))
+        if distance < nearest:
+            nearest = distance
+            found = _closest_points(a, b, c, d)
+    return found
+
+
+def all_pairs(first: Ring, second: Ring) -> Sequence[tuple[int, int]]:
+    """Every pair of segments of two rings, in the order of `nearest_points`."""
+    return [(i, j) for i in range(len(first) - 1) for j in range(len(second) - 1)]
+
+
+def _envelope_distance_squared(a: Point, b: Point, c: Point, d: Point) -> float:
+    dx = max(0.0, min(c[0], d[0]) - max(a[0], b[0]), min(a[0], b[0]) - max(c[0], d[0]))
+    dy = max(0.0, min(c[1], d[1]) - max(a[1], b[1]), min(a[1], b[1]) - max(c[1], d[1]))
+    return dx * dx + dy * dy
+
+
+def _distance(p: Point, q: Point) -> float:
+    dx, dy = p[0] - q[0], p[1] - q[1]
+    return sqrt(dx * dx + dy * dy)
+
+
+def _to_segment(p: Point, a: Point, b: Point) -> float:
+    """Distance of a point from a segment."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    length_squared = dx * dx + dy * dy
+    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length_squared
+    if along <= 0.0:
+        return _distance(p, a)
+    if along >= 1.0:
+        return _distance(p, b)
+    across = ((a[1] - p[1]) * dx - (a[0] - p[0]) * dy) / length_squared
+    return abs(across) * sqrt(length_squared)
+
+
+def _projected(p: Point, a: Point, b: Point) -> Point:
+    """The point of a segment nearest to `p`."""
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy)
+    if 0.0 < along < 1.0:
+        return a[0] + along * dx, a[1] + along * dy
+    return a if _distance(a, p) < _distance(b, p) else b
+
+
+def _closest_points(a: Point, b: Point, c: Point, d: Point) -> tuple[Point, Point]:
+    """Nearest points of two segments that do not intersect."""
+    candidates = (
+        (_projected(c, a, b), c),
+        (_projected(d, a, b), d),
+        (a, _projected(a, c, d)),
+        (b, _projected(b, c, d)),
+    )
+    return min(candidates, key=lambda points: _distance(*points))

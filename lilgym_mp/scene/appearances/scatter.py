@@ -1,0 +1,285 @@
+"""Scatter: items of any shape, colour and size anywhere in the boxes, placed by the cells of a grid.
+
+Source: docs/spec.md, "Actions", "Legality and effects", "Rule sets".
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from typing import SupportsIndex, cast
+
+import numpy as np
+
+from lilgym_mp.scene import (
+    BOX_COUNT,
+    BOX_PITCH,
+    BOX_SIDE,
+    FOOTPRINTS,
+    IMAGE_HEIGHT,
+    IMAGE_WIDTH,
+    SIZE_PIXELS,
+    Box,
+    Colour,
+    Item,
+    Scene,
+    SceneError,
+    Shape,
+    Size,
+)
+from lilgym_mp.scene.actions import STOP, Action, ActionError, AddItem, RemoveItem, Stop
+from lilgym_mp.scene.appearances import placement
+from lilgym_mp.scene.appearances.base import ArrayForm, Edit, Grid, InvalidReason, slot_value
+from lilgym_mp.scene.appearances.legality import box_legality
+from lilgym_mp.scene.appearances.numbering import (
+    ITEM_TYPE_FOOTPRINTS,
+    ITEM_TYPES,
+    REMOVES,
+    action_count,
+    add_index,
+    cell_and_item_type,
+    remove_index,
+)
+from lilgym_mp.scene.arrays import BOOLEANS, BoolArray
+from lilgym_mp.scene.tuples import new_tuple
+
+NATIVE = "native"
+RELEASED_GRID = (19, 5)
+NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
+WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
+MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
+
+_ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
+_ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
+
+
+class GridError(ValueError):
+    """A grid whose cells do not tile the boxes and separators."""
+
+
+def _is_pair(grid: object) -> bool:
+    return isinstance(grid, tuple | list) and len(cast("Sequence[object]", grid)) == 2
+
+
+def _positive(count: object) -> int:
+    """`count` if it is a positive integer, else 0."""
+    if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
+        return 0
+    return max(0, operator.index(count))
+
+
+def checked_grid(grid: object) -> Grid:
+    """(columns, rows) from a pair or "native". Raises GridError naming the choices."""
+    if grid == NATIVE:
+        return NATIVE_GRID
+    sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
+    if not all(sizes):
+        raise GridError(f"grid must be {NATIVE!r} or a pair (columns, rows) of positive whole numbers, not {grid!r}")
+    columns, rows = sizes
+    if IMAGE_WIDTH % columns or WIDEST_CELL % (IMAGE_WIDTH // columns):
+        choices = [IMAGE_WIDTH // width for width in range(WIDEST_CELL, 0, -1) if WIDEST_CELL % width == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: with {columns} columns cells would straddle a separator;"
+            f" choose from {', '.join(map(str, choices))} columns"
+        )
+    if IMAGE_HEIGHT % rows:
+        choices = [count for count in range(1, IMAGE_HEIGHT + 1) if IMAGE_HEIGHT % count == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: {rows} rows do not divide {IMAGE_HEIGHT} pixels;"
+            f" choose from {', '.join(map(str, choices))} rows"
+        )
+    return columns, rows
+
+
+def _decoded(grid: Grid, index: int) -> Action:
+    if index == 0:
+        return STOP
+    columns, rows = grid
+    cell, item_type = cell_and_item_type(index, columns * rows)
+    column, row = divmod(cell, rows)
+    return RemoveItem(column, row) if item_type == REMOVES else AddItem(column, row, *ITEM_TYPES[item_type])
+
+
+@cache
+def _actions(grid: Grid) -> tuple[Action, ...]:
+    """All actions of a grid."""
+    return tuple(_decoded(grid, index) for index in range(action_count(grid[0] * grid[1])))
+
+
+@dataclass(frozen=True, slots=True)
+class Scatter:
+    """1 + 28 actions per cell: STOP, ADD(x, y, shape, colour, size), REMOVE(x, y), in this order."""
+
+    name = "scatter"
+    shapes = tuple(Shape)
+    example = AddItem(3, 4, Shape.CIRCLE, Colour.BLUE, Size.SMALL)
+    box_capacity = None
+
+    grid: Grid = RELEASED_GRID
+    cell: tuple[int, int] = field(init=False)  # width and height in pixels
+    _columns: tuple[tuple[int, int] | None, ...] = field(init=False, repr=False)  # box and x in it, by column
+    cell_count: int = field(init=False, repr=False)  # cells of the grid, separators included
+    box_cells: tuple[range, ...] = field(init=False, repr=False, compare=False)  # cells of each box
+    is_native: bool = field(init=False, repr=False, compare=False)  # a cell is one pixel: no search, no snapping
+    # decoded actions by index, if there are at most MAX_DECODED
+    _table: Sequence[Action] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        columns, rows = checked_grid(self.grid)
+        width = IMAGE_WIDTH // columns
+        places = (divmod(column * width, BOX_PITCH) for column in range(columns))
+        by_column = tuple((box, x) if x < BOX_SIDE else None for box, x in places)
+        object.__setattr__(self, "grid", (columns, rows))
+        object.__setattr__(self, "cell", (width, IMAGE_HEIGHT // rows))
+        object.__setattr__(self, "is_native", self.cell == (1, 1))
+        object.__setattr__(self, "_columns", by_column)
+        object.__setattr__(self, "cell_count", columns * rows)
+        firsts = (box * BOX_PITCH // width * rows for box in range(BOX_COUNT))
+        object.__setattr__(self, "box_cells", tuple(range(f, f + BOX_SIDE // width * rows) for f in firsts))
+        object.__setattr__(self, "_table", _actions(self.grid) if self.action_count <= MAX_DECODED else ())
+
+    @property
+    def action_count(self) -> int:
+        return action_count(self.cell_count)
+
+    def decode(self, index: int) -> Action:
+        return self._table[index] if self._table else _decoded(self.grid, index)
+
+    def encode(self, action: Action) -> int:
+        match action:
+            case Stop():
+                return 0
+            case AddItem(column, row, shape, colour, size) if (shape, colour, size) in _ITEM_TYPE_INDICES:
+                return add_index(self._cell_index(column, row), _ITEM_TYPE_INDICES[shape, colour, size])
+            case RemoveItem(column, row):
+                return remove_index(self._cell_index(column, row), self.cell_count)
+            case _:
+                raise ActionError(f"{action!r} is not an action of scatter")
+
+    def from_array(self, values: Sequence[int]) -> Action:
+        return self._array_form.read(values)
+
+    def to_array(self, action: Action) -> list[int]:
+        return self._array_form.write(action)
+
+    @property
+    def _array_form(self) -> ArrayForm:
+        slots = {"x": self.grid[0], "y": self.grid[1], "shape": Shape, "colour": Colour, "size": Size}
+        return ArrayForm("scatter", slots, (Stop, AddItem, RemoveItem))
+
+    def apply(self, scene: Scene, action: Action, rules: placement.PlacementRules) -> Edit:
+        if isinstance(action, AddItem):
+            return self._add(scene, action, rules)
+        if isinstance(action, RemoveItem):
+            return self._remove(scene, action)
+        raise ActionError(f"{action!r} is not an edit of scatter")
+
+    def _add(self, scene: Scene, action: AddItem, rules: placement.PlacementRules) -> Edit:
+        column, row, shape, colour, size = action
+        place = self._columns[column]
+        if place is None:
+            return Edit(scene, InvalidReason.SEPARATOR)
+        box_index, x = place
+        y = row * self.cell[1]
+        items = scene.boxes[box_index].items
+        found = self.place(FOOTPRINTS[shape][size], x, y, box_index, items, rules)
+        if not isinstance(found, tuple):
+            return Edit(scene, found)
+        x, y = found
+        item = new_tuple(Item, (x, y, shape, colour, size))
+        return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
+
+    def place(
+        self, footprint: int, x: int, y: int, box_index: int, items: Sequence[Item], rules: placement.PlacementRules
+    ) -> tuple[int, int] | InvalidReason:
+        """The position of an item added to the cell with top-left pixel (x, y) of a box with `items`, or why it cannot
+        be added."""
+        last = placement.LAST_CORNER[footprint]
+        if x > last or y > last:
+            return InvalidReason.OUT_OF_BOX
+        tables = placement.placement_tables()
+        clearance, closest = tables.closest(footprint, x, y, items)
+        if clearance == placement.OVERLAPPING:
+            found = placement.searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
+            if found is None:
+                return InvalidReason.OVERLAP
+            x, y = found
+            _, closest = tables.closest(footprint, x, y, items)
+        if closest is None or self.is_native:
+            return x, y
+        return placement.snapped(footprint, x, y, closest, items, box_index, rules)
+
+    def _remove(self, scene: Scene, action: RemoveItem) -> Edit:
+        place = self._columns[action.column]
+        if place is None:
+            return Edit(scene, InvalidReason.SEPARATOR)
+        box_index, x = place
+        box = scene.boxes[box_index]
+        position = self.covering(box.items, x, action.row * self.cell[1])
+        if position < 0:
+            return Edit(scene, InvalidReason.NOTHING_TO_REMOVE)
+        return Edit(scene.with_box(box_index, box.without(position)))
+
+    def covering(self, items: Sequence[Item], x: int, y: int) -> int:
+        """The position of the item that covers most of the cell with top-left pixel (x, y), the first of equals; -1 if
+        none covers any of it."""
+        areas = [self._area_in_cell(item, x, y) for item in items]
+        largest = max(areas, default=0)
+        return areas.index(largest) if largest else -1
+
+    def _area_in_cell(self, item: Item, cell_x: int, cell_y: int) -> int:
+        width, height = self.cell
+        dx, dy = cell_x - item.x + width - 1, cell_y - item.y + height - 1
+        table = placement.cell_areas(width, height)[item.footprint]
+        return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
+
+    def searches(self, rules: placement.PlacementRules) -> bool:
+        """Whether an item that would overlap others at its cell's corner may be placed elsewhere in the cell."""
+        return rules.searches_cell and not self.is_native
+
+    def legal_mask(self, scene: Scene, rules: placement.PlacementRules) -> BoolArray:
+        mask = np.zeros(self.action_count, np.bool_)
+        mask[0] = True
+        for box, cells in zip(scene.boxes, self.box_cells, strict=True):
+            adds = slice(add_index(cells.start, 0), add_index(cells.stop, 0))
+            removes = slice(remove_index(cells.start, self.cell_count), remove_index(cells.stop, self.cell_count))
+            mask[adds], mask[removes] = self._legal_in_box(box, rules)
+        return mask
+
+    def _legal_in_box(self, box: Box, rules: placement.PlacementRules) -> tuple[BoolArray, BoolArray]:
+        """Whether each ADD and each REMOVE in the box's cells is valid, in order of their indices."""
+        searches = self.searches(rules)
+        key = (self.grid, searches)
+        found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
+        if found is None:
+            legality = box_legality(*self.cell, searches=searches)
+            addable = legality.addable(box.items)[..., _ADD_FOOTPRINTS].ravel()
+            found = box.memo[key] = addable, legality.removable(box.items).ravel()
+        return found
+
+    def explain(self, rules: placement.PlacementRules) -> Iterator[str]:
+        shapes, colours, sizes = ("|".join(member.name for member in enum) for enum in (Shape, Colour, Size))
+        pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
+        yield (
+            f"ADD(column, row, {shapes}, {colours}, {sizes}) puts an item into a box, its top-left corner at that of"
+            f" the cell. Sides in pixels: {pixels}. Items may neither cross the border of their box nor overlap."
+        )
+        if self.searches(rules):
+            yield "Where it would overlap there, a free place in the cell is looked for."
+        if not self.is_native:
+            yield "An item put within 4 pixels of another moves up to it."
+        yield "REMOVE(column, row) takes away the item that fills the cell most."
+
+    def check_scene(self, scene: Scene) -> Scene:
+        for index, box in enumerate(scene.boxes):
+            try:
+                placement.check_apart(box.items)
+            except SceneError as fault:
+                raise SceneError(f"box {index}: {fault}") from None
+        return scene
+
+    def _cell_index(self, column: int, row: int) -> int:
+        columns, rows = self.grid
+        return slot_value("x", column, columns) * rows + slot_value("y", row, rows)

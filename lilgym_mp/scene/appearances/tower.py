@@ -1,0 +1,210 @@
+"""Tower: medium squares stacked in the middle of each box, added and removed at the top.
+
+There are only 121 possible stacks, so each box exists once, with its four successors.
+Source: docs/spec.md, "Scenes", "Actions", "Legality and effects".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, RemoveBlock, Stop, TowerAction
+from lilgym_mp.scene.appearances.base import ArrayForm, Edit, InvalidReason
+from lilgym_mp.scene.appearances.placement import PlacementRules
+from lilgym_mp.scene.arrays import BoolArray
+from lilgym_mp.scene.tuples import new_tuple
+
+BLOCK_X = 40
+LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom
+CAPACITY = len(LEVEL_Y)
+
+ACTIONS: tuple[TowerAction, ...] = (
+    STOP,
+    *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
+    *(RemoveBlock(box) for box in range(BOX_COUNT)),
+)
+_ARRAY_FORM = ArrayForm("tower", {"box": BOX_COUNT, "colour": Colour}, (Stop, AddBlock, RemoveBlock))
+_INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
+
+
+_MEMO_KEY = "tower stack"
+
+
+class TowerTables(NamedTuple):
+    """The 121 boxes by index, the empty one first, as arrays for vectorised lookup."""
+
+    boxes: Sequence[Box]  # (121,)
+    indices: Mapping[tuple[Item, ...], int]  # keyed by the box's items
+    after: NDArray[np.int64]  # (121, 4) index of the box after adding each colour and after removing; -1 if invalid
+    colours: NDArray[np.int8]  # (121, 4) colour of the block on each level, -1 where there is none
+    action_box: NDArray[np.int64]  # (13,) box of an action; 0 for STOP
+    action_edit: NDArray[np.int64]  # (13,) column of `after`; 0 for STOP
+    heights: NDArray[np.int64]  # (121,)
+    legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
+
+
+EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # indexed by column of `after`
+
+
+@cache
+def tower_tables() -> TowerTables:
+    boxes = tuple(_boxes().values())
+    indices = {box.items: index for index, box in enumerate(boxes)}
+    stacks = [_stack(box) for box in boxes]
+    edits = [(*stack.with_block, stack.without_top) for stack in stacks]
+    colours = np.full((len(boxes), CAPACITY), -1, np.int8)
+    for index, box in enumerate(boxes):
+        colours[index, : len(box.items)] = [item.colour for item in box.items]
+    return TowerTables(
+        boxes,
+        indices,
+        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in edits]),
+        colours=colours,
+        action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
+        action_edit=np.array([_edit_column(action) for action in ACTIONS]),
+        heights=np.array([len(box.items) for box in boxes]),
+        legal=_legal_by_heights(),
+    )
+
+
+def _edit_column(action: TowerAction) -> int:
+    match action:
+        case AddBlock():
+            return action.colour
+        case RemoveBlock():
+            return len(Colour)
+        case Stop():
+            return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Tower:
+    """13 actions: STOP, ADD(box, colour) for 3 boxes x 3 colours, REMOVE(box) for 3 boxes."""
+
+    name = "tower"
+    action_count = len(ACTIONS)
+    grid = None
+    shapes = (Shape.SQUARE,)
+    example = AddBlock(0, Colour.BLUE)
+    box_capacity = CAPACITY
+
+    def decode(self, index: int) -> Action:
+        return ACTIONS[index]
+
+    def encode(self, action: Action) -> int:
+        if isinstance(action, TowerAction) and action in _INDICES:
+            return _INDICES[action]
+        raise ActionError(f"{action!r} is not an action of tower")
+
+    def from_array(self, values: Sequence[int]) -> Action:
+        return _ARRAY_FORM.read(values)
+
+    def to_array(self, action: Action) -> list[int]:
+        return _ARRAY_FORM.write(action)
+
+    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
+        if isinstance(action, AddBlock):
+            box = _stack(scene.boxes[action.box]).with_block[action.colour]
+        elif isinstance(action, RemoveBlock):
+            box = _stack(scene.boxes[action.box]).without_top
+        else:
+            raise ActionError(f"{action!r} is not an edit of tower")
+        if box is None:
+            return Edit(scene, EDIT_REASONS[_edit_column(action)])
+        return new_tuple(Edit, (scene.with_box(action.box, box), None))
+
+    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
+        left, middle, right = scene.boxes
+        return _legal_by_heights()[len(left.items), len(middle.items), len(right.items)].copy()
+
+    def explain(self, rules: PlacementRules) -> Iterator[str]:
+        boxes, colours = "|".join(BOX_NAMES), "|".join(colour.name for colour in Colour)
+        yield f"ADD({boxes}, {colours}) puts a block on top of a box's tower, which holds {CAPACITY}."
+        yield f"REMOVE({boxes}) takes the top block away."
+
+    def check_scene(self, scene: Scene) -> Scene:
+        """The same scene, composed of the shared boxes."""
+        boxes: list[Box] = []
+        for index, box in enumerate(scene.boxes):
+            try:
+                boxes.append(_shared(box))
+            except SceneError as fault:
+                raise SceneError(f"box {index}: {fault}") from None
+        left, middle, right = boxes
+        return Scene((left, middle, right))
+
+
+class _Stack(NamedTuple):
+    """A box and its successors; None if the edit is invalid."""
+
+    box: Box
+    with_block: tuple[Box | None, ...]  # indexed by Colour
+    without_top: Box | None
+
+
+def _block(level: int, colour: Colour) -> Item:
+    return Item(BLOCK_X, LEVEL_Y[level], Shape.SQUARE, colour, Size.MEDIUM)
+
+
+@cache
+def _boxes() -> dict[tuple[Item, ...], Box]:
+    """All 121 boxes by items, each with its `_Stack` in its memo."""
+    boxes: dict[tuple[Item, ...], Box] = {(): Box()}
+    layer: list[tuple[Item, ...]] = [()]
+    for level in range(CAPACITY):
+        layer = [(*items, _block(level, colour)) for items in layer for colour in Colour]
+        boxes.update((items, Box(items)) for items in layer)
+    for items, box in boxes.items():
+        full = len(items) == CAPACITY
+        box.memo[_MEMO_KEY] = _Stack(
+            box,
+            tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
+            boxes[items[:-1]] if items else None,
+        )
+    return boxes
+
+
+def _stack(box: Box) -> _Stack:
+    try:
+        return box.memo[_MEMO_KEY]
+    except KeyError:
+        return _shared(box).memo[_MEMO_KEY]
+
+
+def _shared(box: Box) -> Box:
+    try:
+        return _boxes()[box.items]
+    except KeyError:
+        raise SceneError(_fault(box)) from None
+
+
+def _fault(box: Box) -> str:
+    if len(box.items) > CAPACITY:
+        return f"a tower holds at most {CAPACITY} blocks, not {len(box.items)}"
+    for level, item in enumerate(box.items):
+        if item != _block(level, item.colour):
+            return (
+                f"item {level} must be a medium square at ({BLOCK_X}, {LEVEL_Y[level]}) to stack,"
+                f" not a {item.size.name.lower()} {item.shape.name.lower()} at ({item.x}, {item.y})"
+            )
+    raise AssertionError("the box is a legal tower")
+
+
+@cache
+def _legal_by_heights() -> BoolArray:
+    """(5, 5, 5, 13) whether each action is valid, by the heights of the three towers. Read-only."""
+    heights = np.indices((CAPACITY + 1,) * BOX_COUNT)
+    legal = np.ones((*heights.shape[1:], len(ACTIONS)), np.bool_)
+    for index, action in enumerate(ACTIONS):
+        if isinstance(action, AddBlock):
+            legal[..., index] = heights[action.box] < CAPACITY
+        elif isinstance(action, RemoveBlock):
+            legal[..., index] = heights[action.box] > 0
+    return legal

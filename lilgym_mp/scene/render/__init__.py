@@ -1,0 +1,11 @@
+"""Scenes as pixels, as text and as captioned frames.
+
+`drawing` is the reference, `canvas` redraws only what changed, `characters` is for terminals and language models,
+`frames` adds captions, box outlines and a grid of cells.
+"""
+
+from lilgym_mp.scene.render.canvas import Canvas
+from lilgym_mp.scene.render.characters import text
+from lilgym_mp.scene.render.drawing import draw, image_shape, shrink_of
+
+__all__ = ["Canvas", "draw", "image_shape", "shrink_of", "text"]

@@ -1,0 +1,86 @@
+"""Scenes as characters, for terminals and language models, with column and row numbers around them if wanted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Colour, Item, Scene, Shape
+from lilgym_mp.scene.appearances import Grid
+from lilgym_mp.scene.render.drawing import item_mask
+
+TEXT_CELL = (5, 10)  # width and height in native pixels of one character
+BORDER = 1  # characters on each side of a box
+GAP = 2  # characters between two boxes
+_TEXT_COLOURS = {Colour.YELLOW: 33, Colour.BLACK: 30, Colour.BLUE: 34}
+_TEXT_SHAPES = {Shape.CIRCLE: "o", Shape.SQUARE: "#", Shape.TRIANGLE: "^"}
+
+
+def text(
+    scene: Scene, lines: Sequence[str], *, coloured: bool = True, mark: Callable[[Item], str] | None = None
+) -> str:
+    """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
+
+    Without colours, items are drawn as y (yellow), k (black) or b (blue), whatever their shape. `mark` gives another
+    character for an item.
+    """
+    width, height = TEXT_CELL
+    box_columns, rows = BOX_SIDE // width, BOX_SIDE // height
+    boxes: list[list[list[str]]] = []
+    for box in scene.boxes:
+        cells = [[" "] * box_columns for _ in range(rows)]
+        for item in box.items:
+            character = _text_mark(item, coloured=coloured) if mark is None else mark(item)
+            for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
+                for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
+                    if _covers(item, column * width + width // 2, row * height + height // 2):
+                        cells[row][column] = character
+        boxes.append(cells)
+    edge = "+" + "-" * box_columns + "+"
+    picture = [f"|{'|  |'.join(''.join(box[row]) for box in boxes)}|" for row in range(rows)]
+    border = "  ".join([edge] * BOX_COUNT)
+    return "\n".join([border, *picture, border, *lines])
+
+
+def _covers(item: Item, x: int, y: int) -> bool:
+    column, row = x - item.x, y - item.y
+    return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.footprint)[row, column])
+
+
+def _text_mark(item: Item, *, coloured: bool) -> str:
+    if not coloured:
+        return {Colour.YELLOW: "y", Colour.BLACK: "k", Colour.BLUE: "b"}[item.colour]
+    return f"\x1b[1;{_TEXT_COLOURS[item.colour]}m{_TEXT_SHAPES[item.shape]}\x1b[0m"
+
+
+def ruled(picture: str, grid: Grid | None) -> str:
+    """The picture of `text` with column numbers above and row numbers on the right, unchanged without a grid.
+
+    If cells are narrower than their numbers, only some are numbered.
+    """
+    if grid is None:
+        return picture
+    columns, rows = grid
+    top, *inside, bottom = picture.split("\n")
+    marks = _row_marks(rows, len(inside))
+    numbered = [f"{line} {mark}".rstrip() for line, mark in zip(inside, marks, strict=True)]
+    return "\n".join([_column_line(columns), top, *numbered, bottom])
+
+
+def _column_line(columns: int) -> str:
+    cell_width = IMAGE_WIDTH // columns
+    box_width = BOX_SIDE // TEXT_CELL[0] + 2 * BORDER + GAP
+    line = ""
+    for box in range(BOX_COUNT):
+        for x in range(0, BOX_SIDE, cell_width):
+            start = box * box_width + BORDER + x // TEXT_CELL[0]
+            if start > len(line) or not line:
+                line = line.ljust(start) + str((box * BOX_PITCH + x) // cell_width)
+    return line
+
+
+def _row_marks(rows: int, lines: int) -> list[str]:
+    cell_height = IMAGE_HEIGHT // rows
+    marks = [""] * lines
+    for row in reversed(range(rows)):
+        marks[row * cell_height // TEXT_CELL[1]] = str(row)
+    return marks

@@ -1,0 +1,167 @@
+"""Pictures of scenes for people: enlarged and antialiased, with outlines and, optionally, names of cells and boxes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cache
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, Item, Scene, Shape
+from lilgym_mp.scene.actions import BOX_NAMES
+from lilgym_mp.scene.appearances import Appearance
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB
+
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
+RGB = tuple[int, int, int]
+
+SCALE = 2  # width of a native pixel
+MARGIN = 12  # pixels around the scene, for row and column numbers
+SUPERSAMPLING = 3  # factor by which the scene is drawn larger before it is reduced
+SCENE_SHAPE = (IMAGE_HEIGHT * SCALE + 2 * MARGIN, IMAGE_WIDTH * SCALE + 2 * MARGIN, 3)  # (224, 784, 3)
+CAPTION_HEIGHT = 80
+FRAME_SHAPE = (SCENE_SHAPE[0] + CAPTION_HEIGHT, SCENE_SHAPE[1], 3)  # (304, 784, 3)
+FONT_PIXELS = 17
+MARK_FONT_PIXELS = 10
+MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only some cells are numbered
+LINE_PIXELS = FONT_PIXELS + 8
+PAPER_RGB, INK_RGB, MARK_RGB = (255, 255, 255), (30, 30, 30), (90, 90, 90)
+OUTLINE_RGB = (80, 80, 80)
+LIGHT: tuple[RGB, RGB] = (PAPER_RGB, (240, 240, 236))  # separators and boxes of light pictures
+CELL_RGB = (180, 180, 180)
+
+
+def scene_picture(scene: Scene, marked: Appearance | None = None) -> UInt8Array:
+    """(224, 784, 3) the scene at twice its native size. `marked`: with the names that actions of this appearance use:
+    column and row numbers of cells, or names of boxes."""
+    image = Image.new("RGB", (SCENE_SHAPE[1], SCENE_SHAPE[0]), PAPER_RGB)
+    grid = None if marked is None else marked.grid
+    image.paste(Image.fromarray(smooth_picture(scene, SCALE, grid)), (MARGIN, MARGIN))
+    pen = ImageDraw.Draw(image)
+    _outline_boxes(pen, SCALE, MARGIN)
+    if marked is not None:
+        _mark(pen, marked)
+    return np.asarray(image)
+
+
+def frame(scene: Scene, lines: Sequence[str], marked: Appearance | None = None) -> UInt8Array:
+    """(304, 784, 3) `scene_picture` above lines of text, which are truncated to the width."""
+    height, width, _ = FRAME_SHAPE
+    image = Image.new("RGB", (width, height), PAPER_RGB)
+    image.paste(Image.fromarray(scene_picture(scene, marked)))
+    pen, font = ImageDraw.Draw(image), caption_font()
+    for index, line in enumerate(lines):
+        text = _fitted(line, width - 2 * MARGIN, pen, font)
+        pen.text((MARGIN, SCENE_SHAPE[0] + index * LINE_PIXELS), text, fill=INK_RGB, font=font)
+    return np.asarray(image)
+
+
+@cache
+def caption_font() -> Font:
+    return ImageFont.load_default(FONT_PIXELS)
+
+
+def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None, *, light: bool = False) -> UInt8Array:
+    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines.
+
+    `light`: in boxes of a lighter grey than those of observations, with nothing between them.
+    """
+    image = _drawn(scene, scale * SUPERSAMPLING, grid, LIGHT if light else (SEPARATOR_RGB, BOX_RGB))
+    image = image.reduce(SUPERSAMPLING)
+    _outline_boxes(ImageDraw.Draw(image), scale, 0)
+    return np.asarray(image)
+
+
+def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
+    """A line around each box; the first box is at (margin, margin); lines outside the image are clipped."""
+    for box in range(BOX_COUNT):
+        left = margin + scale * BOX_PITCH * box
+        pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)
+
+
+def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None, ground: tuple[RGB, RGB]) -> Image.Image:
+    """`ground`: the colours of separators and boxes."""
+    separator, empty = ground
+    image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), separator)
+    pen = ImageDraw.Draw(image)
+    for index, box in enumerate(scene.boxes):
+        left = index * BOX_PITCH
+        pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=empty)
+        if grid is not None:
+            for line in _cell_lines(left, grid):
+                pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)
+        for item in box.items:
+            _draw_item(pen, item, left + item.x, scale)
+    return image
+
+
+def _draw_item(pen: ImageDraw.ImageDraw, item: Item, x: int, scale: int) -> None:
+    """Draws the item at native pixel (x, item.y), with an edge that separates it from adjacent items of its colour."""
+    corners = _square(x, item.y, item.side, scale)
+    fill, width = COLOUR_RGB[item.colour], SUPERSAMPLING
+    edge = _edge(fill)
+    match item.shape:
+        case Shape.CIRCLE:
+            pen.ellipse(corners, fill, edge, width)
+        case Shape.SQUARE:
+            pen.rectangle(corners, fill, edge, width)
+        case Shape.TRIANGLE:
+            left, top, right, bottom = corners
+            pen.polygon([((left + right) // 2, top), (right, bottom), (left, bottom)], fill, edge, width)
+
+
+def _edge(rgb: RGB) -> RGB:
+    """A darker shade; grey for black."""
+    return (rgb[0] * 2 // 3, rgb[1] * 2 // 3, rgb[2] * 2 // 3) if any(rgb) else (110, 110, 110)
+
+
+def _square(x: int, y: int, side: int, scale: int) -> tuple[int, int, int, int]:
+    """Pillow's inclusive corners of a square of native pixels."""
+    return x * scale, y * scale, (x + side) * scale - 1, (y + side) * scale - 1
+
+
+def _steps(cell: int) -> int:
+    """Number of cells between two numbers and lines, at least MARK_SPACING pixels."""
+    return -(-MARK_SPACING // (cell * SCALE))
+
+
+def _cell_lines(left: int, grid: tuple[int, int]) -> Iterator[tuple[int, int, int, int]]:
+    """Lines between the numbered cells of the box whose left edge is native pixel `left`: (x, y, x, y)."""
+    columns, rows = grid
+    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+    for x in range(0, BOX_SIDE, width * _steps(width)):
+        yield left + x, 0, left + x, BOX_SIDE
+    for y in range(0, BOX_SIDE, height * _steps(height)):
+        yield left, y, left + BOX_SIDE, y
+
+
+def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
+    """Draws the names of boxes, or column numbers above the boxes and row numbers on their left."""
+    font = ImageFont.load_default(MARK_FONT_PIXELS)
+    if appearance.grid is None:
+        for box, name in enumerate(BOX_NAMES):
+            middle = MARGIN + SCALE * (BOX_PITCH * box + BOX_SIDE // 2)
+            pen.text((middle, MARGIN // 2), name, fill=MARK_RGB, font=font, anchor="mm")
+        return
+    columns, rows = appearance.grid
+    width, height = IMAGE_WIDTH // columns, IMAGE_HEIGHT // rows
+    for box in range(BOX_COUNT):
+        left = BOX_PITCH * box
+        for x in range(left, left + BOX_SIDE, width * _steps(width)):
+            position = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
+            pen.text(position, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
+        for y in range(0, BOX_SIDE, height * _steps(height)):
+            ink = MARK_RGB if box == 0 else PAPER_RGB  # on the separators
+            position = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
+            pen.text(position, str(y // height), fill=ink, font=font, anchor="rm")
+
+
+def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:
+    """The line, truncated with an ellipsis if it is wider."""
+    if pen.textlength(line, font=font) <= width:
+        return line
+    while line and pen.textlength(line + "...", font=font) > width:
+        line = line[:-1]
+    return line + "..."

@@ -1,6 +1,0 @@
-"""One module per page, with its HTML and JSON routes."""
-
-from lilgym_mp.web.routes import annotate, explore, game, home, play, sentence, watch
-
-PAGES = (home, play, watch, game, annotate, explore, sentence)
-ROUTERS = [router for page in PAGES for router in (page.router, page.api)]
