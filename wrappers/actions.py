@@ -41,6 +41,7 @@ class ActionMask(EnvWrapper[MaskInfo]):
 
 TRAINING_SPLIT = "train"
 FORCED = "forced_stop"  # info key
+FORCED_NOW = "forced"  # observation key
 
 
 class Forcing(Transformation):
@@ -49,8 +50,9 @@ class Forcing(Transformation):
     def __init__(self, description: EnvDescription, *, mode: str, allow_evaluation: bool) -> None:
         """Raises ValueError for an unknown mode or an evaluation split."""
         super().__init__(description)
-        self.adds_infos = choose("mode", mode, {"mask": True, "replace": False})
-        self.changes_actions = not self.adds_infos
+        choose("mode", mode, {name: name for name in ("mask", "replace", "observe")})
+        self.adds_infos, self.changes_actions = mode == "mask", mode == "replace"
+        self.changes_observations = mode == "observe"
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
             raise ValueError(
@@ -60,9 +62,19 @@ class Forcing(Transformation):
         if self.changes_actions:
             description.require_discrete_actions()
 
+    def observation_space(self) -> spaces.Space[Any]:
+        if not self.changes_observations:
+            return self.env_description.observation_space
+        return spaces.Dict({**self.env_description.parts(), FORCED_NOW: spaces.Box(0, 1, (1,), np.int8)})
+
+    def observations(self, observations: Batch, state: EnvState) -> Batch:
+        if not self.changes_observations:
+            return observations
+        return {**observations, FORCED_NOW: state.goal_reached()[:, None].astype(np.int8)}
+
     def action_masks(self, state: EnvState) -> BoolArray:
         legal = state.action_masks()
-        if not self.changes_actions:
+        if self.adds_infos:
             success = state.goal_reached()
             legal[success] = False
             legal[success, self.env_description.stop_index] = True

@@ -141,12 +141,12 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         options = checked_options(options, RESET_OPTIONS)
         env_ids = self._chosen(options.get("reset_mask"))
         tasks = self._chosen_tasks(options.get("task"))
-        all_envs = len(env_ids) == self.num_envs
-        if not all_envs and not self._is_started:
+        if len(env_ids) < self.num_envs and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, env_ids)
         chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids] for column in (seeds, tasks))
-        self._add_tasks(self._everywhere(Engine.reset, ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs)))
+        request = ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs="reset_mask" not in options)
+        self._add_tasks(self._everywhere(Engine.reset, request))
         for env_id in env_ids.tolist():
             self._seeds[env_id] = self._seeds[env_id] if seeds[env_id] is None else seeds[env_id]
         self._is_started = True

@@ -22,7 +22,7 @@ from lilgym_mp.envs.checks import check_keywords, checked_count, checked_flag
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.observation import FORMS, TEXT, item_capacity
 from lilgym_mp.envs.rules import ActionStatus, Dynamics, State, make_dynamics
-from lilgym_mp.envs.sampling import Sampler, checked_sampler, checked_task
+from lilgym_mp.envs.sampling import Sampler, checked_sampler, checked_task, sampled_tasks
 from lilgym_mp.envs.single import next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import RELEASED_GRID, Grid, make_appearance
@@ -76,7 +76,8 @@ class BatchSettings:
         return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
 
     def tasks(self) -> TaskSet:
-        return load_tasks(self.corpus, self.appearance, self.start, self.split)
+        tasks = sampled_tasks(self.sampler)
+        return tasks or load_tasks(self.corpus, self.appearance, self.start, self.split)
 
     def array_specs(self) -> dict[str, ArraySpec]:
         """Shape and dtype of each of the buffers' arrays."""
@@ -114,7 +115,7 @@ class ResetRequest(NamedTuple):
     env_ids: Int64Array  # (k,) environments, ascending
     seeds: Sequence[int | None]  # (k,) None: keep the generator
     tasks: Sequence[int | Task | None]  # (k,) task indices, or tasks of the caller; None: the next task
-    all_envs: bool  # whether the whole batch is reset, which restarts an evaluation
+    all_envs: bool  # whether the whole batch is reset without a mask, which restarts an evaluation
 
     def part(self, first: int, stop: int) -> ResetRequest:
         """The request for environments first .. stop - 1, with env ids relative to `first`."""

@@ -9,6 +9,7 @@ from typing import Any, cast
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.statement_arrays import StatementArrays
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.rules import Dynamics
@@ -18,7 +19,13 @@ from lilgym_mp.programs.task import Task
 # Called at the start of every episode whose task the caller of `reset` did not choose, automatic resets included, with
 # the environment's random generator and its index in the batch (0 for a single environment). Returns a `Task` or the id
 # of one of the environment's, or None for a uniformly drawn one. Workers have copies, so there it must be picklable.
+# A sampler may have `tasks`, a TaskSet that the environment plays instead of its corpus's.
 Sampler = Callable[[np.random.Generator, int], "Task | str | None"]
+
+
+def sampled_tasks(sampler: Any) -> TaskSet | None:
+    """The sampler's own tasks."""
+    return getattr(sampler, "tasks", None)
 
 
 def checked_sampler(sampler: Any) -> Sampler | None:

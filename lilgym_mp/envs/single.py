@@ -16,7 +16,7 @@ from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, chec
 from lilgym_mp.envs.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition, make_dynamics
-from lilgym_mp.envs.sampling import Sampler, check_statement, checked_sampler, checked_task
+from lilgym_mp.envs.sampling import Sampler, check_statement, checked_sampler, checked_task, sampled_tasks
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import checked_index
@@ -105,7 +105,7 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         self._renderer = Renderer(render_mode, marked=marked)
         self.render_mode = self._renderer.mode
         self._canvas = Canvas(image_size)
-        self.tasks = load_tasks(corpus, appearance, start, split)
+        self.tasks = sampled_tasks(sampler) or load_tasks(corpus, appearance, start, split)
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
         self._arrays = statement_arrays(observation, self.tasks, vocabulary, length)
         space = observation_space(image_size, self.tasks, self._arrays)

@@ -143,10 +143,18 @@ class TaskSampler:
             self.current[env_ids] = self._sample_statements(len(env_ids), rng)
         sampled: list[int] = []
         for statement in self.current[env_ids // self._group].tolist():
-            main, empty = self._main[statement], self._empty[statement]
-            chosen = empty if len(empty) and (not len(main) or rng.random() < self._empty_fraction) else main
-            sampled.append(int(chosen[rng.integers(len(chosen))]))
+            sampled.append(self.draw_task(statement, rng))
         return sampled
+
+    def draw_statement(self, rng: np.random.Generator) -> int:
+        """The index of a statement."""
+        return int(self._sample_statements(1, rng)[0])
+
+    def draw_task(self, statement: int, rng: np.random.Generator) -> int:
+        """The index of one of the statement's tasks."""
+        main, empty = self._main[statement], self._empty[statement]
+        chosen = empty if len(empty) and (not len(main) or rng.random() < self._empty_fraction) else main
+        return int(chosen[rng.integers(len(chosen))])
 
 
 def _by_statement(statement_of: Int64Array, mask: BoolArray, count: int) -> list[Int64Array]:

@@ -1,0 +1,54 @@
+"""A sampler of training tasks for environments, so that any learner has the tasks of `lilgym-mp train ppo`."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+
+from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.registration import configuration_name, read_configuration
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.learning.ppo.recipe import UpdateRecipe
+from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
+
+
+class StatementSampler:
+    """Draws training tasks, as the `sampler` of environments: `gymnasium.make_vec(id, num_envs=N, sampler=sampler)`.
+
+    Environments k n .. k n + n - 1, with n = `same_statement`, play one statement, until each has begun two episodes of
+    it on average: learners that encode each statement once are much faster. It counts these episodes, so that each
+    batch needs its own, and `num_workers` should divide the groups. `recolour`: also tasks with colours exchanged in
+    words and scenes alike. `empty_starts`: the fraction of a FlipIt run's episodes that begin with the empty scene.
+    """
+
+    EPISODES = 2  # of each environment with one statement
+
+    def __init__(
+        self,
+        id: str,
+        corpus: str = "builtin",
+        *,
+        same_statement: int = 1,
+        recolour: bool = False,
+        empty_starts: float = 0.0,
+    ) -> None:
+        """`id`: of the environment, or its configuration. Raises ValueError naming the value and its bounds."""
+        settings = Settings(configuration_name(*read_configuration(id)), os.fspath(corpus))
+        options = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
+        recipe = UpdateRecipe(envs=same_statement, rollout=same_statement, batch_size=1, held_out=0.0, **options)
+        training = training_tasks(settings, recipe)
+        self.tasks = training.tasks  # played instead of those of the environment's corpus
+        self.vocabulary = Vocabulary.from_statements(training.statements)
+        self._draws = TaskSampler(training, recipe)
+        self._group = same_statement
+        self._left: dict[int, tuple[int, int]] = {}  # by group: its statement, and how many more episodes play it
+
+    def __call__(self, generator: np.random.Generator, env_id: int) -> str:
+        """The id of the next task."""
+        group = env_id // self._group
+        statement, left = self._left.get(group, (0, 0))
+        if not left:
+            statement, left = self._draws.draw_statement(generator), self._group * self.EPISODES
+        self._left[group] = statement, left - 1
+        return self.tasks.ids[self._draws.draw_task(statement, generator)]

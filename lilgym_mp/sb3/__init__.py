@@ -1,0 +1,29 @@
+"""Training with Stable-Baselines3: environments, a policy, and a recipe."""
+
+from __future__ import annotations
+
+try:
+    import sb3_contrib  # noqa: F401
+    import stable_baselines3  # noqa: F401
+except ModuleNotFoundError as missing:
+    from lilgym_mp.corpus.extras import install
+
+    message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
+    raise ModuleNotFoundError(message, name=missing.name) from missing
+
+from lilgym_mp.sb3.policy import LilGymPolicy, StatementRolloutBuffer
+from lilgym_mp.sb3.recipe import EntropySchedule, Recipe, agent_of, load_agent, recipe
+from lilgym_mp.sb3.vec_env import BACKENDS, BatchVecEnv, make_vec_env
+
+__all__ = [
+    "BACKENDS",
+    "BatchVecEnv",
+    "EntropySchedule",
+    "LilGymPolicy",
+    "Recipe",
+    "StatementRolloutBuffer",
+    "agent_of",
+    "load_agent",
+    "make_vec_env",
+    "recipe",
+]
