@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,17 +19,30 @@ __version__ = "0.1.0"
 if not Path(__file__).with_name("wrappers").is_dir():
     __path__.append(str(Path(__file__).resolve().parents[1]))
 
+
+class _Package(ModuleType):
+    """A package whose modules are imported on first use, such as `lilgym_mp.envs.workers` after `import lilgym_mp`."""
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_") or find_spec(f"{self.__name__}.{name}") is None:
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        return import_module(f"{self.__name__}.{name}")
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        """Python sets each module that it has imported as an attribute of its package."""
+        super().__setattr__(name, value)
+        if isinstance(value, ModuleType) and hasattr(value, "__path__") and value.__name__ == f"{self.__name__}.{name}":
+            value.__class__ = _Package
+            for name, part in list(vars(value).items()):  # imported with it, before it had this class
+                setattr(value, name, part)
+
+
+sys.modules[__name__].__class__ = _Package
+
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.registration import register_all
 
 register_all()
-
-
-def __getattr__(name: str) -> Any:
-    """Imports a part on first use, such as `lilgym_mp.sb3` after `import lilgym_mp`."""
-    if name.startswith("_") or find_spec(f"{__name__}.{name}") is None:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}.{name}")
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:

@@ -52,7 +52,8 @@ INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of e
     "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
     "max_steps": "horizon=N",
     "max_episode_steps": "horizon=N",
-    **dict.fromkeys(("autoreset_mode", "evaluation", "copy", "num_envs"), _OF_BATCHES),
+    "num_envs": "gymnasium.make_vec(id, num_envs=N), which makes a batch",
+    **dict.fromkeys(("autoreset_mode", "evaluation", "copy"), _OF_BATCHES),
     **dict.fromkeys(("num_workers", "start_method", "timeout_seconds"), _OF_WORKERS),
     "render_cells": "gymnasium.make(id, {}=...), as it belongs to single environments",
 }

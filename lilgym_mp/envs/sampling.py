@@ -40,7 +40,7 @@ def checked_task(task: Task, dynamics: Dynamics, capacity: int | None = None) ->
 
     Raises ValueError for an unsuitable start or program, or too many items.
     """
-    with _naming(task):
+    with naming(task):
         dynamics.appearance.check_scene(task.start)
         compile_program(task.program)
         if capacity is not None and (needed := item_capacity((task,), dynamics)) > capacity:
@@ -53,7 +53,7 @@ def checked_task(task: Task, dynamics: Dynamics, capacity: int | None = None) ->
 
 def check_statement(task: Task, space: spaces.Space[Any], arrays: StatementArrays | None) -> None:
     """Raises ValueError unless observations of `space` can show the task's statement."""
-    with _naming(task):
+    with naming(task):
         if arrays is not None:
             arrays.row(task.statement)
         elif not space["statement"].contains(task.statement):  # pyright: ignore[reportIndexIssue]
@@ -61,7 +61,8 @@ def check_statement(task: Task, space: spaces.Space[Any], arrays: StatementArray
 
 
 @contextmanager
-def _naming(task: Task) -> Iterator[None]:
+def naming(task: Task) -> Iterator[None]:
+    """Names the task in a ValueError."""
     try:
         yield
     except ValueError as fault:

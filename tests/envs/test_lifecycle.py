@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import copy
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -153,8 +155,21 @@ def test_actions__in_array_form_name_what_takes_them() -> None:
     assert envs.unwrapped.encode_action([1, 0, 2]) == single.unwrapped.encode_action([1, 0, 2])
 
 
+PARTS = [
+    "envs.workers.WorkerVectorEnv",
+    "envs.proposer_verifier.partners.SCRIPTED",
+    "programs.canonical",
+    "scene.render.canvas",
+    "corpus.generator.lexicon",
+    "learning.parsing",
+    "contrib.rlvr.mutants",
+    "wrappers.replies",
+]
+
+
 def test_parts__are_imported_on_first_use() -> None:
-    assert lilgym_mp.wrappers.ActionMask is ActionMask
-    assert lilgym_mp.envs.workers.WorkerVectorEnv is WorkerVectorEnv
-    with pytest.raises(AttributeError, match="module 'lilgym_mp' has no attribute 'nothing'"):
-        _ = lilgym_mp.nothing
+    code = f"import lilgym_mp, operator; [operator.attrgetter(part)(lilgym_mp) for part in {PARTS}]"
+    subprocess.run([sys.executable, "-c", code], check=True)
+    for package in (lilgym_mp, lilgym_mp.envs, lilgym_mp.envs.cores, lilgym_mp.scene.render):
+        with pytest.raises(AttributeError, match=f"module '{package.__name__}' has no attribute 'nothing'"):
+            _ = package.nothing

@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
-from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, intent_option
+from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.observations import AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, with_tasks
 from lilgym_mp.envs.single import next_draws
 from lilgym_mp.scene.actions import ActionError
@@ -43,7 +44,7 @@ class BatchedGames:
     Observations as from `parallel_env` with a leading axis (N,). Rewards by agent; both agents end together. Infos,
     of the games now in play:
     - "turns", bool (N, 2): which agents are to move;
-    - "task_index", int (N,): index in `tasks`;
+    - "task_index", int (N,): index in `tasks`, `len(tasks)` for a `Task` of the caller;
     - "proposal", int (N,): the pending proposal, an action index of the MDP, -1 if there is none;
     - "goal_reached", bool (N,), only with `reveal_truth`: whether the statement has the target value.
     Of the turn just played:
@@ -98,12 +99,13 @@ class BatchedGames:
     ) -> tuple[dict[str, AgentObservation], dict[str, Any]]:
         """Starts every game; game i is seeded with `seed` + i. `options` as for `parallel_env`, for all games."""
         check_open(closed=self._is_closed)
-        seed = checked_seed(seed)
+        seed, (choice, intent) = checked_seed(seed), reset_options(options)
+        task = None if choice is None else self._games.index_of(choice)
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + index for index in range(self.num_games)]
             self._generators = [seeding.np_random(seed)[0] for seed in seeds]
             self._draws = [[] for _ in seeds]
-        self._start(self._all, options or {})
+        self._start(self._all, task, intent)
         self._is_started = True
         return self._observations(), self._infos()
 
@@ -112,11 +114,9 @@ class BatchedGames:
         """The tasks played; "task_index" in infos is an index of it."""
         return self._setup.tasks
 
-    def _start(self, indices: Int64Array, options: Mapping[str, Any]) -> None:
-        """Starts games (k,); each draws its task, then its intent, from its own generator."""
+    def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
+        """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
         setup = self._setup
-        task = setup.tasks.index_of(options["task"]) if "task" in options else None
-        intent = intent_option(options)
         if intent is None:
             intent = setup.fixed_intent
         sampled = self._sampled(indices) if task is None and self._sampler is not None else None
@@ -168,7 +168,7 @@ class BatchedGames:
             infos["holds"] = games.holds
         if len(ended):
             infos |= self._final_infos(ended)
-            self._start(ended, {})
+            self._start(ended)
         infos |= self._infos()
         return self._observations(), rewards, terminated, truncated, infos
 

@@ -12,7 +12,7 @@ from gymnasium.spaces.utils import flatten, flatten_space
 from gymnasium.utils import seeding
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.envs.checks import check_open
+from lilgym_mp.envs.checks import check_open, checked_options
 from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
@@ -32,6 +32,8 @@ from lilgym_mp.scene.render import draw
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
 NESTED, IMAGE = "nested", "image"
+RESET_OPTIONS = ("task", "intent")
+API_TEST_OPTIONS = {"options": 1}  # which PettingZoo's API tests give
 
 
 def role_of(agent: object) -> Role:
@@ -46,9 +48,11 @@ def agent_spaces(parts: Mapping[str, Part], action_count: int) -> tuple[spaces.D
     return spaces.Dict({PARTS: observation, MASK: mask}), spaces.Discrete(action_count)
 
 
-def intent_option(options: Mapping[str, Any]) -> Intent | None:
-    """The "intent" of reset options. Raises ValueError naming the choices."""
-    return choose("intent", options["intent"], INTENTS) if "intent" in options else None
+def reset_options(options: object) -> tuple[object, Intent | None]:
+    """The task and the intent of reset options, None for those that are drawn. Raises ValueError naming the choices."""
+    checked = checked_options(None if options == API_TEST_OPTIONS else options, RESET_OPTIONS)
+    intent = checked.get("intent")
+    return checked.get("task"), None if intent is None else choose("intent", intent, INTENTS)
 
 
 class TurnResult(NamedTuple):
@@ -111,18 +115,19 @@ class GameEngine:
     def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
-        Options: "task", an id; "intent", "helpful" or "sneaky". Others are ignored, as PettingZoo's API test demands.
+        Options: "task", an id or a `Task`; "intent", "helpful" or "sneaky".
         Raises ValueError for bad options, ClosedEnvironmentError after `close`.
         """
         self.check_open()
-        if seed is not None:
-            (self._rng, _), self._is_seeded = seeding.np_random(seed), True
-        setup, options = self.setup, options or {}
-        task = setup.tasks.index_of(options["task"]) if "task" in options else setup.sample_task_index(self.rng)
-        intent = intent_option(options)
-        intent = setup.sample_intent(self.rng) if intent is None else intent
+        setup = self.setup
+        choice, intent = reset_options(options)
         if self.games.setup is not setup:
             self.games = ObservedGames(setup, 1)
+        chosen = None if choice is None else self.games.index_of(choice)
+        if seed is not None:
+            (self._rng, _), self._is_seeded = seeding.np_random(seed), True
+        task = setup.sample_task_index(self.rng) if chosen is None else chosen
+        intent = setup.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
         self.games_started += 1
         self._last_actions = self._last_result = ""
@@ -130,7 +135,7 @@ class GameEngine:
             self.render()
         info = self.games.truth_info(0)
         if info:
-            info = {"task": setup.tasks[task].id, **info}
+            info = {"task": self.state.mdp.task.id, **info}
         return info, info.copy()
 
     def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> TurnResult:

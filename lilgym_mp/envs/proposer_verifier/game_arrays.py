@@ -74,7 +74,8 @@ class GameArrays:
         actions, capacity = dynamics.appearance.action_count, setup.item_capacity
         specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
-        self._core = make_core(dynamics, setup.tasks, self._buffers, setup.image_size)
+        tasks = [*setup.tasks, setup.tasks[0]]  # with room for one that a caller chooses
+        self._core = make_core(dynamics, tasks, self._buffers, setup.image_size)
         self._mdp_results = results = ResultTable.of(dynamics)
         self._continues = ~(results.terminated | results.truncated)  # by step result
         self._indices = np.arange(num_games)

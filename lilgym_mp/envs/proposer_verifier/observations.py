@@ -13,12 +13,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.observation import image_space, item_array
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.envs.sampling import checked_task, naming
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 from lilgym_mp.scene.render import Canvas
@@ -146,8 +149,11 @@ class LazyTable:
     def fill(self, keys: Int64Array) -> None:
         """Computes the values of distinct keys (k,)."""
         for key in keys[~self._is_known[keys]].tolist():
-            self._values[key], self._is_known[key] = self._value_of(key), True
-            self._unknown -= 1
+            self.set(key, self._value_of(key))
+
+    def set(self, key: int, value: Any) -> None:
+        self._unknown -= not self._is_known[key]
+        self._values[key], self._is_known[key] = value, True
 
 
 class TaskPart(Part):
@@ -156,18 +162,21 @@ class TaskPart(Part):
     def __init__(self, setup: GameSetup, space: spaces.Space[Any]) -> None:
         self.space = space
         self._setup = setup
-        self._values = LazyTable(len(setup.tasks), space, self.value_of)
+        self.values = LazyTable(len(setup.tasks) + 1, space, self._value_at)  # by index; the last is a caller's task's
         self._is_filled = False  # for batches
 
-    def value_of(self, task: int) -> Any:
-        """The value for the task with this index."""
+    def value_of(self, task: Task) -> Any:
+        """Raises ValueError if it does not fit the space."""
         raise NotImplementedError
+
+    def _value_at(self, index: int) -> Any:
+        return self.value_of(self._setup.tasks[index])
 
     def encode(self, games: GameArrays, indices: Indices) -> Any:
         if not self._is_filled and not isinstance(indices, int):
-            self._values.fill(np.arange(len(self._setup.tasks)))
+            self.values.fill(np.arange(len(self._setup.tasks)))
             self._is_filled = True
-        return self._values.take(games.tasks[indices])
+        return self.values.take(games.tasks[indices])
 
 
 class TokensPart(TaskPart):
@@ -176,8 +185,11 @@ class TokensPart(TaskPart):
     def __init__(self, setup: GameSetup) -> None:
         super().__init__(setup, spaces.Box(0, len(setup.vocabulary) - 1, (setup.statement_length,), np.int64))
 
-    def value_of(self, task: int) -> Any:
-        return self._setup.vocabulary.encode(self._setup.tasks[task].statement, self._setup.statement_length)
+    def value_of(self, task: Task) -> Any:
+        length, count = self._setup.statement_length, len(words(task.statement))
+        if count > length:
+            raise ValueError(f"its statement has {count} words, and observations have room for {length}")
+        return self._setup.vocabulary.encode(task.statement, length)
 
 
 class StatementTextPart(TaskPart):
@@ -186,8 +198,8 @@ class StatementTextPart(TaskPart):
     def __init__(self, setup: GameSetup) -> None:
         super().__init__(setup, byte_space(setup.max_statement_bytes))
 
-    def value_of(self, task: int) -> Any:
-        return as_bytes(self._setup.tasks[task].statement, self._setup.max_statement_bytes)
+    def value_of(self, task: Task) -> Any:
+        return as_bytes(task.statement, self._setup.max_statement_bytes)
 
 
 class TargetPart(TaskPart):
@@ -196,8 +208,8 @@ class TargetPart(TaskPart):
     def __init__(self, setup: GameSetup) -> None:
         super().__init__(setup, spaces.Discrete(2))
 
-    def value_of(self, task: int) -> Any:
-        return self._setup.tasks[task].target
+    def value_of(self, task: Task) -> Any:
+        return task.target
 
 
 def byte_space(length: int) -> spaces.Box:
@@ -205,9 +217,11 @@ def byte_space(length: int) -> spaces.Box:
 
 
 def as_bytes(text: str, length: int) -> UInt8Array:
-    """(length,) the text in UTF-8, padded with zeros; `read_text` decodes it."""
+    """(length,) the text in UTF-8, padded with zeros; `read_text` decodes it. Raises ValueError for a longer text."""
     array = np.zeros(length, np.uint8)
     encoded = text.encode()
+    if len(encoded) > length:
+        raise ValueError(f"its statement has {len(encoded)} bytes, and observations have room for {length}")
     array[: len(encoded)] = np.frombuffer(encoded, np.uint8)
     return array
 
@@ -356,6 +370,25 @@ class ObservedGames(GameArrays):
         proposer, verifier = self.parts
         self._shared = [key for key, part in verifier.items() if proposer.get(key) is part]
         self._verifiers = {key: part for key, part in verifier.items() if key not in self._shared}
+
+    def index_of(self, choice: object) -> int:
+        """The index of a task in play: an id's, or a `Task`'s, which it has until the next one is chosen.
+
+        Raises ValueError for an unknown id, and for a task that cannot be played or shown.
+        """
+        tasks = self.setup.tasks
+        if not isinstance(choice, Task):
+            return tasks.index_of(choice)
+        if (index := tasks.find(choice)) is not None:
+            return index
+        parts = {part for own in self.parts for part in own.values() if isinstance(part, TaskPart)}
+        checked_task(choice, self.game.config.dynamics, self.setup.item_capacity)
+        with naming(choice):
+            values = [(part.values, part.value_of(choice)) for part in parts]
+        for table, value in values:
+            table.set(len(tasks), value)
+        self._core.set_task(len(tasks), choice)
+        return len(tasks)
 
     def observe(self, role: Role, indices: Indices) -> AgentObservation:
         """An agent's observation of games `indices`."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
@@ -22,6 +23,7 @@ PROPOSER, VERIFIER = AGENTS
 GAMES, STEPS, SEED = 8, 25, 11  # enough games for compiled code
 VERIFIER_WAITS = 2
 VIEWS = {PROPOSER: {"history": 2}, VERIFIER: {"scene": "structured", "history": 1}}
+MISSPELT = {"options": {"tasks": "1"}}
 MIXED = {"hidden": 1.0, "mdp_if_helpful": 0.5}
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "views": VIEWS, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
@@ -181,21 +183,26 @@ def test_tasks_and_sampler__choose_what_is_played():
 
 def test_reset__options_set_task_and_intent_of_all_games():
     batch, single = BatchedGames(GAMES, rewards="hidden"), parallel_env(rewards="hidden")
-    options = {"task": single.tasks.ids[3], "intent": "sneaky"}
-    observations, _ = batch.reset(options=options)
-    expected, _ = single.reset(options=options)
-    assert all(data_equivalence(row(observations, index), expected) for index in range(GAMES))
-    assert observations[PROPOSER]["observation"]["intent"].tolist() == [1] * GAMES
+    for task in (single.tasks.ids[3], replace(single.tasks[5], id="given", statement="A blue one.")):
+        options = {"task": task, "intent": "sneaky"}
+        observations, infos = batch.reset(options=options)
+        expected, _ = single.reset(options=options)
+        assert all(data_equivalence(row(observations, index), expected) for index in range(GAMES))
+        assert observations[PROPOSER]["observation"]["intent"].tolist() == [1] * GAMES
+    assert set(infos["task_index"]) == {len(batch.tasks)}
+    stops = {agent: np.full(GAMES, STOPS if agent == PROPOSER else STOP_NOW) for agent in AGENTS}
+    ends = [batch.step(stops)[4] for _ in range(2)]
+    assert ends[-1]["task_index"].max() < len(batch.tasks)  # the next games draw from the split
     with pytest.raises(ValueError, match="no task 'nothing'"):
         batch.reset(options={"task": "nothing"})
     with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
         batch.reset(options={"intent": "kind"})
 
 
-@pytest.mark.parametrize("arguments", [{"seed": -1}, {"seed": 1.5}, {"options": {"task": "nothing"}}])
+@pytest.mark.parametrize("arguments", [{"seed": -1}, {"seed": 1.5}, {"options": {"task": "nothing"}}, MISSPELT])
 def test_reset__that_fails_starts_no_game(arguments: dict[str, Any]):
     batch = BatchedGames(GAMES)
-    with pytest.raises(ValueError, match=r"a seed must be|no task"):
+    with pytest.raises(ValueError, match=r"a seed must be|no task|choose from task, intent"):
         batch.reset(**arguments)
     with pytest.raises(ResetNeeded):
         batch.step({agent: np.zeros(GAMES, int) for agent in AGENTS})

@@ -7,6 +7,7 @@ import pickle
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,18 +23,33 @@ from lilgym_mp.envs.proposer_verifier import (
     ENVIRONMENT_ID,
     PROTOCOLS,
     BatchedGames,
+    Role,
     SingleAgentView,
     TurnError,
     env,
     parallel_env,
     raw_env,
+    read_text,
 )
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW, STOPS, WAIT
+from tests.scenes import B, Y, circle, scene, tower
 
 PROPOSER, VERIFIER = AGENTS
 CYCLES = 60
 FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
+GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
+OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))
+WRONG_OPTIONS: list[tuple[Any, str]] = [
+    ({"task": "nothing"}, "no task 'nothing'"),
+    ({"task": OTHER, "intent": "kind"}, "unknown intent 'kind'; choose from helpful, sneaky"),
+    ({"task": OTHER, "tsk": "1"}, r"unknown reset options \['tsk'\]; choose from task, intent"),
+    ({"task": replace(OTHER, program="nonsense(")}, "task 'given' cannot be played here: line 1"),
+    ({"task": replace(OTHER, statement="A block. " * 90)}, r"its statement has (\d+) (words|bytes), and observations"),
+    ({"task": replace(OTHER, start=scene([circle(0, 0)]))}, "task 'given' cannot be played here"),
+    ("task", "reset options must be a mapping"),
+]
 
 # PettingZoo's warnings for environments with masks in observations that are not in its hard-coded list
 MASK_WARNINGS = {
@@ -252,16 +268,26 @@ def test_observations__of_different_steps_share_no_array():
     assert first[PROPOSER]["observation"]["image"] is first[VERIFIER]["observation"]["image"]
 
 
-def test_options__set_task_and_intent():
-    game = parallel_env(rewards="hidden")
-    chosen = game.tasks.ids[3]
-    observations, _ = game.reset(options={"task": chosen, "intent": "sneaky"})
-    assert game.task.id == chosen
-    assert observations[PROPOSER]["observation"]["intent"] == 1
-    with pytest.raises(ValueError, match="no task 'nothing'"):
-        game.reset(options={"task": "nothing"})
-    with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
-        game.reset(options={"intent": "kind"})
+@pytest.mark.parametrize("views", ["image", "text"])
+@pytest.mark.parametrize("form", FORMS)
+def test_options__set_task_and_intent_or_change_nothing(form: str, views: str):
+    game = FORMS[form](rewards="hidden", views=views)
+    tasks = game.unwrapped.tasks
+    for choice, played in ((GIVEN, GIVEN), (OTHER, OTHER), (tasks.ids[3], tasks[3]), (tasks[4], tasks[4])):
+        game.reset(options={"task": choice, "intent": "sneaky"})
+        assert (game.unwrapped.task, game.unwrapped.scene) == (played, played.start)
+        seen = game.unwrapped.engine.observe(Role.PROPOSER)["observation"]
+        assert (seen["target"], seen["intent"]) == (played.target, 1)
+        if views == "text":
+            assert read_text(seen["statement"]) == played.statement
+            assert ("blue" in read_text(seen["text"])) == (played == GIVEN)
+        game.reset(options={"task": GIVEN})
+        for options, message in WRONG_OPTIONS:
+            with pytest.raises(ValueError, match=message):
+                game.reset(seed=1, options=options)
+        assert game.unwrapped.task == GIVEN
+    game.reset(seed=2, options={"task": None, "intent": None})
+    assert game.unwrapped.task in tasks
 
 
 @pytest.mark.parametrize("form", FORMS)
