@@ -19,6 +19,11 @@ __version__ = "0.1.0"
 if not Path(__file__).with_name("wrappers").is_dir():
     __path__.append(str(Path(__file__).resolve().parents[1]))
 
+from lilgym_mp.envs.masks import action_masks
+from lilgym_mp.envs.registration import register_all
+
+register_all()
+
 
 class _Package(ModuleType):
     """A package whose modules are imported on first use, such as `lilgym_mp.envs.workers` after `import lilgym_mp`."""
@@ -29,20 +34,20 @@ class _Package(ModuleType):
         return import_module(f"{self.__name__}.{name}")
 
     def __setattr__(self, name: str, value: Any) -> None:
-        """Python sets each module that it has imported as an attribute of its package."""
+        """Python calls this with each module of the package that it has imported."""
         super().__setattr__(name, value)
         if isinstance(value, ModuleType) and hasattr(value, "__path__") and value.__name__ == f"{self.__name__}.{name}":
-            value.__class__ = _Package
-            for name, part in list(vars(value).items()):  # imported with it, before it had this class
-                setattr(value, name, part)
+            _import_lazily(value)
 
 
-sys.modules[__name__].__class__ = _Package
+def _import_lazily(package: ModuleType) -> None:
+    """Makes a package, and those of its packages that have been imported, a `_Package`."""
+    package.__class__ = _Package
+    for name, part in list(vars(package).items()):
+        setattr(package, name, part)
 
-from lilgym_mp.envs.masks import action_masks
-from lilgym_mp.envs.registration import register_all
 
-register_all()
+_import_lazily(sys.modules[__name__])
 
 
 def load_agent(name: str, device: str = "auto") -> Agent:
