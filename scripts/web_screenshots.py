@@ -28,7 +28,10 @@ from playwright.sync_api import Page, sync_playwright  # pyright: ignore[reportM
 
 from lilgym_mp.cli import main as command
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.film import save_gif
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.solver import Solver
 from lilgym_mp.scene.arrays import UInt8Array
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
@@ -110,6 +113,21 @@ def _read_a_sentence(page: Page) -> None:
     page.wait_for_selector("#plan .step:has-text(': STOP')")
 
 
+def _play_ten(page: Page) -> None:
+    """Solves the ten tasks with the expert, except the third."""
+    settings = Settings("TowerFlipIt")
+    solver, tasks = Solver(settings.dynamics()), settings.make("dev").tasks
+    for number in range(1, 11):
+        page.wait_for_selector(f"#progress:has-text('Task {number} of 10')")
+        page.wait_for_selector("#tools:not([hidden])")
+        for action in solver.solve(tasks.by_id(page.evaluate("episode.task_id"))).actions:
+            page.evaluate("action => act(action)", "STOP" if number == 3 else describe(action))
+        page.wait_for_selector(f"#rows tr:nth-child({number})")
+        if number < 10:
+            page.click("#next")
+    page.wait_for_selector("#share:not([hidden])")
+
+
 def _wait_for(selector: str) -> Callable[[Page], None]:
     def prepare(page: Page) -> None:
         page.wait_for_selector(selector)
@@ -120,7 +138,7 @@ def _wait_for(selector: str) -> Callable[[Page], None]:
 def _watch(page: Page) -> None:
     page.wait_for_selector("#episodes button")
     page.select_option("#beside", index=1)
-    page.select_option("[name=success]", "true")
+    page.select_option("[name=outcome]", "success")
     page.wait_for_timeout(1_000)
     page.wait_for_selector("[aria-busy]", state="detached")
     page.locator("#episodes button").nth(6).click()
@@ -157,6 +175,7 @@ SHOTS = (
     Shot("game-verifier", "/game", _sit({"configuration": "TowerFlipIt", "proposer": "expert", "verifier": "person"})),
     Shot("play", "/play", _show_legal("ScatterFlipIt", SCATTER_TASK)),
     Shot("play-end", "/play", _play_to_the_end),
+    Shot("beat", "/beat?seed=7", _play_ten),
     Shot("sentence", "/sentence", _read_a_sentence),
     Shot("annotate", "/annotate?statement_id=tower-dev-001", _write_a_program),
     Shot("explore", "/explore", _wait_for("#results li")),

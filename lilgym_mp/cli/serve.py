@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from fastapi import FastAPI
 
 PORT, DATABASE = 8000, Path("lilgym-web.sqlite3")
-WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "sqlalchemy", "pydantic", "anyio")
+WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "pydantic", "anyio")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -25,6 +25,7 @@ class EvaluationPlan:
     passes: int = 1
     batch_size: int = BATCH_SIZE
     record_decisions: bool = False
+    task_ids: Sequence[str] | None = None  # None: every task of the split
 
     def __str__(self) -> str:
         settings = self.settings
@@ -128,6 +129,7 @@ def play(
         seed=plan.seed,
         passes=plan.passes,
         batch_size=plan.batch_size,
+        task_ids=plan.task_ids,
         record_decisions=plan.record_decisions,
         on_episode=on_episode,
     )

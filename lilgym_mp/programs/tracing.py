@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple, cast
 
 from lilgym_mp.programs import syntax
@@ -29,40 +30,64 @@ class TraceEntry(NamedTuple):
     items: tuple[ItemIndex, ...] = ()  # the items that the value is or contains, in scene order
 
 
-def trace(source: str, scene: Scene) -> list[TraceEntry]:
+def trace(source: str, scene: Scene, step_limit: int | None = None) -> list[TraceEntry]:
     """The closed subexpressions of a program in pre-order; under each call that takes a condition, an entry says which
-    elements satisfy it. Raises ProgramError for an invalid program."""
-    return list(_entries(syntax.parse(source), scene, 0))
+    elements satisfy it. Raises ProgramError for an invalid program.
+
+    `step_limit`: of all evaluations together, as in `Program.evaluate`; by default each has the limit of a program.
+    Parts evaluated beyond it have no value.
+    """
+    return list(_entries(syntax.parse(source), _Budget(scene, step_limit), 0))
 
 
-def _entries(node: syntax.Node, scene: Scene, depth: int) -> Iterator[TraceEntry]:
+class _Budget:
+    """The scene, and the steps left for evaluations."""
+
+    def __init__(self, scene: Scene, steps: int | None) -> None:
+        self._scene, self._steps = scene, steps
+
+    @contextmanager
+    def evaluation(self, node: syntax.Node) -> Iterator[Evaluation]:
+        """For one evaluation of the node."""
+        evaluation = Evaluation(self._scene, self._steps)
+        try:
+            evaluation.charge(syntax.own_size(node))
+            yield evaluation
+        finally:
+            if self._steps is not None:
+                self._steps = max(0, evaluation.steps_left)
+
+
+def _entries(node: syntax.Node, budget: _Budget, depth: int) -> Iterator[TraceEntry]:
     is_trivial = isinstance(node, syntax.Constant | syntax.SceneName | syntax.WordName | syntax.Lambda)
     if is_trivial or syntax.free_variables(node):
         return
-    yield TraceEntry(depth, source_of(node), *_value(node, scene))
+    yield TraceEntry(depth, source_of(node), *_value(node, budget))
     if isinstance(node, syntax.Call):
-        yield from _conditions(node, scene, depth + 1)
+        yield from _conditions(node, budget, depth + 1)
     for child in syntax.children(node):
-        yield from _entries(child, scene, depth + 1)
+        yield from _entries(child, budget, depth + 1)
 
 
-def _conditions(call: syntax.Call, scene: Scene, depth: int) -> Iterator[TraceEntry]:
+def _conditions(call: syntax.Call, budget: _Budget, depth: int) -> Iterator[TraceEntry]:
     """An entry per lambda argument of a closed call: the elements of the first argument that satisfy it."""
     elements, *others = call.arguments
     for other in others:
         if elements and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
-            yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, scene))
+            yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, budget))
 
 
-def _satisfied_by(elements: syntax.Node, condition: syntax.Lambda, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
-    evaluation = Evaluation(scene)
+def _satisfied_by(
+    elements: syntax.Node, condition: syntax.Lambda, budget: _Budget
+) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
-        collection = build_closure(elements)(evaluation, {})
-        body = build_closure(condition.body)
-        satisfying = [element for element in collection if _holds(body(evaluation, {condition.parameter: element}))]
-        return f"satisfied by {_value_text(satisfying) if satisfying else 'none'} of {len(collection)}", _item_indices(
-            satisfying
-        )
+        with budget.evaluation(condition) as evaluation:
+            collection = build_closure(elements)(evaluation, {})
+            body = build_closure(condition.body)
+            satisfying = [each for each in collection if _holds(body(evaluation, {condition.parameter: each}))]
+            evaluation.measure(satisfying)
+        text = _value_text(satisfying) if satisfying else "none"
+        return f"satisfied by {text} of {len(collection)}", _item_indices(satisfying)
     except (ProgramRuntimeError, TypeError) as fault:
         return f"no value: {fault}", ()
 
@@ -72,9 +97,11 @@ def _holds(value: Any) -> bool:
     return bool(len(value)) if isinstance(value, BoxView) else bool(value)
 
 
-def _value(node: syntax.Node, scene: Scene) -> tuple[str, tuple[ItemIndex, ...]]:
+def _value(node: syntax.Node, budget: _Budget) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
-        value = build_closure(node)(Evaluation(scene), {})
+        with budget.evaluation(node) as evaluation:
+            value = build_closure(node)(evaluation, {})
+            evaluation.measure(value)
     except ProgramRuntimeError as fault:
         return f"no value: {fault}", ()
     return _value_text(value), _item_indices(value)

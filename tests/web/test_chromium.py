@@ -16,6 +16,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.solver import Solver
 from tests.browser import Watched, axe_script, chromium, watched_page
 from tests.web.test_annotate import STATEMENT_ID, overfitted, scenes_of
 from tests.web.web_app import server
@@ -29,6 +33,7 @@ PAGES = (
     "/game",
     "/annotate",
     "/sentence",
+    "/beat",
     "/explore",
     "/explore/tower/dev/tower-dev-001",
     "/nowhere",
@@ -217,12 +222,13 @@ def test_watch__the_heat_map_leaves_items_alone(browser: Any, tmp_path: Path, ru
         page.wait_for_selector(".heat rect[opacity]", state="attached")
         items = page.evaluate("sides[0].view.scene.items")
 
-        def pixels(heat: str) -> Any:
-            page.select_option("#heat", heat)
+        def pixels() -> Any:
             image = Image.open(io.BytesIO(page.locator(".side .scene").first.screenshot()))
             return np.asarray(image.convert("RGB").resize((760, 200)), np.int64)
 
-        difference = np.abs(pixels("both") - pixels("none")).max(axis=2)
+        heated = pixels()
+        page.click("#heat")
+        difference = np.abs(heated - pixels()).max(axis=2)
         assert items
         assert difference.max() > 10
         for item in items:
@@ -420,6 +426,45 @@ def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(b
         _assert_clean(watched, url)
 
 
+def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser: Any, tmp_path: Path):
+    pytest.importorskip("torch")
+    dynamics = Settings("TowerFlipIt").dynamics()
+    solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
+    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+        page = watched.page
+        page.goto(f"{url}/beat?seed=7")
+        page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+        for number in range(1, 11):
+            page.wait_for_selector("#tools:not([hidden])")
+            solution = solver.solve(tasks.by_id(page.evaluate("episode.task_id"))).actions
+            for action in solution if number > 1 else ["STOP"]:
+                page.evaluate("action => act(action)", action if number == 1 else describe(action))
+            line = page.locator(f"#rows tr:nth-child({number})")
+            line.wait_for()
+            you, agent, shortest = line.locator(".number").all_inner_texts()
+            assert (you, shortest) == ("–" if number == 1 else str(len(solution)), str(len(solution)))
+            assert agent == "–" or int(agent) >= int(shortest)
+            if number == 2:
+                page.reload()
+                page.wait_for_selector("#rows tr:nth-child(2)")
+            if number < 10:
+                page.click("#next")
+                page.wait_for_selector(f"#progress:has-text('Task {number + 1} of 10')")
+        page.wait_for_selector("#share:not([hidden])")
+        assert "You solved 9 of 10" in page.inner_text("#score")
+        with page.expect_download() as download:
+            page.click("#download")
+        with Image.open(download.value.path()) as picture:
+            assert (picture.format, picture.width) == ("PNG", 1000)
+        shared = urlsplit(page.url)._replace(fragment="").geturl()
+        names = page.evaluate("tasks")
+        _assert_clean(watched, url)
+        with watched_page(browser) as other:
+            other.page.goto(shared)
+            other.page.wait_for_selector("#progress:has-text('Task 1 of 10')")
+            assert other.page.evaluate("tasks") == names
+
+
 def test_explore__links_to_play_the_task(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         page = watched.page
@@ -540,9 +585,9 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         page.wait_for_selector("#episodes:not(:has(button:not(:has-text('black'))))")
         assert page.locator("#episodes button").count()
         page.fill("[name=text]", "")
-        page.select_option("[name=success]", "false")
+        page.select_option("[name=outcome]", "wrong_stop")
         page.wait_for_selector("#total:has-text('No episode matches')")
-        page.select_option("[name=success]", "true")
+        page.select_option("[name=outcome]", "success")
         page.wait_for_selector("#episodes button")
         page.select_option("#beside", index=1)
         page.locator("#episodes button").nth(3).click()
@@ -553,11 +598,11 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         assert "✓" in sides.nth(0).locator(".bars").nth(1).inner_text()
         assert sides.nth(0).locator(".facts:has-text('Optimal according to the expert') >> text=yes").count() == 1
         assert page.locator(".side:nth-child(2) .heat g rect").count() > 0
+        page.keyboard.press("h")
+        assert page.locator(".heat g rect").count() == 0
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#step-line:has-text('Step 2')")
         assert sides.nth(0).locator("[aria-current=step]").inner_text().startswith(("2.", "End"))
-        page.keyboard.press("l")
-        page.wait_for_selector(".side:nth-child(2) .heat .may")
         page.keyboard.press("End")
         page.wait_for_selector("#step-line:has-text('End')")
         page.keyboard.press("j")
@@ -570,7 +615,6 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
 def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
     from lilgym_mp.contrib.llm import Player
     from lilgym_mp.contrib.llm.recording import write_recording
-    from lilgym_mp.evaluation import Settings
     from tests.llm.test_llm import Hesitant
 
     (tmp_path / "runs").mkdir()
@@ -657,14 +701,13 @@ def _play_out(page: Any) -> None:
     raise AssertionError("the game did not end")
 
 
-def test_game__a_verdict_is_chosen_from_the_bins(browser: Any, tmp_path: Path):
+def test_game__a_verdict_is_chosen_from_probabilities(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         page = watched.page
         page.set_default_timeout(60_000)
         page.goto(f"{url}/game")
         page.click("#more summary")
-        assert page.is_hidden("[name=verdict_bins]")
-        chosen = {"configuration": "TowerFlipIt", "protocol": "audit", "rewards": "brier", "verdict_bins": "5"}
+        chosen = {"configuration": "TowerFlipIt", "protocol": "audit", "rewards": "brier"}
         for name, value in {**chosen, "proposer": "helpful", "verifier": "person"}.items():
             page.select_option(f"[name={name}]", value)
         page.click("#setup [type=submit]")

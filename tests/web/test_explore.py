@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from lilgym_mp import corpus
 from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver import Solver
 from tests.web.web_app import Browser, server
@@ -26,44 +27,44 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
         yield Browser(app)
 
 
-def found(browser: Browser, **filters: Any) -> dict[str, Any]:
-    response = browser.get(f"{API}/statements", params={"appearance": "tower", "split": "dev", **filters})
+def found(browser: Browser, **filters: Any) -> tuple[int, list[str]]:
+    """The number of matching statements, and the ids of those on the page."""
+    response = browser.get("/explore", params={"appearance": "tower", "split": "dev", **filters})
     assert response.status_code == 200, response.text
-    return response.json()
+    total = re.search(r"Statements \d+ to \d+ of (\d+)", response.text)
+    ids = re.findall(r'<a href="/explore/tower/dev/([^"]+)">', response.text)
+    return int(total[1]) if total else 0, ids
 
 
-def test_search__finds_every_statement_of_a_split(browser: Browser):
-    body = found(browser)
-    assert body["total"] == len({task.statement for task in load_tasks("builtin", "tower", "scratch", "dev")})
-    assert len(body["statements"]) == body["page"]
-    assert found(browser, first=body["total"])["statements"] == []
+@pytest.fixture(scope="module")
+def tasks() -> dict[str, Task]:
+    return {task.id: task for task in load_tasks("builtin", "tower", "scratch", "dev")}
 
 
-def test_filters__keep_matching_statements_only(browser: Browser):
-    programs = {task.statement: task.program for task in load_tasks("builtin", "tower", "scratch", "dev")}
-    body = found(browser, phenomenon="negation")
-    assert 0 < body["total"] < found(browser)["total"]
-    assert all("negation" in phenomena(programs[line["statement"]]) for line in body["statements"])
-    body = found(browser, word="exist", text="blue")
-    assert body["total"]
-    assert all("exist(" in programs[line["statement"]] for line in body["statements"])
-    body = found(browser, least=6, most=6)
-    assert body["total"]
-    assert all(len(corpus.words(line["statement"])) == 6 for line in body["statements"])
+def test_search__pages_through_every_statement_of_a_split(browser: Browser, tasks: dict[str, Task]):
+    total, ids = found(browser)
+    assert total == len({task.statement for task in tasks.values()})
+    for first in range(len(ids), total, len(ids)):
+        ids += found(browser, first=first)[1]
+    assert len(set(ids)) == total
+    assert found(browser, first=total) == (0, [])
 
 
-def test_choices__count_statements(browser: Browser):
-    body = browser.get(f"{API}/choices").json()
-    for name, count in body["phenomena"].items():
-        assert found(browser, phenomenon=name)["total"] == count
-    word, count = next(iter(body["words"].items()))
-    assert found(browser, word=word)["total"] == count
+def test_filters__keep_matching_statements_only(browser: Browser, tasks: dict[str, Task]):
+    total, ids = found(browser, phenomenon="negation")
+    assert 0 < total < found(browser)[0]
+    assert all("negation" in phenomena(tasks[each].program) for each in ids)
+    total, ids = found(browser, word="exist", text="BLUE")
+    assert total
+    assert all("exist(" in tasks[each].program for each in ids)
+    assert all("blue" in f"{tasks[each].statement}{tasks[each].program}".lower() for each in ids)
+    assert found(browser, text=ids[0]) == (1, [ids[0]])
+    assert found(browser, word="a word of another appearance") == found(browser)
 
 
 def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
-    line = found(browser, text="blue")["statements"][0]
-    body = browser.get(f"{API}/statement", params={"statement_id": line["id"]}).json()
-    assert body["statement"] == line["statement"]
+    statement_id = found(browser, text="blue")[1][0]
+    body = browser.get(f"{API}/statement", params={"statement_id": statement_id}).json()
     for scene in body["scenes"]:
         settings = Settings(scene["configuration"])
         task = load_tasks("builtin", "tower", settings.start, "dev").by_id(scene["task_id"])
@@ -72,7 +73,7 @@ def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
         assert (scene["steps"], scene["optimal_first"]) == (best.steps, len(best.actions))
         assert scene["truth"] == task.truth(task.start)
         assert scene["parts"][0]["value"] == str(scene["truth"])
-    assert browser.get(f"/explore/tower/dev/{line['id']}").status_code == 200
+    assert browser.get(f"/explore/tower/dev/{statement_id}").status_code == 200
     assert browser.get(f"/explore/tower/dev/{body['scenes'][-1]['task_id']}").status_code == 200
 
 
@@ -105,15 +106,11 @@ def test_statement__lists_outcomes_of_recorded_runs(tmp_path: Path):
         (f"{API}/statement?statement_id=nowhere", 404),
         ("/explore/tower/dev/nowhere", 404),
         ("/explore/towers/dev/x", 422),
-        (f"{API}/statements?phenomenon=magic", 422),
-        (f"{API}/statements?least=-1", 422),
+        ("/explore?appearance=towers", 422),
+        ("/explore?first=-1", 422),
     ],
 )
 def test_bad_requests__get_an_error_response(browser: Browser, path: str, status: int):
     response = browser.get(path)
     assert response.status_code == status
     assert "Traceback" not in response.text
-
-
-def test_page__loads(browser: Browser):
-    assert browser.get("/explore").status_code == 200

@@ -243,13 +243,14 @@ def test_critique__a_message_reaches_the_proposer(browser: Browser):
 
 
 def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
-    chosen = {"protocol": "audit", "rewards": "log", "verdict_bins": 2, "configuration": "TowerFlipIt"}
+    chosen = {"protocol": "audit", "rewards": "log", "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="sneaky", verifier="person", **chosen)
-    assert seat(browser, made["verifier"])["answers"] == ["holds with probability 0.25", "holds with probability 0.75"]
+    answers = [f"holds with probability {share}" for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
+    assert seat(browser, made["verifier"])["answers"] == answers
     game = live_game(browser.app, made["verifier"]).engine
     holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the sneaky partner may find no false claim
-    body = act(browser, made["verifier"], "holds with probability 0.25").json()
-    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.25 if holds else 0.75), abs=1e-5))
+    body = act(browser, made["verifier"], answers[0]).json()
+    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.1 if holds else 0.9), abs=1e-5))
 
 
 def test_legal__equals_the_agents_mask(browser: Browser):
@@ -258,9 +259,6 @@ def test_legal__equals_the_agents_mask(browser: Browser):
     mask = game.engine.observe(Role.PROPOSER)["action_mask"]
     names = set(legal(browser, made["proposer"]))
     assert names == {game.engine.game.describe(Role.PROPOSER, index) for index in np.flatnonzero(mask)}
-    query = "shape=CIRCLE&colour=BLUE&size=SMALL"
-    matching = browser.get(f"{SEATS}/{made['proposer']}/legal?{query}").json()["actions"]
-    assert set(matching) == {name for name in names if "CIRCLE, BLUE, SMALL" in name or "ADD" not in name}
 
 
 @pytest.mark.parametrize(
@@ -301,9 +299,7 @@ def test_action__out_of_turn_is_refused(browser: Browser):
         ({"verifier": "agent:parse-and-plan", "verifier_view": "no target"}, 422, "must see everything"),
         ({"verifier": "agent:imitation-tower", "configuration": "ScatterFlipIt"}, 422, "does not play"),
         ({"protocol": "auction"}, 422, "protocol"),
-        ({"protocol": "audit", "rewards": "brier"}, 422, 'needs protocol="audit" and verdict_bins'),
-        ({"protocol": "veto", "verdict_bins": 5}, 422, 'verdict_bins is for protocol="audit"'),
-        ({"protocol": "audit", "verdict_bins": 1}, 422, "greater than or equal to 2"),
+        ({"protocol": "veto", "rewards": "brier"}, 422, 'verdict_bins is for protocol="audit"'),
     ],
 )
 def test_begin__names_the_invalid_setting(browser: Browser, chosen: dict[str, Any], status: int, said: str):
@@ -353,15 +349,13 @@ def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: P
     assert body["history"][-1]["answer"] in ("holds", "does not hold")
 
 
-def test_games__are_limited_in_number_and_age(browser: Browser, monkeypatch: pytest.MonkeyPatch):
+def test_games__are_limited_in_number(browser: Browser, monkeypatch: pytest.MonkeyPatch):
     keys = [begin(browser)["proposer"] for _ in range(live_games.MAX_GAMES_PER_VISITOR + 2)]
     found = [browser.get(f"{SEATS}/{key}").status_code for key in keys]
     assert found == [404, 404] + [200] * live_games.MAX_GAMES_PER_VISITOR
     monkeypatch.setattr(live_games, "MAX_GAMES", 5)
     begin(Browser(browser.app))
     assert len(browser.app.state.services.games) == 5
-    monkeypatch.setattr(live_games, "IDLE_SECONDS", -1.0)
-    assert browser.get(f"{SEATS}/{keys[-1]}").status_code == 404
 
 
 def test_seat__an_unknown_key_is_refused(browser: Browser):

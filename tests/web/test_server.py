@@ -158,7 +158,7 @@ def test_database__another_kind_of_file_is_refused(tmp_path: Path):
 @pytest.mark.parametrize("change", ["CREATE TABLE recipes (id INTEGER)", "PRAGMA user_version=99"])
 def test_database__of_another_program_or_version_is_refused(tmp_path: Path, change: str):
     if change.startswith("PRAGMA"):
-        Database(tmp_path / "web.sqlite3").close()
+        Database(tmp_path / "web.sqlite3")
     with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as other:
         other.execute(change)
     with pytest.raises(DatabaseError, match=r"another program or version; name another file"):
@@ -230,7 +230,7 @@ def test_command__a_locked_database_is_reported_in_one_line(
 ):
     monkeypatch.setattr("lilgym_mp.contrib.web.database.LOCK_SECONDS", 0.1)
     place = tmp_path / "web.sqlite3"
-    Database(place).close()
+    Database(place)
     holder = sqlite3.connect(place, isolation_level=None)
     holder.execute("BEGIN EXCLUSIVE")
     assert main(["serve", "--port", "0", "--database", str(place)]) == USAGE_ERROR

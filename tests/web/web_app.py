@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 pytest.importorskip("fastapi", reason="the web application needs the extra `web`")
-pytest.importorskip("sqlalchemy", reason="the web application needs the extra `web`")
 pytest.importorskip("httpx", reason="tests of the web application need httpx")
 
 with warnings.catch_warnings():

@@ -12,12 +12,10 @@ from fastapi import Depends, Request
 
 from lilgym_mp.contrib.web.database import Database
 from lilgym_mp.contrib.web.live_games import LiveGames
-from lilgym_mp.contrib.web.program_evaluator import ProgramEvaluator
 from lilgym_mp.contrib.web.run_directory import RunDirectory
 from lilgym_mp.contrib.web.trained_partners import TrainedPartners
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver import Solver
 
@@ -33,19 +31,21 @@ class ServeOptions:
     runs: Path | None = None  # directory with training runs and recorded episodes
     token: str | None = None  # needed for every page; None: no token is needed
     hosts: tuple[str, ...] | None = (*LOOPBACK_HOSTS, "testserver")  # accepted Host headers; None: any
-    program_seconds: float = 5.0  # time limit for evaluating one program
-    program_processes: int = 2  # worker processes that evaluate programs
 
 
 class Catalogue:
-    """Loads task sets and solvers of the served corpus on first use."""
+    """Loads tasks, dynamics and solvers of the served corpus on first use.
+
+    `dynamics(configuration)` and `solver(configuration)` raise ValueError for unknown names; the latter raises
+    UnsupportedAppearance.
+    """
 
     def __init__(self, corpus: str) -> None:
         """Raises CorpusError if there is no such corpus or it has no tasks."""
         self.corpus = corpus
         next(load_all_tasks(corpus))
-        self._dynamics = cache(lambda configuration, rules: Settings(configuration, corpus, rules).dynamics())
-        self._solver = cache(lambda configuration, rules: Solver(self.dynamics(configuration, rules)))
+        self.dynamics = cache(lambda configuration: Settings(configuration, corpus).dynamics())
+        self.solver = cache(lambda configuration: Solver(self.dynamics(configuration)))
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
         """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""
@@ -62,17 +62,9 @@ class Catalogue:
                 continue
         return {configuration: splits for configuration, splits in sizes.items() if splits}
 
-    def dynamics(self, configuration: str, rules: str = "paper") -> Dynamics:
-        """The MDP of a configuration. Raises ValueError for unknown names."""
-        return self._dynamics(configuration, rules)
-
-    def solver(self, configuration: str, rules: str = "paper") -> Solver:
-        """The expert of a configuration. Raises UnsupportedAppearance, other ValueErrors for unknown names."""
-        return self._solver(configuration, rules)
-
 
 class AppServices:
-    """Options, database, caches and worker processes of one server."""
+    """Options, database and caches of one server."""
 
     def __init__(self, options: ServeOptions) -> None:
         """Raises DatabaseError for an unusable database, CorpusError if the corpus cannot be loaded."""
@@ -80,14 +72,11 @@ class AppServices:
         self.database = Database(options.database)
         self.catalogue = Catalogue(options.corpus)
         self.run_directory = RunDirectory(options.runs)
-        self.evaluator = ProgramEvaluator(options.program_processes, options.program_seconds)
         self.trained_partners = TrainedPartners(self.run_directory)
         self.games = LiveGames()
 
     def close(self) -> None:
-        self.evaluator.close()
         self.run_directory.close()
-        self.database.close()
 
 
 async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool

@@ -30,9 +30,9 @@ def pick(source: object, *names: str) -> JSON:
     return {name: getattr(source, name) for name in names}
 
 
-def parts_body(source: str, scene: Scene) -> list[JSON]:
+def parts_body(source: str, scene: Scene, step_limit: int | None = None) -> list[JSON]:
     """The subexpressions of a program with their values, and the items (box, index) in each value."""
-    return [part._asdict() for part in trace(source, scene)]
+    return [part._asdict() for part in trace(source, scene, step_limit)]
 
 
 @lru_cache(IMAGE_CACHE_SIZE)

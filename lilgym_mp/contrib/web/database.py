@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import JSON, String, create_engine, event, inspect
-from sqlalchemy.exc import DBAPIError
-from sqlalchemy.orm import DeclarativeBase, Mapped, Session, mapped_column
-
 SCHEMA_VERSION = 1  # kept in the file's header as `user_version`; increase it when a table changes
 LOCK_SECONDS = 5.0  # a write waits this long for another one, then fails
+EPISODES, ANNOTATIONS = "played_episodes", "annotations"
 
 
 class DatabaseError(ValueError):
@@ -26,95 +25,99 @@ def now() -> str:
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
-class Base(DeclarativeBase):
-    created: Mapped[str] = mapped_column(String(40), default=now)
-
-
-class PlayedEpisode(Base):
+@dataclass
+class PlayedEpisode:
     """An episode played in a browser; its MDP state is rebuilt by replaying the actions."""
 
-    __tablename__ = "played_episodes"
-    id: Mapped[str] = mapped_column(primary_key=True)
-    visitor: Mapped[str] = mapped_column(index=True)  # id of the browser
-    player: Mapped[str]  # a name, if one was given
-    corpus: Mapped[str]
-    configuration: Mapped[str]
-    split: Mapped[str]
-    rules: Mapped[str]
-    strict: Mapped[bool]  # an illegal action ends the episode
-    task_id: Mapped[str]
-    actions: Mapped[list[int]] = mapped_column(JSON, default=list)  # action indices of the appearance
-    reward: Mapped[float] = mapped_column(default=0.0)
-    outcome: Mapped[str | None]  # None: in progress
-    shown_solution: Mapped[bool] = mapped_column(default=False)  # before the end
-    changed: Mapped[str] = mapped_column(String(40), default=now, onupdate=now)
+    id: str
+    visitor: str  # id of the browser
+    player: str  # a name, if one was given
+    corpus: str
+    configuration: str
+    split: str
+    strict: bool  # an illegal action ends the episode
+    task_id: str
+    rules: str = "paper"
+    actions: list[int] = field(default_factory=list)  # action indices of the appearance
+    reward: float = 0.0
+    outcome: str | None = None  # None: in progress
+    shown_solution: bool = False  # before the end
+    created: str = field(default_factory=now)
+    changed: str = ""
 
 
-class Annotation(Base):
-    """A program that somebody submitted for a statement."""
-
-    __tablename__ = "annotations"
-    id: Mapped[int] = mapped_column(primary_key=True)
-    name: Mapped[str] = mapped_column(index=True)  # of the annotator
-    corpus: Mapped[str]
-    appearance: Mapped[str]
-    split: Mapped[str]
-    statement_id: Mapped[str]
-    statement: Mapped[str]
-    program: Mapped[str]
-    accepted: Mapped[bool]  # the program agrees with all labels, those of the hidden scenes included
-    comment: Mapped[str]
+ANNOTATION_COLUMNS = (
+    *("name", "corpus", "appearance", "split", "statement_id", "statement", "program"),
+    *("accepted", "comment", "created"),  # accepted: agrees with all labels, those of the hidden scenes included
+)
+_TABLES = {
+    EPISODES: ["id PRIMARY KEY", *(column.name for column in fields(PlayedEpisode)[1:])],
+    ANNOTATIONS: ["id INTEGER PRIMARY KEY", *ANNOTATION_COLUMNS],
+}
 
 
 class Database:
-    """Read and write sessions on an SQLite file."""
+    """Transactions on an SQLite file."""
 
     def __init__(self, path: Path) -> None:
         """Opens the file, or creates it. Raises DatabaseError if it cannot be written or is none of this version's."""
-        self._engine = create_engine(f"sqlite:///{path}", pool_size=40, connect_args={"timeout": LOCK_SECONDS})
-        event.listen(self._engine, "connect", _prepare)
+        self._path = path
         try:
-            with self.write() as session:
-                connection = session.connection()
-                version = connection.exec_driver_sql("PRAGMA user_version").scalar_one()
-                if version != SCHEMA_VERSION and inspect(connection).get_table_names():
+            with self.write() as connection:
+                (version,) = connection.execute("PRAGMA user_version").fetchone()
+                if version != SCHEMA_VERSION and connection.execute("SELECT 1 FROM sqlite_master").fetchone():
                     raise DatabaseError("holds tables of another program or version; name another file with --database")
-                Base.metadata.create_all(connection)
-                connection.exec_driver_sql(f"PRAGMA user_version={SCHEMA_VERSION}")
-        except (DBAPIError, DatabaseError) as fault:
-            self.close()
-            reason = _reason(fault) if isinstance(fault, DBAPIError) else str(fault)
-            raise DatabaseError(f"database {path}: {reason}") from None
+                for table, columns in _TABLES.items():
+                    connection.execute(f"CREATE TABLE IF NOT EXISTS {table} ({', '.join(columns)})")
+                connection.execute(f"PRAGMA user_version={SCHEMA_VERSION}")
+        except (sqlite3.Error, DatabaseError) as fault:
+            raise DatabaseError(f"database {path}: {_reason(str(fault))}") from None
 
     @contextmanager
-    def read(self) -> Iterator[Session]:
-        """A session whose changes are rolled back."""
-        with Session(self._engine, expire_on_commit=False) as session:
-            yield session
+    def read(self) -> Iterator[sqlite3.Connection]:
+        """A connection; its rows have names."""
+        with closing(sqlite3.connect(self._path, LOCK_SECONDS, isolation_level=None)) as connection:
+            connection.row_factory = sqlite3.Row
+            connection.executescript("PRAGMA journal_mode=WAL; PRAGMA synchronous=FULL")
+            yield connection
 
     @contextmanager
-    def write(self) -> Iterator[Session]:
-        """A session that is committed at the end, or rolled back if the block raises.
+    def write(self) -> Iterator[sqlite3.Connection]:
+        """A transaction that is committed at the end, or rolled back if the block raises.
 
         It holds the write lock from the start, so that what it reads cannot change before it writes.
-        Raises sqlalchemy's OperationalError after LOCK_SECONDS of waiting for the lock.
+        Raises sqlite3.OperationalError after LOCK_SECONDS of waiting for the lock.
         """
-        with Session(self._engine, expire_on_commit=False) as session, session.begin():
-            session.connection().exec_driver_sql("BEGIN IMMEDIATE")
-            yield session
-
-    def close(self) -> None:
-        self._engine.dispose()
+        with self.read() as connection, connection:
+            connection.execute("BEGIN IMMEDIATE")
+            yield connection
 
 
-def _prepare(connection: sqlite3.Connection, _: Any) -> None:
-    connection.isolation_level = None  # `Database.write` begins transactions itself
-    for setting in ("journal_mode=WAL", "synchronous=FULL"):
-        connection.execute(f"PRAGMA {setting}")
+def save_episode(connection: sqlite3.Connection, episode: PlayedEpisode) -> None:
+    """Adds the episode, or replaces that with its id."""
+    _insert(connection, EPISODES, {**asdict(episode), "actions": json.dumps(episode.actions), "changed": now()})
 
 
-def _reason(fault: DBAPIError) -> str:
-    message = str(fault.orig)
+def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) -> PlayedEpisode | None:
+    """The visitor's episode with that id, if there is one."""
+    found = connection.execute(f"SELECT * FROM {EPISODES} WHERE id=? AND visitor=?", (episode_id, visitor)).fetchone()
+    if found is None:
+        return None
+    flags = {name: bool(found[name]) for name in ("strict", "shown_solution")}
+    return PlayedEpisode(**{**dict(found), **flags, "actions": json.loads(found["actions"])})
+
+
+def save_annotation(connection: sqlite3.Connection, annotation: Mapping[str, Any]) -> None:
+    """Adds a program that somebody submitted for a statement; `created` is set here, the other columns are given."""
+    _insert(connection, ANNOTATIONS, {**annotation, "created": now()})
+
+
+def _insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
+    values = ", ".join(f":{name}" for name in row)
+    connection.execute(f"INSERT OR REPLACE INTO {table} ({', '.join(row)}) VALUES ({values})", row)
+
+
+def _reason(message: str) -> str:
     if "locked" in message:
         return "it is locked by another program; stop that program or name another file with --database"
     if "unable to open" in message or "readonly" in message:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sqlite3
 from http import HTTPStatus
 from typing import Any
 
@@ -10,7 +11,6 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel
-from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from lilgym_mp.contrib.web.templating import render_page
@@ -49,7 +49,7 @@ def error_response(request: Request, status: int, message: str) -> Response:
 def add_error_handlers(app: FastAPI) -> None:
     app.add_exception_handler(HTTPException, _handle_http_exception)
     app.add_exception_handler(RequestValidationError, _handle_validation_error)
-    app.add_exception_handler(OperationalError, _handle_database_error)
+    app.add_exception_handler(sqlite3.OperationalError, _handle_database_error)
     app.add_exception_handler(Exception, _handle_unexpected_error)
 
 
@@ -72,7 +72,7 @@ def _handle_validation_error(request: Request, fault: Any) -> Response:
 
 
 def _handle_database_error(request: Request, fault: Any) -> Response:
-    LOGGER.error("database: %s", getattr(fault, "orig", fault))
+    LOGGER.error("database: %s", fault)
     return error_response(request, 503, "the database is not responding; nothing was saved: try again")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import secrets
 import threading
-import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -15,9 +14,8 @@ from lilgym_mp.envs.proposer_verifier import Partner, PartnerError, PartnerTurn,
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action
 
-MAX_GAMES = 300  # beyond that the least recently used game is evicted
+MAX_GAMES = 300  # beyond that the least recently used game is dropped
 MAX_GAMES_PER_VISITOR = 10
-IDLE_SECONDS = 2 * 3600.0  # until an unused game is evicted
 MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
 
 
@@ -35,7 +33,6 @@ class LiveGame:
     partners: tuple[Partner | None, Partner | None]  # None: a person
     opposite: tuple[str, str]  # name of the other seat's player
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(secrets.randbits(64)))
-    last_used: float = field(default_factory=time.monotonic)
     chosen: list[int | None] = field(default_factory=lambda: [None, None])  # actions of the turn under way
     own_actions: tuple[list[str], list[str]] = field(default_factory=lambda: ([], []))
     rewards: list[float] = field(default_factory=lambda: [0.0, 0.0])  # summed over the game
@@ -75,40 +72,34 @@ class LiveGame:
 
 
 class LiveGames:
-    """All games in progress, by seat key; limited in number and idle time."""
+    """Games in progress, by seat key; limited in number."""
 
     def __init__(self) -> None:
         self._seats: dict[str, tuple[LiveGame, Role]] = {}
+        self._games: dict[LiveGame, None] = {}  # the least recently used first
         self._lock = threading.Lock()
 
     def add(self, game: LiveGame, roles: Iterable[Role]) -> dict[Role, str]:
-        """Adds a game, evicting old ones; returns a new key for each of the roles."""
+        """Adds a game, dropping old ones beyond the limits; returns a new key for each of the roles."""
         keys = {role: secrets.token_urlsafe(18) for role in roles}
         with self._lock:
-            self._evict(game.visitor)
-            for role, key in keys.items():
-                self._seats[key] = game, role
+            self._games[game] = None
+            own = [other for other in self._games if other.visitor == game.visitor]
+            for dropped in {*own[:-MAX_GAMES_PER_VISITOR], *list(self._games)[:-MAX_GAMES]}:
+                del self._games[dropped]
+            kept = {key: seat for key, seat in self._seats.items() if seat[0] in self._games}
+            self._seats = kept | {key: (game, role) for role, key in keys.items()}
         return keys
 
     def find(self, key: str) -> tuple[LiveGame, Role]:
-        """The game and role of a seat. Responds with 404 for an unknown or expired key."""
+        """The game and role of a seat. Responds with 404 for an unknown key."""
         with self._lock:
-            found = self._seats.get(key)
-            if found is None or time.monotonic() - found[0].last_used > IDLE_SECONDS:
-                raise http_error(404, "there is no such seat: its game has expired, or the server was restarted")
-            found[0].last_used = time.monotonic()
-        return found
+            if key not in self._seats:
+                raise http_error(404, "there is no such seat: its game is too old, or the server was restarted")
+            game = self._seats[key][0]
+            self._games[game] = self._games.pop(game)
+            return self._seats[key]
 
     def __len__(self) -> int:
         """The number of games, not of seats."""
-        return len({game for game, _ in self._seats.values()})
-
-    def _evict(self, visitor: str) -> None:
-        """Drops idle games, then the least recently used beyond the limits, counting one to be added by the visitor."""
-        now, own, kept = time.monotonic(), 1, set[LiveGame]()
-        for game in sorted({game for game, _ in self._seats.values()}, key=lambda game: game.last_used, reverse=True):
-            own += game.visitor == visitor
-            is_surplus = len(kept) >= MAX_GAMES - 1 or (game.visitor == visitor and own > MAX_GAMES_PER_VISITOR)
-            if now - game.last_used <= IDLE_SECONDS and not is_surplus:
-                kept.add(game)
-        self._seats = {key: seat for key, seat in self._seats.items() if seat[0] in kept}
+        return len(self._games)

@@ -8,16 +8,17 @@ from __future__ import annotations
 import hashlib
 import os
 import tempfile
-from collections.abc import Iterator
+from contextlib import suppress
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import NamedTuple
 
+from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
 from lilgym_mp.learning.learners import AGENT_FILE
 
 MAX_FILES = 2_000  # listed per kind
-MAX_DEPTH = 6  # depth of nested directories
 MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
 
@@ -56,52 +57,39 @@ class RunDirectory:
 
     def recordings(self) -> list[RecordingFile]:
         """Every recording, sorted by name; damaged ones are included with their fault."""
-        return [_described(file) for file in self._find(SUFFIX).values()]
+        return [_described(file) for file in self._find(f"*{SUFFIX}").values()]
 
     def agents(self) -> dict[str, FoundFile]:
         """The agent of each run that has one, by id."""
         return self._find(AGENT_FILE)
 
-    def read(self, recording_id: str) -> Recording | None:
-        """The recording with that id, or None. Raises UnreadableRecording."""
-        file = self._find(SUFFIX).get(recording_id)
-        return None if file is None else read_recording(file)
+    def read(self, recording_id: str) -> Recording:
+        """The recording with that id. Responds with 404 if there is none, 422 if it is unreadable."""
+        file = self._find(f"*{SUFFIX}").get(recording_id)
+        if file is None:
+            raise http_error(404, "there is no such recording; it may have been moved: reload the list")
+        try:
+            return read_recording(file)
+        except UnreadableRecording as fault:
+            raise http_error(422, str(fault)) from None
 
-    def _find(self, suffix: str) -> dict[str, FoundFile]:
+    def _find(self, pattern: str) -> dict[str, FoundFile]:
         """Files by id; requested recordings first, the latest at the top."""
-        requested = sorted(_find(self.requested, suffix).values(), key=lambda file: file.stamp, reverse=True)
+        requested = sorted(_find(self.requested, pattern).values(), key=lambda file: file.stamp, reverse=True)
         found = {file.id: file for file in requested}
-        return found if self.directory is None else found | _find(self.directory, suffix)
+        return found if self.directory is None else found | _find(self.directory, pattern)
 
 
-def _find(directory: Path, suffix: str) -> dict[str, FoundFile]:
+def _find(directory: Path, pattern: str) -> dict[str, FoundFile]:
     """Files by id."""
     found: dict[str, FoundFile] = {}
-    for path in _files(directory, suffix):
-        try:
-            status = path.stat()
-        except OSError:
-            continue  # removed since it was listed
-        relative = path.relative_to(str(directory))
-        name = str(relative.parent) if suffix == AGENT_FILE else str(relative).removesuffix(suffix)
-        key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
-        found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))
+    for path in islice(sorted(directory.rglob(pattern)), MAX_FILES):
+        with suppress(OSError):  # removed since it was listed
+            status, relative = path.stat(), path.relative_to(directory)
+            name = str(relative.parent) if pattern == AGENT_FILE else str(relative).removesuffix(SUFFIX)
+            key = hashlib.sha256(os.fsencode(relative)).hexdigest()[:16]
+            found[key] = FoundFile(key, name, path, (status.st_mtime_ns, status.st_size))
     return found
-
-
-def _files(directory: Path, suffix: str) -> Iterator[Path]:
-    """The files with this name or suffix, sorted; symbolic links to directories are not followed."""
-    count = 0
-    for parent, directories, files in os.walk(directory):
-        directories.sort()
-        if len(Path(parent).relative_to(directory).parts) >= MAX_DEPTH:
-            directories.clear()
-        for name in sorted(files):
-            if name == suffix or (suffix == SUFFIX and name.endswith(suffix)):
-                count += 1
-                if count > MAX_FILES:
-                    return
-                yield Path(parent, name)
 
 
 @lru_cache(maxsize=MAX_FILES)

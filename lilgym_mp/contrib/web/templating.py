@@ -28,6 +28,7 @@ NAVIGATION = [
     NavigationEntry("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner."),
     NavigationEntry("/annotate", "Annotate", "Write programs that capture what statements mean."),
     NavigationEntry("/explore", "Explore", "Search the corpus: statements, scenes, programs and agents' results."),
+    NavigationEntry("/beat", "Beat the agent", "Play ten tasks against a trained agent.", in_bar=False),
     NavigationEntry("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", in_bar=False),
 ]
 

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
 
 SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
+PARSER = SHIPPED_PREFIX + "parse-and-plan"  # reads any sentence, plays every configuration
 AGENT_CACHE_SIZE = 8
 
 

@@ -96,8 +96,8 @@ for (const name of ["appearance", "split", "name"]) {
   }, byId("work")));
 }
 choice.statement.addEventListener("change", () => openStatement(choice.statement.value));
-byId("run").addEventListener("click", run);
-byId("submit").addEventListener("click", submit);
+on("run", "click", run);
+on("submit", "click", submit);
 
 attempt(async () => {
   const wanted = new URLSearchParams(location.search);

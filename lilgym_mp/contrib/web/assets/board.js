@@ -1,21 +1,11 @@
 "use strict";
-// Shared by /play and /game: selection of a task set, and a scene whose grid cells are buttons.
-
-/** Fills the form's split menu with those of the selected configuration. */
-function fillSplits(form) {
-  const sizes = JSON.parse(form.configuration.selectedOptions[0].dataset.splits);
-  const previous = form.split.value || "dev";
-  form.split.replaceChildren(
-    ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
-  );
-  form.split.value = previous in sizes ? previous : Object.keys(sizes)[0];
-}
+// Shared by /play, /beat and /game: a scene whose grid cells are buttons.
 
 const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
 
 /** A scene with a button on each cell, and the selected action kind and item type.
  *
- * `act(name)` takes the action with that name; `legal(query)` resolves to the names of the legal actions.
+ * `act(name)` takes the action with that name; `legal()` resolves to the names of the legal actions.
  */
 class Board {
   constructor(act, legal) {
@@ -104,8 +94,7 @@ class Board {
 
   /** Labels the cells and marks legal ones; requests the legal actions only if they are to be shown. */
   async mark() {
-    const { shape, colour, size } = this.selection;
-    const names = new Set(this.showsLegal ? await this.legal(new URLSearchParams({ shape, colour, size })) : []);
+    const names = new Set(this.showsLegal ? await this.legal() : []);
     for (const cell of this.cells.children) {
       const isLegal = names.has(this.actionAt(cell));
       const label = this.grid ? `column ${cell.dataset.column}, row ${cell.dataset.row}` : `${BOXES[cell.dataset.column].toLowerCase()} box`;

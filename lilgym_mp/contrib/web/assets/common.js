@@ -51,7 +51,6 @@ function showMessage(message, kind = "") {
   if (message) region.scrollIntoView({ block: "nearest" });
 }
 
-
 /** Runs a user's action, marking the element `busy` meanwhile; shows a RequestError as a message. */
 async function attempt(action, busy = null) {
   if (busy) busy.setAttribute("aria-busy", "true");
@@ -68,6 +67,16 @@ async function attempt(action, busy = null) {
 }
 
 const byId = (id) => document.getElementById(id);
+const on = (id, name, action) => byId(id)?.addEventListener(name, action);
+const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
+const words = (name) => name.replaceAll("_", " ");
+const queryOf = (values) => new URLSearchParams(values).toString();
+
+/** A list of names with values; those whose value is null are left out. */
+function facts(pairs) {
+  const shown = Object.entries(pairs).filter(([, value]) => value !== null);
+  return element("dl", { class: "facts" }, ...shown.flatMap(([name, value]) => [element("dt", {}, name), element("dd", {}, value)]));
+}
 
 /** Lets keys act unless the focus is in a field, or on a control outside the section. `keys`: functions by lower-case key. */
 function onKeys(section, keys) {

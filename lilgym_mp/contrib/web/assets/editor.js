@@ -20,7 +20,7 @@ class Editor {
     this.text.addEventListener("click", () => { this.close(); this.showSignature(); });
     this.text.addEventListener("blur", () => setTimeout(() => this.close(), 150));
     this.text.addEventListener("scroll", () => { this.marks.scrollTop = this.text.scrollTop; });
-    byId("word-search").addEventListener("input", () => this.showWords());
+    on("word-search", "input", () => this.showWords());
   }
 
   async start() {

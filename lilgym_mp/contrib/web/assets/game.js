@@ -9,11 +9,8 @@ let otherKey = null;
 let seat = null;
 let shownText = ""; // JSON of the seat as last shown
 
-const chosenProtocol = () => document.querySelector(`[data-protocol="${setup.protocol.value}"]`);
-
 function showProtocol() {
-  for (const line of document.querySelectorAll("[data-protocol]")) line.hidden = line !== chosenProtocol();
-  byId("bins").hidden = !("takesBins" in chosenProtocol().dataset);
+  for (const line of document.querySelectorAll("[data-protocol]")) line.hidden = line.dataset.protocol !== setup.protocol.value;
 }
 
 // Field values by the name of a preset.
@@ -29,13 +26,9 @@ function applyPreset() {
   showProtocol();
 }
 
-const linkOf = (other) => `${location.origin}/game#${other}`;
-
 async function begin() {
   await attempt(async () => {
-    const chosen = Object.fromEntries(new FormData(setup));
-    chosen.verdict_bins = "takesBins" in chosenProtocol().dataset && chosen.verdict_bins ? Number(chosen.verdict_bins) : null;
-    const created = await request("POST", "/api/game/games", chosen);
+    const created = await request("POST", "/api/game/games", Object.fromEntries(new FormData(setup)));
     otherKey = created.proposer && created.verifier ? created.verifier : null;
     await takeSeat(created.proposer || created.verifier);
   }, byId("seat"));
@@ -67,7 +60,7 @@ async function show(view) {
   byId("seat").hidden = false;
   byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
   byId("other-seat").hidden = !otherKey;
-  if (otherKey) byId("link").value = linkOf(otherKey);
+  byId("link").textContent = byId("link").href = `${location.origin}/game#${otherKey}`;
   byId("statement").textContent = seat.statement === null ? "You do not see the statement." : seat.statement;
   byId("task-line").textContent = taskLine();
   byId("turn").className = "notice";
@@ -151,9 +144,9 @@ function showPast() {
   byId("past").replaceChildren(...(seen.length ? seen.map((turn) => element("li", {}, turn)) : [element("li", { class: "soft" }, "Nothing yet.")]));
 }
 
-async function legal(query) {
+async function legal() {
   if (!seat || !seat.your_turn || seat.role !== "proposer") return [];
-  return (await request("GET", `/api/game/seats/${key}/legal?${query}`)).actions;
+  return (await request("GET", `/api/game/seats/${key}/legal`)).actions;
 }
 
 async function act(action) {
@@ -181,26 +174,11 @@ setup.addEventListener("submit", (event) => {
   event.preventDefault();
   begin();
 });
-byId("preset").addEventListener("change", applyPreset);
-byId("more").addEventListener("change", () => { byId("preset").value = "own"; });
-byId("again").addEventListener("click", begin);
-setup.configuration.addEventListener("change", () => fillSplits(setup));
+on("preset", "change", applyPreset);
+on("more", "change", () => { byId("preset").value = "own"; });
+on("again", "click", begin);
 setup.protocol.addEventListener("change", showProtocol);
-byId("stop").addEventListener("click", () => act("STOP"));
-byId("swap").addEventListener("click", () => {
-  const next = otherKey;
-  otherKey = key;
-  attempt(() => takeSeat(next));
-});
-byId("copy").addEventListener("click", async () => {
-  byId("link").select();
-  try {
-    await navigator.clipboard.writeText(byId("link").value);
-    showMessage("Link copied.");
-  } catch {
-    showMessage("Copy the selected link.");
-  }
-});
+on("stop", "click", () => act("STOP"));
 // Polls for the other player's actions, except while the window is hidden.
 setInterval(() => {
   if (seat && !seat.over && !seat.your_turn && !document.hidden) refresh().catch(() => {});
@@ -208,6 +186,5 @@ setInterval(() => {
 
 const takeSeatFromUrl = () => /^#[\w-]+$/.test(location.hash) && attempt(() => takeSeat(location.hash.slice(1)));
 window.addEventListener("hashchange", () => location.hash.slice(1) !== key && takeSeatFromUrl());
-fillSplits(setup);
 showProtocol();
 takeSeatFromUrl();

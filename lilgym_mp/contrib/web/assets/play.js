@@ -1,25 +1,44 @@
 "use strict";
-// /play. Legality, transitions and rewards come from the server.
+// /play and the start page; /beat changes what is in `page`. Legality, transitions and rewards come from the server.
 
 const setup = byId("setup");
 const board = new Board(act, legal);
 const expertView = new StepView(byId("expert-scene"), "A scene of the expert's solution");
 const OUTCOMES = { wrong_stop: "Wrong STOP", invalid_action: "Illegal action", horizon: "Out of actions" };
+const asked = new URLSearchParams(location.search);
 let episode = null;
 let shown = null; // id of the episode whose cells the board has
+
+/** What the page does when it opens, when a task is drawn, after an episode, when one has begun, and when one has ended. */
+const page = {
+  start: continueOrBegin,
+  draw: (focuses) => begin(null, focuses),
+  next: (focuses) => begin(null, focuses),
+  began: (id) => history.replaceState(null, "", `#${id}`),
+  ended: () => {},
+};
+
+/** Fills the form's split menu with those of the selected configuration. */
+function fillSplits(form) {
+  const sizes = JSON.parse(form.configuration.selectedOptions[0].dataset.splits);
+  const previous = form.split.value || "dev";
+  form.split.replaceChildren(
+    ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
+  );
+  form.split.value = previous in sizes ? previous : Object.keys(sizes)[0];
+}
 
 async function begin(taskId, focuses = true) {
   await attempt(async () => {
     const created = await request("POST", "/api/play/episodes", {
       configuration: setup.configuration.value,
       split: setup.split.value,
-      rules: setup.rules.value,
-      strict: setup.strict.checked,
-      player: setup.player.value,
+      strict: asked.has("strict"),
+      player: asked.get("player") || "",
       task_id: taskId,
     });
     byId("expert").hidden = true;
-    history.replaceState(null, "", `#${created.id}`);
+    page.began(created.id);
     await show(created);
     if (focuses) board.focus();
   }, byId("episode"));
@@ -31,7 +50,7 @@ async function show(state) {
   board.view.show(state.scene);
   board.showGhost(board.hovered);
   byId("statement").textContent = state.statement;
-  byId("target").textContent = state.target ? "true" : "false";
+  byId("target").textContent = String(state.target);
   byId("left").textContent = state.over ? "" : `Actions left: ${state.actions_left}.`;
   byId("reward").textContent = state.reward.toFixed(1);
   byId("history").textContent = state.actions.length ? `So far: ${state.actions.join(", ")}` : "";
@@ -39,18 +58,17 @@ async function show(state) {
   if (shown !== state.id) board.makeCells(state.grid);
   shown = state.id;
   board.enable(!state.over);
-  for (const name of ["tools", "stop", "legal"]) byId(name).hidden = state.over;
+  for (const id of ["tools", "stop", "legal"]) byId(id).hidden = state.over;
   byId("messages").classList.toggle("reserved", !state.over);
-  for (const name of ["end", "next", "why"]) byId(name).hidden = !state.over;
+  for (const id of ["end", "next", "why"]) byId(id).hidden = !state.over;
   await board.mark();
   byId("why").open &&= state.over;
-  if (!state.over) return;
-  await explain();
+  if (state.over) await showEnd();
 }
 
-async function legal(query) {
+async function legal() {
   if (!episode || episode.over) return [];
-  return (await request("GET", `/api/play/episodes/${episode.id}/legal?${query}`)).actions;
+  return (await request("GET", `/api/play/episodes/${episode.id}/legal`)).actions;
 }
 
 async function act(action) {
@@ -66,21 +84,22 @@ async function act(action) {
   }, byId("board"));
 }
 
-async function explain() {
-  const path = `/api/play/episodes/${episode.id}`;
-  const explanation = await request("GET", `${path}/explanation`);
-  const count = episode.actions.length === 1 ? "1 action" : `${episode.actions.length} actions`;
-  byId("end-title").textContent = episode.outcome === "success" ? `Solved in ${count}` : OUTCOMES[episode.outcome];
-  byId("end-title").className = episode.outcome === "success" ? "good" : "bad";
-  byId("rule").textContent = explanation.invalid_reason ? `${explanation.rule} Reason: ${explanation.invalid_reason}.` : explanation.rule;
-  byId("verdict").textContent = `In the last scene the statement is ${explanation.truth}; the target was ${explanation.target}. Reward: ${episode.reward.toFixed(1)}.`;
-  byId("parts").replaceChildren(partsList(explanation.parts, board.view));
-  byId("end-title").focus();
-  if (episode.outcome !== "success") return;
+async function showEnd() {
   const ended = episode;
-  const solution = await request("POST", `${path}/solution`).catch(() => ({ found: false })); // there may be no expert
+  const { rule, invalid_reason: invalid, truth, parts } = ended.end;
+  const solved = ended.outcome === "success";
+  byId("end-title").textContent = solved ? `Solved in ${plural(ended.actions.length, "action")}` : OUTCOMES[ended.outcome];
+  byId("end-title").className = solved ? "good" : "bad";
+  byId("rule").textContent = rule + (invalid ? ` Reason: ${invalid}.` : "");
+  byId("verdict").textContent =
+    `In the last scene the statement is ${truth}; the target was ${ended.target}. Reward: ${ended.reward.toFixed(1)}.`;
+  byId("parts").replaceChildren(partsList(parts, board.view));
+  byId("end-title").focus();
+  await page.ended(ended);
+  if (!solved) return;
+  const solution = await request("POST", `/api/play/episodes/${ended.id}/solution`).catch(() => ({ found: false })); // there may be no expert
   if (ended !== episode || !solution.found) return;
-  const isShortest = episode.actions.length <= solution.steps.length;
+  const isShortest = ended.actions.length <= solution.steps.length;
   byId("end-title").textContent += isShortest ? ", the shortest possible" : `; the expert needs ${solution.steps.length}`;
 }
 
@@ -89,65 +108,47 @@ async function showExpert() {
     const expert = await request("POST", `/api/play/episodes/${episode.id}/solution`);
     byId("expert").hidden = false;
     const optimality = expert.proven_shortest ? "No shorter solution exists." : "A shorter one may exist.";
-    byId("expert-line").textContent = expert.found ? `${expert.steps.length} actions. ${optimality}` : `No solution was found: ${expert.reason}`;
+    byId("expert-line").textContent = expert.found
+      ? `${plural(expert.steps.length, "action")}. ${optimality}`
+      : `No solution was found: ${expert.reason}`;
     expertView.show(expert.start, expert.steps);
     byId("expert").scrollIntoView({ block: "nearest" });
     expertView.forth.focus({ preventScroll: true });
   }, byId("expert"));
 }
 
-const press = (id) => () => !byId(id).hidden && byId(id).click();
-onKeys(byId("episode"), { ...board.keys, t: press("stop"), n: press("next"), r: press("again"), e: press("solution"), p: () => board.focus() });
-
-let searchCount = 0; // identifies the latest search
-async function search() {
-  searchCount += 1;
-  const current = searchCount;
-  await attempt(async () => {
-    const query = new URLSearchParams({ configuration: setup.configuration.value, split: setup.split.value, text: byId("search").value });
-    const found = await request("GET", `/api/play/tasks?${query}`);
-    if (current !== searchCount) return;
-    byId("found").textContent = found.total > found.tasks.length ? `${found.total} tasks, the first ${found.tasks.length}:` : `${found.total} tasks`;
-    byId("tasks").replaceChildren(
-      ...found.tasks.map((task) =>
-        element("li", {}, element("button", { type: "button", click: () => begin(task.id) }, `${task.statement} (${task.target}) `, element("span", { class: "soft small" }, task.id))),
-      ),
-    );
-  });
-}
-
-setup.addEventListener("submit", (event) => {
-  event.preventDefault();
-  begin(null);
-});
-setup.addEventListener("change", (event) => {
-  if (event.target.name === "configuration") fillSplits(setup);
-  if (["configuration", "split"].includes(event.target.name)) begin(null, false);
-  if (["rules", "strict"].includes(event.target.name)) begin(episode.task_id, false);
-  if (byId("chooser").open) search();
-});
-byId("chooser").addEventListener("toggle", () => byId("chooser").open && search());
-byId("search").addEventListener("input", search);
-byId("stop").addEventListener("click", () => act("STOP"));
-byId("next").addEventListener("click", () => begin(null));
-byId("again").addEventListener("click", () => begin(episode.task_id));
-byId("solution").addEventListener("click", showExpert);
-
-fillSplits(setup);
-attempt(async () => {
+/** Continues the episode that the URL's fragment names, or begins one with what the query names. */
+async function continueOrBegin() {
   if (/^#[\w-]+$/.test(location.hash)) {
     const kept = await request("GET", `/api/play/episodes/${location.hash.slice(1)}`);
-    setup.configuration.value = kept.configuration;
-    fillSplits(setup);
-    setup.split.value = kept.split;
+    choose(kept);
     await show(kept);
     byId("episode").removeAttribute("aria-busy");
   } else {
-    const query = new URLSearchParams(location.search);
-    for (const name of ["configuration", "split"]) {
-      if (query.has(name)) setup[name].value = query.get(name);
-      fillSplits(setup);
-    }
-    await begin(query.get("task"), false);
+    choose(Object.fromEntries(asked));
+    await begin(asked.get("task"), false);
   }
+}
+
+function choose({ configuration, split }) {
+  if (configuration) setup.configuration.value = configuration;
+  fillSplits(setup);
+  if (split) setup.split.value = split;
+}
+
+const press = (id) => () => byId(id)?.checkVisibility() && byId(id).click();
+const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution"), p: () => board.focus() };
+onKeys(byId("episode"), { ...board.keys, ...keys });
+on("setup", "submit", (event) => {
+  event.preventDefault();
+  page.draw(true);
 });
+on("setup", "change", (event) => {
+  if (event.target.name === "configuration") fillSplits(setup);
+  page.draw(false);
+});
+on("stop", "click", () => act("STOP"));
+on("next", "click", () => page.next(true));
+on("again", "click", () => begin(episode.task_id));
+on("solution", "click", showExpert);
+document.addEventListener("DOMContentLoaded", () => attempt(page.start)); // after all scripts

@@ -100,7 +100,8 @@ function partsList(parts, view) {
     const marks = () => view.mark(part.items);
     const value = part.value.replace(/^(True|False)$/, (truth) => truth.toLowerCase());
     const content = [programCode(part.source), element("span", { class: "value" }, value)];
-    const line = element("li", { class: `depth-${Math.min(part.depth, 8)}` });
+    const line = element("li");
+    line.style.setProperty("--depth", Math.min(part.depth, 4));
     if (part.items.length) {
       line.append(element("button", { type: "button", class: "part", mouseenter: marks, focus: marks, click: marks }, ...content));
     } else {

@@ -1,42 +1,28 @@
 "use strict";
 // /watch: recorded episodes step by step; optionally two recordings side by side.
 
-const PAGE_SIZE = 100;
 const STEP_MILLISECONDS = 900; // while playing
+const MAX_LISTED = 200; // episodes
 const filters = byId("filters");
 const sides = [];
 let listed = [];
 let recording = null;
-let offset = 0;
-let total = 0;
 let step = 0;
-let showsLegal = false;
-let openCount = 0; // identifies the latest episode request, so that a late response is dropped
-let findCount = 0; // likewise for the list of episodes
-
-const signed = (number) => `${number < 0 ? "−" : "+"}${Math.abs(number).toFixed(2)}`;
-const plural = (count, name) => `${count} ${name}${count === 1 ? "" : "s"}`;
-const words = (name) => name.replaceAll("_", " ");
-
-/** A short name, such as "imitation, seed 0". */
-function shortName(recording) {
-  return `${recording.agent}${recording.training_seed === null ? "" : `, seed ${recording.training_seed}`}`;
-}
+let showsHeat = true;
+let openCount = 0; // identifies the latest request for an episode, so that a late response is dropped
 
 /** Options for recordings: short names with what distinguishes them, and the file where that is not enough. */
 function recordingOptions(recordings) {
-  const titles = recordings.map((line) => `${shortName(line)} · ${line.configuration}, ${line.split}${line.actions === "sampled" ? ", sampled" : ""}`);
+  const titles = recordings.map((line) => {
+    const seed = line.training_seed === null ? "" : `, seed ${line.training_seed}`;
+    return `${line.agent}${seed} · ${line.configuration}, ${line.split}${line.actions === "sampled" ? ", sampled" : ""}`;
+  });
   const isUnique = (title) => titles.indexOf(title) === titles.lastIndexOf(title);
-  return recordings.map((line, index) => element("option", { value: line.id }, isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`));
+  return recordings.map((line, index) => {
+    const title = isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`;
+    return element("option", { value: line.id }, title);
+  });
 }
-
-function facts(pairs) {
-  const list = element("dl", { class: "facts" });
-  for (const [name, value] of pairs) if (value !== null) list.append(element("dt", {}, name), element("dd", {}, value));
-  return list;
-}
-
-let maskCount = 0; // makes ids of masks unique
 
 function svg(tag, attributes = {}, ...children) {
   const created = document.createElementNS("http://www.w3.org/2000/svg", tag);
@@ -49,44 +35,47 @@ function svg(tag, attributes = {}, ...children) {
 function itemShape({ shape, x, y, side }) {
   const [left, top, right, bottom] = [x - 1, y - 1, x + side + 1, y + side + 1];
   if (shape === "circle") return svg("circle", { cx: x + side / 2, cy: y + side / 2, r: side / 2 + 1 });
-  if (shape === "triangle") return svg("polygon", { points: `${x + side / 2},${top - 2} ${right + 1},${bottom} ${left - 1},${bottom}` });
+  if (shape === "triangle") {
+    return svg("polygon", { points: `${x + side / 2},${top - 2} ${right + 1},${bottom} ${left - 1},${bottom}` });
+  }
   return svg("rect", { x: left, y: top, width: right - left, height: bottom - top });
+}
+
+function barList(title, bars) {
+  return element("div", {}, element("h3", {}, title), element("ul", { class: "bars" }, ...bars));
 }
 
 /** Panel with an episode of one recording. */
 class Side {
-  constructor() {
+  constructor(recording, episode) {
+    this.episode = episode;
     this.view = new SceneView("The scene");
     this.heat = svg("svg", { class: "heat", viewBox: `0 0 ${IMAGE_WIDTH} ${IMAGE_HEIGHT}`, "aria-hidden": "true" });
     this.view.root.append(this.heat);
-    this.maskId = `items-${(maskCount += 1)}`;
-    this.strip = element("ol", { class: "strip", "aria-label": "Steps" });
-    this.title = element("h2");
-    this.head = element("div");
+    this.maskId = `items-${sides.length}`;
+    this.strip = element("ol", { class: "strip", "aria-label": "Steps" }, ...episode.steps.map(stripEntry));
     this.step = element("p", { role: "status" });
     this.predictions = element("div");
-    this.root = element("section", { class: "panel side" }, this.title, this.head, this.view.root, this.step, this.strip, this.predictions);
-  }
-
-  open(recording, episode) {
-    this.episode = episode;
-    this.command = recording.command;
-    this.title.textContent = shortName(recording);
-    const end = episode.invalid_reason ? `${words(episode.outcome)}: ${words(episode.invalid_reason)}` : words(episode.outcome);
-    this.head.replaceChildren(
+    const seen = episode.form_seen ? "its form was seen in training" : "not seen in training";
+    const details = facts({
+      Task: episode.task,
+      Recording: recording.name,
+      Statement: episode.statement_seen ? "seen in training" : seen,
+      "Shortest solution": episode.optimal_actions === null ? null : plural(episode.optimal_actions, "action"),
+    });
+    const reason = episode.invalid_reason ? `: ${words(episode.invalid_reason)}` : "";
+    const end = element("span", { class: judgement(episode) }, `${words(episode.outcome)}${reason}`);
+    this.root = element(
+      "section",
+      { class: "panel side" },
+      element("h2", {}, recording.agent),
       element("p", { class: "statement" }, episode.statement),
-      element("p", {}, `Make it ${episode.target}. `, element("span", { class: episode.outcome === "success" ? "good" : "bad" }, end), `, reward ${episode.total.toFixed(1)}.`),
-      element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), facts([
-        ["Task", episode.task],
-        ["Recording", recording.name],
-        ["Statement", episode.statement_seen ? "seen in training" : episode.form_seen ? "its form was seen in training" : "not seen in training"],
-        ["Shortest solution", episode.optimal_actions === null ? null : plural(episode.optimal_actions, "action")],
-      ])),
-    );
-    this.strip.replaceChildren(
-      ...episode.steps.map((each, index) =>
-        element("li", {}, element("button", { type: "button", click: () => showStep(index) }, element("img", { src: each.scene.picture, alt: "", width: 190, height: 50 }), element("span", {}, each.action ? `${index + 1}. ${each.action}` : "End"))),
-      ),
+      element("p", {}, `Make it ${episode.target}. `, end, `, reward ${episode.total.toFixed(1)}.`),
+      element("details", {}, element("summary", {}, "Program and task"), element("pre", {}, episode.program), details),
+      this.view.root,
+      this.step,
+      this.strip,
+      this.predictions,
     );
   }
 
@@ -94,80 +83,81 @@ class Side {
     const index = Math.min(wanted, this.episode.steps.length - 1);
     const shown = this.episode.steps[index];
     this.view.show(shown.scene);
-    this.step.textContent = shown.action ? `Step ${index + 1}: ${shown.action}, reward ${shown.reward.toFixed(1)}` : `End: ${words(this.episode.outcome)}`;
+    this.step.textContent = shown.action
+      ? `Step ${index + 1}: ${shown.action}, reward ${shown.reward.toFixed(1)}`
+      : `End: ${words(this.episode.outcome)}`;
     [...this.strip.querySelectorAll("button")].forEach((button, place) => {
-      if (place === index) {
-        button.setAttribute("aria-current", "step");
-        this.strip.scrollLeft = button.offsetLeft - this.strip.offsetLeft - 60;
-      } else button.removeAttribute("aria-current");
+      button.removeAttribute("aria-current");
+      if (place !== index) return;
+      button.setAttribute("aria-current", "step");
+      this.strip.scrollLeft = button.offsetLeft - this.strip.offsetLeft - 60;
     });
-    this.showHeat(shown);
+    const cells = shown.decision && showsHeat ? shown.decision.cells : [];
+    this.heat.replaceChildren(this.mask(), svg("g", { mask: `url(#${this.maskId})` }, ...cells.map((cell) => this.overlay(cell))));
     this.predictions.replaceChildren(...(shown.action ? this.decision(shown) : []));
   }
 
-  showHeat(shown) {
-    const kind = byId("heat").value;
-    const overlays = [];
-    if (shown.decision && kind !== "none") {
-      const shareOf = (cell) => (kind === "both" ? cell.add + cell.remove : cell[kind]);
-      for (const cell of shown.decision.cells) {
-        overlays.push(this.overlay(cell, { opacity: 0.6 * Math.sqrt(Math.min(1, shareOf(cell))), fill: "#d6006c" }));
-      }
-    }
-    if (showsLegal) {
-      for (const cell of shown.legal) {
-        if (kind === "remove" ? !cell.remove : kind === "add" && !cell.add) continue;
-        overlays.push(this.overlay(cell, { class: "may" }));
-      }
-    }
-    this.heat.replaceChildren(this.mask(), svg("g", { mask: `url(#${this.maskId})` }, ...overlays));
-  }
-
-  overlay(cell, attributes) {
+  /** The more probable an action in the cell, the more opaque. */
+  overlay(cell) {
     const [columns, rows] = this.episode.grid;
-    if (columns === 3) return svg("rect", { x: cell.column * 140, y: 0, width: 100, height: 100, ...attributes });
+    const opacity = 0.6 * Math.sqrt(Math.min(1, cell.add + cell.remove));
+    const looks = { opacity, fill: "#d6006c" };
+    if (columns === 3) return svg("rect", { x: cell.column * 140, y: 0, width: 100, height: 100, ...looks });
     const [width, height] = [IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows];
-    return svg("rect", { x: cell.column * width, y: cell.row * height, width, height, ...attributes });
+    return svg("rect", { x: cell.column * width, y: cell.row * height, width, height, ...looks });
   }
 
   /** Hides the heat map where items are, so that it changes no item's colour. */
   mask() {
-    const all = svg("rect", { width: IMAGE_WIDTH, height: IMAGE_HEIGHT, fill: "white" });
-    return svg("mask", { id: this.maskId, maskUnits: "userSpaceOnUse", x: 0, y: 0, width: IMAGE_WIDTH, height: IMAGE_HEIGHT }, all, ...this.view.scene.items.map(itemShape));
+    const size = { x: 0, y: 0, width: IMAGE_WIDTH, height: IMAGE_HEIGHT };
+    const items = this.view.scene.items.map(itemShape);
+    return svg("mask", { id: this.maskId, maskUnits: "userSpaceOnUse", ...size }, svg("rect", { ...size, fill: "white" }), ...items);
   }
 
-  decision(shown) {
-    const decision = shown.decision;
-    if (!decision) return [element("p", { class: "notice" }, "The agent's predictions were not recorded. Record them with: ", element("code", {}, this.command))];
-    const kind = shown.action.split("(")[0];
-    const expert = decision.optimal === null ? (decision.steps_to_go === null ? null : "unknown") : decision.optimal ? "yes" : "no";
-    const parts = [
-      element("div", {}, element("h3", {}, "Type of action"), element("ul", { class: "bars" }, bar("STOP", decision.stop, kind === "STOP"), bar("ADD", decision.add, kind === "ADD"), bar("REMOVE", decision.remove, kind === "REMOVE"))),
-      element("div", {}, element("h3", {}, "Likeliest actions"), element("ul", { class: "bars" }, ...Object.entries(decision.likeliest).map(([action, probability]) => bar(action, probability, action === shown.action)))),
-    ];
-    const programs = Object.entries(decision.programs);
+  /** The agent's predictions before the action. */
+  decision({ action, decision }) {
+    if (!decision) return [element("p", { class: "notice" }, "The agent's predictions were not recorded.")];
+    const kinds = ["STOP", "ADD", "REMOVE"].map((kind) => bar(kind, decision[kind.toLowerCase()], action.startsWith(kind)));
+    const likeliest = Object.entries(decision.likeliest).map(([name, share]) => bar(name, share, name === action));
+    const parts = [barList("Type of action", kinds), barList("Likeliest actions", likeliest)];
+    const readings = Object.entries(decision.programs);
     const holds = (program) => decision.satisfied.includes(program);
-    if (programs.length) parts.push(element("div", {}, element("h3", {}, `Readings, ✓ if ${this.episode.target} in this scene`), element("ul", { class: "bars" }, ...programs.map(([program, probability]) => bar(programCode(program), probability, holds(program), true)))));
-    const satisfied = programs.filter(([program]) => holds(program)).reduce((sum, [, probability]) => sum + probability, 0);
-    const stopRule = programs.length ? "when no edit of its plan is left: the plan makes the readings that are together the most probable have the target value" : "when STOP is the action it chooses, as any other";
-    if (decision.notes.length) parts.push(element("div", {}, element("h3", {}, "About the statement"), ...decision.notes.map((note) => element("p", { class: "notice" }, note))));
-    const answers = decision.answers.map((each) =>
-      element("div", {}, element("h3", {}, each.understood ? "Answer" : "Answer, not understood as an action"), element("pre", { class: "answer", tabindex: 0 }, each.text || "(nothing)")),
-    );
-    return [
-      ...answers,
-      element("div", { class: "beliefs" }, ...parts),
-      facts([
-        ["Satisfied readings", programs.length ? `${percent(satisfied)} of the probability` : null],
-        ["It stops", stopRule],
-        ["Value", decision.value === null ? null : signed(decision.value)],
-        ["Predicted success of the plan", decision.success_probability === null ? null : percent(decision.success_probability)],
-        ["Legal actions", `${decision.legal_stop} STOP, ${decision.legal_add} ADD, ${decision.legal_remove} REMOVE; total probability ${percent(decision.legal_probability)}`],
-        ["Optimal according to the expert", expert],
-        ["Shortest solution from here", decision.steps_to_go === null ? null : plural(decision.steps_to_go, "action")],
-      ]),
-    ];
+    const satisfied = readings.filter(([program]) => holds(program)).reduce((sum, [, share]) => sum + share, 0);
+    if (readings.length) {
+      const bars = readings.map(([program, share]) => bar(programCode(program), share, holds(program), true));
+      parts.push(barList(`Readings, ✓ if ${this.episode.target} in this scene`, bars));
+    }
+    if (decision.notes.length) {
+      const notes = decision.notes.map((note) => element("p", { class: "notice" }, note));
+      parts.push(element("div", {}, element("h3", {}, "About the statement"), ...notes));
+    }
+    const answers = decision.answers.map(({ understood, text }) => {
+      const title = understood ? "Answer" : "Answer, not understood as an action";
+      return element("div", {}, element("h3", {}, title), element("pre", { class: "answer", tabindex: 0 }, text || "(nothing)"));
+    });
+    const legal = `${decision.legal_stop} STOP, ${decision.legal_add} ADD, ${decision.legal_remove} REMOVE`;
+    const optimal = decision.optimal ? "yes" : "no";
+    const known = facts({
+      "Satisfied readings": readings.length ? `${percent(satisfied)} of the probability` : null,
+      "It stops": readings.length
+        ? "when no edit of its plan is left: the plan makes the readings that are together the most probable have the target value"
+        : "when STOP is the action it chooses, as any other",
+      Value: decision.value === null ? null : decision.value.toFixed(2),
+      "Predicted success of the plan": decision.success_probability === null ? null : percent(decision.success_probability),
+      "Legal actions": `${legal}; total probability ${percent(decision.legal_probability)}`,
+      "Optimal according to the expert": decision.steps_to_go === null ? null : decision.optimal === null ? "unknown" : optimal,
+      "Shortest solution from here": decision.steps_to_go === null ? null : plural(decision.steps_to_go, "action"),
+    });
+    return [...answers, element("div", { class: "beliefs" }, ...parts), known];
   }
+}
+
+const judgement = (episode) => (episode.outcome === "success" ? "good" : "bad");
+
+function stripEntry({ action, scene }, index) {
+  const image = element("img", { src: scene.picture, alt: "", width: 190, height: 50 });
+  const title = element("span", {}, action ? `${index + 1}. ${action}` : "End");
+  return element("li", {}, element("button", { type: "button", click: () => showStep(index) }, image, title));
 }
 
 let playing = 0; // timer
@@ -196,105 +186,100 @@ function showStep(wanted) {
   byId("last").disabled = byId("forth").disabled = step === longest;
 }
 
-/** Stores the values in the URL's query, so that the view can be reloaded and shared; null and "" remove a value. */
+/** Stores the values in the URL's query, so that the view can be reloaded and shared; "" removes a value. */
 function remember(values) {
-  const query = new URLSearchParams(location.search);
-  for (const [name, value] of Object.entries(values)) value === "" || value === null ? query.delete(name) : query.set(name, value);
-  history.replaceState(null, "", `?${query}`);
+  const query = { ...Object.fromEntries(new URLSearchParams(location.search)), ...values };
+  history.replaceState(null, "", `?${queryOf(Object.entries(query).filter(([, value]) => value !== ""))}`);
 }
 
 async function openRecording(id) {
   recording = await request("GET", `/api/watch/recordings/${id}`);
+  const { agent, configuration, outcomes, successes, episodes, split, rules, mask } = recording;
+  byId("recording").value = id;
   byId("about").hidden = byId("finder").hidden = false;
-  byId("about-title").textContent = `${recording.agent}, ${recording.configuration}`;
-  const ends = Object.entries(recording.outcomes).map(([name, episodes]) => `${words(name)} ${episodes}`).join(", ");
-  byId("about-line").textContent = `${recording.successes} of ${recording.episodes} episodes succeeded (${percent(recording.successes / Math.max(1, recording.episodes))}): ${ends}. Corpus ${recording.corpus}, split ${recording.split}, rules ${recording.rules}, actions ${recording.actions}, ${recording.mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
+  byId("about-title").textContent = `${agent}, ${configuration}`;
+  const ends = Object.entries(outcomes).map(([name, count]) => `${words(name)} ${count}`).join(", ");
+  const share = percent(successes / Math.max(1, episodes));
+  byId("about-line").textContent =
+    `${successes} of ${episodes} episodes succeeded (${share}): ${ends}. Corpus ${recording.corpus}, split ${split}, rules ${rules}, ` +
+    `actions ${recording.actions}, ${mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
   byId("no-decisions").hidden = recording.has_decisions;
-  byId("record-command").textContent = recording.command;
   byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recordingOptions(recording.comparable));
-  markCounts(filters.outcome, recording.outcomes);
-  markCounts(filters.invalid_reason, recording.invalid_reasons);
   remember({ recording: id });
 }
 
-function markCounts(select, counts) {
-  for (const option of select.options) if (option.value) option.textContent = `${words(option.value)} (${counts[option.value] || 0})`;
+/** Lists the recording's episodes that match the filters. */
+function listEpisodes() {
+  const text = filters.text.value.toLowerCase();
+  const wants = { outcome: filters.outcome.value, seen: filters.seen.value };
+  const found = recording.played.filter(
+    (line) =>
+      (!wants.outcome || line.outcome === wants.outcome) &&
+      (!wants.seen || String(line.statement_seen) === wants.seen) &&
+      `${line.statement} ${line.task}`.toLowerCase().includes(text),
+  );
+  listed = found.slice(0, MAX_LISTED);
+  const shown = listed.length < found.length ? `; the first ${listed.length} are listed` : "";
+  byId("total").textContent = found.length ? `${plural(found.length, "episode")}${shown}` : "No episode matches these filters.";
+  byId("episodes").hidden = !found.length;
+  byId("episodes").replaceChildren(...listed.map(episodeEntry));
 }
 
-/** Lists the episodes that match the filters; false if the filters have changed meanwhile. */
-async function findEpisodes() {
-  const current = (findCount += 1);
-  const query = new URLSearchParams({ offset });
-  for (const [name, value] of new FormData(filters)) if (value) query.set(name, value);
-  const found = await request("GET", `/api/watch/recordings/${recording.id}/episodes?${query}`);
-  if (current !== findCount) return false;
-  total = found.total;
-  byId("total").textContent = total ? `${offset + 1} to ${offset + found.episodes.length} of ${total}` : "No episode matches these filters.";
-  byId("earlier").hidden = offset === 0;
-  byId("later").hidden = offset + found.episodes.length >= total;
-  listed = found.episodes;
-  byId("episodes").hidden = total === 0;
-  byId("episodes").replaceChildren(
-    ...listed.map((line) =>
-      element("li", {}, element("button", { type: "button", "data-index": line.index, click: () => attempt(() => openEpisode(line.index, 0, true), byId("viewer")) },
-        element("img", { src: `/api/watch/recordings/${recording.id}/episodes/${line.index}/picture`, alt: "", width: 114, height: 30, loading: "lazy" }),
-        element("span", {}, `${line.statement} (${line.target})`),
-        element("span", { class: line.outcome === "success" ? "good" : "bad" }, `${words(line.outcome)}, ${line.actions}`))),
+function episodeEntry(line) {
+  const picture = `/api/watch/recordings/${recording.id}/episodes/${line.index}/picture`;
+  const open = () => attempt(() => openEpisode(line.index, 0, true), byId("viewer"));
+  return element(
+    "li",
+    {},
+    element(
+      "button",
+      { type: "button", "data-index": line.index, click: open },
+      element("img", { src: picture, alt: "", width: 114, height: 30, loading: "lazy" }),
+      element("span", {}, `${line.statement} (${line.target})`),
+      element("span", { class: judgement(line) }, `${words(line.outcome)}, ${line.actions}`),
     ),
   );
-  return true;
 }
 
 /** Shows the first of the episodes found, or none. */
 async function openFirst() {
-  if (!(await findEpisodes())) return;
-  if (listed.length) await openEpisode(listed[0].index, 0, false);
-  else {
-    openCount += 1;
-    pause();
-    sides.length = 0;
-    byId("viewer").hidden = true;
-    remember({ episode: "" });
-  }
+  listEpisodes();
+  if (listed.length) return openEpisode(listed[0].index);
+  openCount += 1;
+  pause();
+  sides.length = 0;
+  byId("viewer").hidden = true;
+  remember({ episode: "" });
 }
 
-async function openEpisode(index, initialStep, focuses) {
+async function openEpisode(index, initialStep = 0, focuses = false) {
   const current = (openCount += 1);
   pause();
-  const opened = recording;
-  const beside = byId("beside").value;
-  const episode = await request("GET", `/api/watch/recordings/${opened.id}/episodes/${index}`);
-  const other = beside ? await sideWithTask(beside, episode.task) : null;
+  const opened = [[recording, index]];
+  if (byId("beside").value) {
+    const other = await request("GET", `/api/watch/recordings/${byId("beside").value}`);
+    const same = other.played.find((line) => line.task === recording.played[index].task);
+    if (same) opened.push([other, same.index]);
+    else showMessage("The other recording has no episode of this task.");
+  }
+  const episodes = await Promise.all(opened.map(([{ id }, at]) => request("GET", `/api/watch/recordings/${id}/episodes/${at}`)));
   if (current !== openCount) return;
   sides.length = 0;
-  sides.push(new Side());
-  sides[0].open(opened, episode);
-  if (other) sides.push(other);
+  opened.forEach(([source], at) => sides.push(new Side(source, episodes[at])));
   byId("sides").replaceChildren(...sides.map((side) => side.root));
   byId("sides").classList.toggle("two", sides.length > 1);
   byId("viewer").hidden = false;
-  for (const button of byId("episodes").querySelectorAll("button")) button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
-  remember({ episode: index, beside });
+  for (const button of byId("episodes").querySelectorAll("button")) {
+    button.setAttribute("aria-pressed", String(Number(button.dataset.index) === index));
+  }
+  remember({ episode: index, beside: byId("beside").value });
   showStep(initialStep);
   if (focuses) byId("viewer").focus();
 }
 
-/** A panel with another recording's episode of the task, or null if it has none. */
-async function sideWithTask(id, task) {
-  const other = await request("GET", `/api/watch/recordings/${id}`);
-  const found = await request("GET", `/api/watch/recordings/${id}/episodes?${new URLSearchParams({ task })}`);
-  if (!found.episodes.length) {
-    showMessage("The other recording has no episode of this task.");
-    return null;
-  }
-  const side = new Side();
-  side.open(other, await request("GET", `/api/watch/recordings/${id}/episodes/${found.episodes[0].index}`));
-  return side;
-}
-
 async function nextEpisode(by) {
-  const next = listed.findIndex((line) => line.index === sides[0].episode.index) + by;
-  if (next >= 0 && next < listed.length) await openEpisode(listed[next].index, 0, true);
+  const next = listed[listed.findIndex((line) => line.index === sides[0].episode.index) + by];
+  if (next) await openEpisode(next.index, 0, true);
 }
 
 /** Lists the recordings and opens the one with the id, or the one that the URL names, or the first. */
@@ -309,74 +294,54 @@ async function start(id = null) {
   if (!readable.length) return;
   byId("recording").replaceChildren(...recordingOptions(readable));
   const query = new URLSearchParams(id ? "" : location.search);
-  const wanted = id || (readable.some((line) => line.id === query.get("recording")) ? query.get("recording") : readable[0].id);
-  byId("recording").value = wanted;
-  await openRecording(wanted);
+  const asked = id || query.get("recording");
+  await openRecording(readable.some((line) => line.id === asked) ? asked : readable[0].id);
   if (recording.comparable.some((line) => line.id === query.get("beside"))) byId("beside").value = query.get("beside");
-  const index = Number(query.get("episode"));
-  if (!query.has("episode") || !Number.isInteger(index)) return openFirst();
-  await findEpisodes();
-  await openEpisode(index, Number(query.get("step")) || 0, false);
+  if (!(query.get("episode") in recording.played)) return openFirst();
+  listEpisodes();
+  await openEpisode(Number(query.get("episode")), Number(query.get("step")) || 0);
 }
 
-if (byId("request")) {
-  byId("request").addEventListener("submit", (event) => {
-    event.preventDefault();
-    attempt(async () => {
-      const asked = Object.fromEntries(new FormData(event.target));
-      const { id } = await request("POST", "/api/watch/recordings", asked);
-      offset = 0;
-      await start(id);
-      byId("viewer").focus();
-    }, byId("request"));
-  });
-}
-byId("recording").addEventListener("change", () =>
+on("request", "submit", (event) => {
+  event.preventDefault();
+  attempt(async () => {
+    const { id } = await request("POST", "/api/watch/recordings", Object.fromEntries(new FormData(event.target)));
+    await start(id);
+    byId("viewer").focus();
+  }, byId("request"));
+});
+on("recording", "change", () =>
   attempt(async () => {
     remember({ episode: "", beside: "", step: "" });
-    offset = 0;
     await openRecording(byId("recording").value);
     await openFirst();
   }, byId("finder")),
 );
-byId("beside").addEventListener("change", () =>
-  attempt(async () => {
-    remember({ beside: byId("beside").value });
-    if (sides.length) await openEpisode(sides[0].episode.index, step, false);
-  }, byId("viewer")),
-);
-function filter() {
-  offset = 0;
-  attempt(openFirst, byId("episodes"));
-}
-filters.addEventListener("input", filter);
-filters.addEventListener("submit", (event) => {
-  event.preventDefault();
-  filter();
-});
-byId("earlier").addEventListener("click", () => { offset = Math.max(0, offset - PAGE_SIZE); attempt(findEpisodes, byId("episodes")); });
-byId("later").addEventListener("click", () => { offset += PAGE_SIZE; attempt(findEpisodes, byId("episodes")); });
-byId("play").addEventListener("click", togglePlay);
-byId("first").addEventListener("click", () => showStep(0));
-byId("back").addEventListener("click", () => showStep(step - 1));
-byId("forth").addEventListener("click", () => showStep(step + 1));
-byId("last").addEventListener("click", () => showStep(Infinity));
-byId("heat").addEventListener("change", () => showStep(step));
-function toggleLegal() {
-  showsLegal = !showsLegal;
-  byId("legal").setAttribute("aria-pressed", String(showsLegal));
-  showStep(step);
-}
-byId("legal").addEventListener("click", toggleLegal);
+on("beside", "change", () => attempt(() => sides.length && openEpisode(sides[0].episode.index, step), byId("viewer")));
+on("filters", "input", () => attempt(openFirst, byId("episodes")));
+on("filters", "submit", (event) => event.preventDefault());
+const controls = {
+  play: togglePlay,
+  first: () => showStep(0),
+  back: () => showStep(step - 1),
+  forth: () => showStep(step + 1),
+  last: () => showStep(Infinity),
+  heat: () => {
+    showsHeat = !showsHeat;
+    byId("heat").setAttribute("aria-pressed", String(showsHeat));
+    showStep(step);
+  },
+};
+for (const [id, action] of Object.entries(controls)) on(id, "click", action);
 onKeys(byId("viewer"), {
-  " ": togglePlay,
-  ArrowLeft: () => showStep(step - 1),
-  ArrowRight: () => showStep(step + 1),
-  Home: () => showStep(0),
-  End: () => showStep(Infinity),
+  " ": controls.play,
+  Home: controls.first,
+  ArrowLeft: controls.back,
+  ArrowRight: controls.forth,
+  End: controls.last,
+  h: controls.heat,
   j: () => attempt(() => nextEpisode(1), byId("viewer")),
   k: () => attempt(() => nextEpisode(-1), byId("viewer")),
-  l: toggleLegal,
 });
 
 attempt(() => start());

@@ -6,31 +6,30 @@ The procedure of the paper (Wu et al. 2023, Figure 8), for the statements of the
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Sequence
 from typing import Annotated, NamedTuple
 
-from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Query, Request, Response
 from pydantic import AfterValidator, BaseModel, StringConstraints
-from sqlalchemy import select
 
-from lilgym_mp.contrib.web import language
-from lilgym_mp.contrib.web.app_services import AppServices, Services
-from lilgym_mp.contrib.web.bodies import JSON, pick, scene_body
-from lilgym_mp.contrib.web.database import Annotation, Database
+from lilgym_mp.contrib.web.app_services import Services
+from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, scene_body
+from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, save_annotation
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import AppearanceName, Name, ShortText, SplitName, storable
-from lilgym_mp.contrib.web.program_evaluator import EvaluatorBusy, ProgramEvaluationError, SceneValue
+from lilgym_mp.contrib.web.language import language
 from lilgym_mp.contrib.web.routes.explore import find_statement, list_statements
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.corpus.records import FLIPIT
-from lilgym_mp.programs.syntax import MAX_LENGTH
+from lilgym_mp.programs import ProgramError, ProgramRuntimeError
+from lilgym_mp.programs.compiler import Program
+from lilgym_mp.programs.syntax import MAX_LENGTH, parse
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
 api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 
+STEP_LIMIT = 1_000_000  # of a program on a scene, as a person may submit any: about 0.1 seconds
 ACCEPTED = "Saved: your program has the statement's value in every scene, hidden ones included."
 FAILED = "Saved, but your program does not have the statement's value in every hidden scene. Reread the statement."
 DOWNLOAD_HEADERS = {"Content-Disposition": 'attachment; filename="annotations.jsonl"'}
@@ -86,13 +85,17 @@ def annotate_page(request: Request) -> Response:
 @api.get("/language")
 def words() -> JSON:
     """All words of the program language, with signatures and documentation."""
-    return language.language()
+    return language()
 
 
 @api.post("/check")
 def check(text: ProgramBody) -> JSON:
-    """Checks the syntax of a program."""
-    return language.check(text.program)
+    """Whether a text parses as a program; if not, the error and its position in characters, from 0."""
+    try:
+        parse(text.program)
+    except ProgramError as fault:
+        return {"ok": False, "offset": fault.offset, "length": max(1, len(fault.piece)), "message": fault.reason}
+    return {"ok": True, "offset": 0, "length": 0, "message": ""}
 
 
 @api.get("/statements")
@@ -101,15 +104,9 @@ def statements(
 ) -> list[JSON]:
     """The statements with FlipIt scenes, and whether the annotator called `name` has an accepted program for each."""
     catalogue = services.catalogue
-    done = select(Annotation.statement_id).where(
-        Annotation.corpus == catalogue.corpus,
-        Annotation.appearance == appearance,
-        Annotation.split == split,
-        Annotation.name == name.strip(),
-        Annotation.accepted,
-    )
-    with services.database.read() as session:
-        ids = set(session.scalars(done))
+    done = "SELECT statement_id FROM annotations WHERE corpus=? AND appearance=? AND split=? AND name=? AND accepted"
+    with services.database.read() as connection:
+        ids = {row[0] for row in connection.execute(done, (catalogue.corpus, appearance, split, name.strip()))}
     return [
         {**pick(statement, "id", "statement"), "done": statement.id in ids}
         for statement in list_statements(catalogue, appearance, split)
@@ -125,69 +122,57 @@ def statement(found: CurrentStatement) -> JSON:
 
 
 @api.post("/run")
-async def run(found: CurrentStatement, written: ProgramBody, services: Services) -> list[JSON]:
+def run(found: CurrentStatement, written: ProgramBody) -> list[JSON]:
     """A program's value on each shown scene, part by part; null where it has none, with the error in `fault`."""
-    values = await _evaluate(services, written.program, [scene for scene, _ in found.shown], traced=True)
+    program = _parsed(written.program)
     return [
-        {**pick(value, "truth", "fault"), "label": label, "parts": [part._asdict() for part in value.parts]}
-        for value, (_, label) in zip(values, found.shown, strict=True)
+        {**_value(program, scene), "label": label, "parts": parts_body(program.source, scene, STEP_LIMIT)}
+        for scene, label in found.shown
     ]
 
 
 @api.post("/annotations", status_code=201)
-async def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> JSON:
+def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> JSON:
     """Saves a program that agrees with the shown scenes, after checking it on the hidden ones.
 
     Responds with 409 if it disagrees with a shown scene, or has no value on the empty scene, as every program must.
     """
-    scenes, labels = zip(*found.shown, *found.hidden, strict=True)
-    *values, empty = await _evaluate(services, new.program, [*scenes, Scene.empty()])
-    agrees = [value.truth is label for value, label in zip(values, labels, strict=True)]
-    if not all(agrees[: len(found.shown)]):
-        raise http_error(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
-    if empty.truth is None:
-        raise http_error(
-            409, f"the program fails on a scene without items ({empty.fault}); it must have a value in every scene"
-        )
-    row = Annotation(
-        corpus=services.catalogue.corpus,
-        appearance=found.appearance,
-        split=found.split,
-        statement_id=found.id,
-        statement=found.text,
-        accepted=all(agrees),
-        **new.model_dump(),
+    program = _parsed(new.program)
+    shown, hidden = (
+        all(_value(program, scene)["truth"] is label for scene, label in scenes)
+        for scenes in (found.shown, found.hidden)
     )
-    await run_sync(_save, services.database, row)
-    return {"accepted": all(agrees), "message": ACCEPTED if all(agrees) else FAILED}
+    if not shown:
+        raise http_error(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
+    if fault := _value(program, Scene.empty())["fault"]:
+        raise http_error(409, f"the program fails on a scene without items ({fault}); it must have a value everywhere")
+    about = {"corpus": services.catalogue.corpus, "statement_id": found.id, "statement": found.text}
+    row = {**new.model_dump(), **about, **pick(found, "appearance", "split"), "accepted": hidden}
+    with services.database.write() as connection:
+        save_annotation(connection, row)
+    return {"accepted": hidden, "message": ACCEPTED if hidden else FAILED}
 
 
 @api.get("/annotations", response_class=Response)
 def download(services: Services) -> Response:
     """All annotations in the database, as JSON lines in the order of their submission."""
-    with services.database.read() as session:
-        text = "".join(_lines(session.scalars(select(Annotation).order_by(Annotation.id))))
+    with services.database.read() as connection:
+        found = connection.execute(f"SELECT {', '.join(ANNOTATION_COLUMNS)} FROM annotations ORDER BY id")
+        rows = [{**dict(row), "accepted": bool(row["accepted"])} for row in found]
+    text = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
     return Response(text, media_type="application/jsonl", headers=DOWNLOAD_HEADERS)
 
 
-def _lines(rows: Iterable[Annotation]) -> Iterator[str]:
-    names = [column.name for column in Annotation.__table__.columns]
-    for row in rows:
-        yield json.dumps({name: getattr(row, name) for name in names}, ensure_ascii=False) + "\n"
-
-
-def _save(database: Database, row: Annotation) -> None:
-    with database.write() as session:
-        session.add(row)
-
-
-async def _evaluate(
-    services: AppServices, program: str, scenes: Sequence[Scene], *, traced: bool = False
-) -> list[SceneValue]:
-    """Responds with 422 for an invalid program or one that exceeds a limit, 503 if all workers stay busy."""
+def _parsed(source: str) -> Program:
+    """Responds with 422 for an invalid program."""
     try:
-        return await services.evaluator.evaluate(program, scenes, traced=traced)
-    except ProgramEvaluationError as fault:
+        return Program(source)
+    except ProgramError as fault:
         raise http_error(422, str(fault)) from None
-    except EvaluatorBusy:
-        raise http_error(503, "too many programs are running; your text is kept: try again in a moment") from None
+
+
+def _value(program: Program, scene: Scene) -> JSON:
+    try:
+        return {"truth": program.evaluate(scene, step_limit=STEP_LIMIT), "fault": None}
+    except ProgramRuntimeError as fault:
+        return {"truth": None, "fault": str(fault)}

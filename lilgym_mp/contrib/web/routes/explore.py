@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from functools import lru_cache
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena, syntactic_phenomena
+from lilgym_mp.contrib.report.phenomena import phenomena, syntactic_phenomena
 from lilgym_mp.contrib.web.app_services import Catalogue, Services
 from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, png, scene_body
 from lilgym_mp.contrib.web.errors import http_error
@@ -28,20 +29,51 @@ from lilgym_mp.solver.solver import UnsupportedAppearance
 router = APIRouter()
 api = APIRouter(prefix="/api/explore", tags=["explore"])
 
-PAGE_SIZE = 30  # statements per response
+PAGE_SIZE = 30  # statements
 STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
 MAX_RECORDINGS = 200  # searched for outcomes
 MAX_SCENES = 12  # per statement
 CONFIGURATION_NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
 """Configurations by (appearance, start)."""
 
-Count = Annotated[int, Query(ge=0, le=1_000_000)]
 TextQuery = Annotated[str, Query(max_length=200)]
 
 
 @router.get("/explore", include_in_schema=False)
-def explore_page(request: Request) -> Response:
-    return render_page(request, "explore.html", appearances=list(APPEARANCES))
+def explore_page(
+    request: Request,
+    services: Services,
+    appearance: AppearanceName = "tower",
+    split: SplitName = "dev",
+    text: TextQuery = "",
+    phenomenon: TextQuery = "",
+    word: TextQuery = "",
+    first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
+) -> Response:
+    """Statements that contain the text (in statement or program, or as the whole id) and have the rest."""
+    every, needle = list_statements(services.catalogue, appearance, split), text.lower()
+    kinds = Counter(kind for statement in every for kind in statement.phenomena)
+    used = Counter(name for statement in every for name in statement.words)
+    phenomenon, word = phenomenon if phenomenon in kinds else "", word if word in used else ""  # of another appearance
+    found = [
+        statement
+        for statement in every
+        if needle in f"{statement.statement}\n{statement.program}".lower() or needle == statement.id.lower()
+        if not phenomenon or phenomenon in statement.phenomena
+        if not word or word in statement.words
+    ]
+    return render_page(
+        request,
+        "explore.html",
+        appearances=list(APPEARANCES),
+        query={"appearance": appearance, "split": split, "text": text, "phenomenon": phenomenon, "word": word},
+        phenomena=kinds,
+        words=used,
+        found=found[first : first + PAGE_SIZE],
+        total=len(found),
+        first=first,
+        size=PAGE_SIZE,
+    )
 
 
 @router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)
@@ -51,51 +83,6 @@ def statement_page(
     found = find_statement(services.catalogue, appearance, split, statement_id)
     query = {"appearance": appearance, "split": split, "statement_id": found.id}
     return render_page(request, "explore_statement.html", statement=found.statement, query=query)
-
-
-@api.get("/choices")
-def choices(services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev") -> JSON:
-    """Filter values, with the number of statements for each; the length of the longest statement."""
-    found = list_statements(services.catalogue, appearance, split)
-    used = sorted({word for statement in found for word in statement.words})
-    return {
-        "phenomena": {str(kind): sum(str(kind) in statement.phenomena for statement in found) for kind in Phenomenon},
-        "words": {word: sum(word in statement.words for statement in found) for word in used},
-        "longest": max(statement.length for statement in found),
-    }
-
-
-@api.get("/statements")
-def statements(
-    services: Services,
-    appearance: AppearanceName = "tower",
-    split: SplitName = "dev",
-    text: TextQuery = "",
-    phenomenon: Phenomenon | None = None,
-    word: TextQuery | None = None,
-    least: Count = 0,
-    most: Count = 1_000,
-    first: Count = 0,
-) -> JSON:
-    """Statements of `least` to `most` words that contain the text (in statement or program, or as the whole id)."""
-    needle = text.lower()
-    found = [
-        statement
-        for statement in list_statements(services.catalogue, appearance, split)
-        if any(needle in field.lower() for field in (statement.statement, statement.program))
-        or needle == statement.id.lower()
-        if phenomenon is None or phenomenon in statement.phenomena
-        if word is None or word in statement.words
-        if least <= statement.length <= most
-    ]
-    lines = [
-        {
-            **pick(statement, "id", "statement", "length", "phenomena"),
-            "scenes": sum(start == FLIPIT for start, _ in statement.tasks),
-        }
-        for statement in found[first : first + PAGE_SIZE]
-    ]
-    return {"total": len(found), "first": first, "page": PAGE_SIZE, "statements": lines}
 
 
 @api.get("/statement")

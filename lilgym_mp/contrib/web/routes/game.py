@@ -22,12 +22,10 @@ from lilgym_mp.contrib.web.bodies import JSON, changed_item, pick, removable_ite
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import (
     ConfigurationName,
-    ItemTypeQuery,
     Name,
     PresetName,
     ProtocolName,
     RandomId,
-    SplitName,
 )
 from lilgym_mp.contrib.web.live_games import LiveGame
 from lilgym_mp.contrib.web.templating import render_page
@@ -76,7 +74,7 @@ VIEWS: Mapping[str, View] = {
     "no target": replace(_ALL, target=False),
 }
 ViewName = Literal["everything", "no picture", "no statement", "no target"]
-VERDICT_BINS = (2, 3, 5, 9)  # choices on the page; at most 9, as each answer has a digit key
+VERDICT_BINS = {"brier": 5, "log": 5}  # probabilities to choose from, by rewards; others have two answers
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
 
 
@@ -84,12 +82,8 @@ class NewGame(BaseModel):
     """Settings of a game and who takes each seat; at least one must be a person."""
 
     configuration: ConfigurationName = "TowerScratch"
-    split: SplitName = "dev"
     protocol: ProtocolName = "veto"
     rewards: PresetName = "common"
-    verdict_bins: int | None = Field(
-        None, ge=2, le=9, description="audit: number of probabilities the verifier chooses from; null: accept or reject"
-    )
     proposer: PartnerName = PERSON
     verifier: PartnerName = "oracle"
     proposer_view: ViewName = "everything"
@@ -112,7 +106,6 @@ def game_page(request: Request, services: Services) -> Response:
         protocols=list(PROTOCOLS),
         protocol_rules=list(PROTOCOLS.values()),
         rewards=list(PRESETS),
-        verdict_bins=VERDICT_BINS,
         views=list(VIEWS),
         proposers=SCRIPTED_PARTNERS[Role.PROPOSER],
         verifiers=SCRIPTED_PARTNERS[Role.VERIFIER],
@@ -129,15 +122,7 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
         raise http_error(422, "at least one of the seats must be taken by a person")
     partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
     try:
-        setup = _game_setup(
-            services.options.corpus,
-            new.configuration,
-            views,
-            split=new.split,
-            protocol=new.protocol,
-            rewards=new.rewards,
-            verdict_bins=new.verdict_bins,
-        )
+        setup = _game_setup(services.options.corpus, new.configuration, views, new.protocol, new.rewards)
     except CorpusError as fault:
         raise http_error(404, str(fault)) from None
     except ValueError as fault:
@@ -172,16 +157,19 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
 
 
 @lru_cache(maxsize=64)
-def _game_setup(corpus: str, configuration: str, views: tuple[str, str], **settings: Any) -> GameSetup:
+def _game_setup(corpus: str, configuration: str, views: tuple[str, str], protocol: str, rewards: str) -> GameSetup:
     """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
     environment = Settings(configuration, corpus)
     return GameSettings(
         appearance=environment.appearance,
         start=environment.start,
         corpus=corpus,
+        split="dev",
+        protocol=protocol,
+        rewards=rewards,
+        verdict_bins=VERDICT_BINS.get(rewards),
         views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
         image_size="native",
-        **settings,
     ).setup()
 
 
@@ -194,8 +182,8 @@ def seat(key: RandomId, services: Services) -> JSON:
 
 
 @api.get("/seats/{key}/legal")
-def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> JSON:
-    """This seat's legal actions by its action mask; Scatter's ADDs are filtered by shape, colour and size."""
+def legal(key: RandomId, services: Services) -> JSON:
+    """This seat's legal actions by its action mask."""
     live, role = services.games.find(key)
     game = live.engine.game
     with live.lock:
@@ -204,7 +192,7 @@ def legal(key: RandomId, services: Services, item_type: ItemTypeQuery) -> JSON:
         return {"actions": [game.describe(role, index) for index in legal]}
     messages = game.message_sizes[role] + 1  # an action index encodes (edit, message)
     actions = dict.fromkeys(game.config.dynamics.appearance.decode(index // messages) for index in legal)
-    return {"actions": [describe(action) for action in actions if item_type.matches(action)]}
+    return {"actions": [describe(action) for action in actions]}
 
 
 @api.post("/seats/{key}/actions")

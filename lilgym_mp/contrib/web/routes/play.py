@@ -6,20 +6,18 @@ The database stores an episode's task and actions; its MDP state is rebuilt by r
 from __future__ import annotations
 
 import secrets
+import sqlite3
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
-from sqlalchemy import select
-from sqlalchemy.orm import Session
 
 from lilgym_mp.contrib.web.app_services import AppServices, Catalogue, Services
 from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, removable_items, scene_body
-from lilgym_mp.contrib.web.database import PlayedEpisode
+from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
 from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import ConfigurationName, ItemTypeQuery, Name, RandomId, RulesName, SplitName
+from lilgym_mp.contrib.web.field_types import ConfigurationName, Name, RandomId, SplitName
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.contrib.web.visitors import CurrentVisitor
 from lilgym_mp.corpus import CorpusError, TaskSet
@@ -31,8 +29,6 @@ from lilgym_mp.solver.solver import UnsupportedAppearance
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
-
-MAX_TASKS = 50  # per response
 
 INVALID_EXPLANATIONS = {
     InvalidReason.SEPARATOR: "items cannot lie between the boxes",
@@ -56,7 +52,6 @@ class NewEpisode(BaseModel):
     configuration: ConfigurationName = "TowerFlipIt"
     split: SplitName = "dev"
     task_id: Name | None = None
-    rules: RulesName = "paper"
     player: Name = Field("", description="stored with the episode")
     strict: bool = Field(False, description="whether an illegal action ends the episode, as it does for agents")
 
@@ -73,43 +68,29 @@ def play_page(request: Request, services: Services) -> Response:
     return render_page(request, "play.html", sizes=services.catalogue.sizes())
 
 
-@api.get("/tasks")
-def tasks(
-    services: Services,
-    configuration: ConfigurationName,
-    split: SplitName = "dev",
-    text: Annotated[str, Query(max_length=200)] = "",
-) -> JSON:
-    """Searches the tasks of a configuration and split."""
-    found, needle = _tasks(services.catalogue, configuration, split), text.lower()
-    matching = [task for task in found if needle in task.statement.lower() or needle in task.id.lower()]
-    shown = [pick(task, "id", "statement", "target") for task in matching[:MAX_TASKS]]
-    return {"total": len(matching), "tasks": shown}
-
-
 @api.post("/episodes", status_code=201)
 def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
     """Starts an episode."""
     task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
-    dynamics = services.catalogue.dynamics(new.configuration, new.rules)
+    dynamics = services.catalogue.dynamics(new.configuration)
     fields = {**new.model_dump(), "task_id": task.id, "corpus": services.catalogue.corpus}
     row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor.id, **fields)
-    with services.database.write() as session:
-        session.add(row)
+    with services.database.write() as connection:
+        save_episode(connection, row)
     return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
 
 
 @api.get("/episodes/{episode_id}")
 def episode(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
     """The current state of an episode of this browser."""
-    return _episode_body(_load(services, visitor.id, episode_id))
+    return _episode_body(load_episode(services, visitor.id, episode_id))
 
 
 @api.post("/episodes/{episode_id}/actions")
 def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> JSON:
     """Takes an action; an illegal one is refused unless the episode is strict."""
-    with services.database.write() as session:
-        loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
+    with services.database.write() as connection:
+        loaded = _find_episode(connection, services.catalogue, visitor.id, episode_id)
         row, dynamics = loaded.row, loaded.dynamics
         if loaded.over:
             raise http_error(409, "this episode is over; start a new one")
@@ -123,43 +104,25 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: C
         row.reward += transition.reward
         if transition.result.ends:
             row.outcome = str(transition.outcome)
+        save_episode(connection, row)
     return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state, transition))
 
 
 @api.get("/episodes/{episode_id}/legal")
-def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor, item_type: ItemTypeQuery) -> JSON:
-    """Legal actions by the exact mask; Scatter's ADDs are filtered by shape, colour and size."""
-    loaded = _load(services, visitor.id, episode_id)
-    if loaded.over:
-        return {"actions": []}
-    indices = np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
-    actions = map(loaded.dynamics.appearance.decode, indices)
-    return {"actions": [describe(action) for action in actions if item_type.matches(action)]}
-
-
-@api.get("/episodes/{episode_id}/explanation")
-def explanation(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
-    """Why the episode ended, with the value of each part of the program."""
-    loaded = _load(services, visitor.id, episode_id)
-    if loaded.row.outcome is None or loaded.last is None:
-        raise http_error(409, "the episode is not over yet")
-    task, scene = loaded.task, loaded.state.scene
-    return {
-        "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
-        "invalid_reason": None if loaded.last.invalid is None else INVALID_EXPLANATIONS[loaded.last.invalid],
-        "program": task.program,
-        "target": task.target,
-        "truth": task.truth(scene),
-        "parts": parts_body(task.program, scene),
-    }
+def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
+    """Legal actions by the exact mask."""
+    loaded = load_episode(services, visitor.id, episode_id)
+    indices = [] if loaded.over else np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
+    return {"actions": [describe(loaded.dynamics.appearance.decode(index)) for index in indices]}
 
 
 @api.post("/episodes/{episode_id}/solution")
 def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
     """The expert's solution; the database keeps whether it was requested before the episode's end."""
-    with services.database.write() as session:
-        loaded = _find_episode(session, services.catalogue, visitor.id, episode_id)
+    with services.database.write() as connection:
+        loaded = _find_episode(connection, services.catalogue, visitor.id, episode_id)
         loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
+        save_episode(connection, loaded.row)
     return _solution(services.catalogue, loaded)
 
 
@@ -178,7 +141,7 @@ class LoadedEpisode:
         return self.row.outcome is not None
 
 
-def _tasks(catalogue: Catalogue, configuration: str, split: str) -> TaskSet:
+def find_tasks(catalogue: Catalogue, configuration: str, split: str) -> TaskSet:
     """Responds with 404 if there are none."""
     try:
         return catalogue.tasks(configuration, split)
@@ -188,32 +151,32 @@ def _tasks(catalogue: Catalogue, configuration: str, split: str) -> TaskSet:
 
 def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:
     """The task with that id, or a random one for None. Responds with 404 if there is none."""
-    tasks = _tasks(catalogue, configuration, split)
+    tasks = find_tasks(catalogue, configuration, split)
     try:
         return tasks[secrets.randbelow(len(tasks))] if task_id is None else tasks.by_id(task_id)
     except ValueError as fault:
         raise http_error(404, str(fault)) from None
 
 
-def _load(services: AppServices, visitor_id: str, episode_id: str) -> LoadedEpisode:
-    with services.database.read() as session:
-        return _find_episode(session, services.catalogue, visitor_id, episode_id)
+def load_episode(services: AppServices, visitor_id: str, episode_id: str) -> LoadedEpisode:
+    with services.database.read() as connection:
+        return _find_episode(connection, services.catalogue, visitor_id, episode_id)
 
 
-def _find_episode(session: Session, catalogue: Catalogue, visitor_id: str, episode_id: str) -> LoadedEpisode:
+def _find_episode(
+    connection: sqlite3.Connection, catalogue: Catalogue, visitor_id: str, episode_id: str
+) -> LoadedEpisode:
     """An episode of this visitor, replayed to its current state.
 
     Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
     """
-    row = session.scalar(
-        select(PlayedEpisode).where(PlayedEpisode.id == episode_id, PlayedEpisode.visitor == visitor_id)
-    )
+    row = find_episode(connection, episode_id, visitor_id)
     if row is None:
         raise http_error(404, "you have no such episode; start a new one")
     if row.corpus != catalogue.corpus:
         raise http_error(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
     task = _find_task(catalogue, row.configuration, row.split, row.task_id)
-    dynamics = catalogue.dynamics(row.configuration, row.rules)
+    dynamics = catalogue.dynamics(row.configuration)
     state, last = dynamics.start(task), None
     for index in row.actions:
         last = dynamics.step(state, dynamics.appearance.decode(index))
@@ -234,7 +197,7 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
     """An episode as its player sees it. The program stays hidden until the end."""
     row, appearance = loaded.row, loaded.dynamics.appearance
     return {
-        **pick(row, "id", "configuration", "split", "rules", "strict", "task_id", "outcome", "shown_solution"),
+        **pick(row, "id", "configuration", "split", "strict", "task_id", "outcome", "shown_solution"),
         **pick(loaded.task, "statement", "target"),
         "steps": loaded.state.steps,
         "actions_left": loaded.dynamics.horizon - loaded.state.steps,
@@ -243,14 +206,27 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
         "over": loaded.over,
         "grid": appearance.grid,  # columns, rows; null in Tower
         "scene": scene_body(loaded.state.scene),
+        "end": _end_body(loaded) if loaded.over else None,
         "removable": {} if loaded.over else removable_items(loaded.dynamics, loaded.state.scene),
+    }
+
+
+def _end_body(loaded: LoadedEpisode) -> JSON:
+    """Why the episode ended, with the value of each part of the program."""
+    task, scene, invalid = loaded.task, loaded.state.scene, loaded.last and loaded.last.invalid
+    return {
+        "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
+        "invalid_reason": invalid and INVALID_EXPLANATIONS[invalid],
+        "program": task.program,
+        "truth": task.truth(scene),
+        "parts": parts_body(task.program, scene),
     }
 
 
 def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> JSON:
     """Responds with 404 if there is no expert for the appearance."""
     try:
-        solved = catalogue.solver(loaded.row.configuration, loaded.row.rules).solve(loaded.task)
+        solved = catalogue.solver(loaded.row.configuration).solve(loaded.task)
     except UnsupportedAppearance as fault:
         raise http_error(404, str(fault)) from None
     state, steps = loaded.dynamics.start(loaded.task), []

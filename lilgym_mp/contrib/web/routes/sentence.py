@@ -14,7 +14,7 @@ from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import AppearanceName, storable
 from lilgym_mp.contrib.web.routes.explore import CONFIGURATION_NAMES
 from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.contrib.web.trained_partners import SHIPPED_PREFIX
+from lilgym_mp.contrib.web.trained_partners import PARSER
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene import Scene
@@ -24,7 +24,6 @@ from lilgym_mp.scene.appearances import APPEARANCES
 router = APIRouter()
 api = APIRouter(prefix="/api/sentence", tags=["sentence"])
 
-AGENT = SHIPPED_PREFIX + "parse-and-plan"
 PLANNING_SECONDS = 20  # a request waits this long for those of others
 _PLANNING = Lock()  # one sentence at a time, so that planning occupies one core
 _TEXT = StringConstraints(strip_whitespace=True, min_length=1, max_length=200)
@@ -49,7 +48,7 @@ def read(new: NewSentence, services: Services) -> JSON:
     """
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 
-    agent = services.trained_partners.agent(AGENT)
+    agent = services.trained_partners.agent(PARSER)
     assert isinstance(agent, ParseAndPlanAgent)
     configuration = CONFIGURATION_NAMES[new.appearance, SCRATCH]
     dynamics, start = services.catalogue.dynamics(configuration), Scene.empty()

@@ -4,44 +4,40 @@ from __future__ import annotations
 
 import secrets
 from collections import Counter
-from pathlib import Path as FilePath
 from random import Random
 from threading import Lock
 from typing import Annotated
 
-import numpy as np
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, pick, png, scene_body
 from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import ConfigurationName, OutcomeName
-from lilgym_mp.contrib.web.run_directory import RecordingFile, RunDirectory, UnreadableRecording
+from lilgym_mp.contrib.web.field_types import ConfigurationName
+from lilgym_mp.contrib.web.run_directory import RecordingFile
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
-from lilgym_mp.evaluation.decisions import Decision, action_cells
-from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED, Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
+from lilgym_mp.evaluation.decisions import Decision
+from lilgym_mp.evaluation.episodes import AS_TRAINED, Header, RecordedEpisode, Recording
 from lilgym_mp.evaluation.policies import NamedPolicy
 from lilgym_mp.evaluation.recording import Recorder, scenes
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, summarise
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import ActionType, describe
-from lilgym_mp.scene.appearances import Appearance, InvalidReason
+from lilgym_mp.scene.appearances import Appearance
 
 router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
 
-EPISODES_PER_RESPONSE = 100
 REQUESTED_EPISODES = 12
 _PLAYING = Lock()  # held while an agent plays on request
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$")]
-MAX_GRID_CELLS = 2_000  # finer grids get no legal cells
 RecordingId = Annotated[str, Path(pattern=r"^[0-9a-f]{16}$", description="as returned by the list of recordings")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=10_000_000)]
 
@@ -53,39 +49,12 @@ class NewRecording(BaseModel):
     configuration: ConfigurationName
 
 
-class EpisodeFilters(BaseModel):
-    """Criteria for episodes; None matches any."""
-
-    success: bool | None = None
-    outcome: OutcomeName | None = None
-    invalid_reason: InvalidReason | None = None
-    seen: Annotated[bool | None, Query(description="whether the statement occurs in the training tasks")] = None
-    target: bool | None = None
-    task: Annotated[str | None, Query(max_length=200)] = None
-    text: Annotated[str, Query(max_length=200, description="contained in the statement or the task's id")] = ""
-    offset: Annotated[int, Query(ge=0, le=10_000_000)] = 0
-
-    def matches(self, episode: RecordedEpisode) -> bool:
-        criteria = (
-            (self.success, episode.is_success),
-            (self.outcome, episode.outcome),
-            (self.invalid_reason, episode.invalid_reason),
-            (self.seen, episode.statement_seen),
-            (self.target, episode.target),
-            (self.task, episode.task),
-        )
-        return all(wanted is None or wanted == actual for wanted, actual in criteria) and (
-            self.text.lower() in episode.statement.lower() or self.text.lower() in episode.task.lower()
-        )
-
-
 @router.get("/watch", include_in_schema=False)
 def watch_page(request: Request, services: Services) -> Response:
     return render_page(
         request,
         "watch.html",
         outcomes=list(FINAL_OUTCOMES),
-        invalid_reasons=[str(reason) for reason in InvalidReason],
         configurations=list(services.catalogue.sizes()),
         agents=services.trained_partners.names(),
     )
@@ -114,14 +83,12 @@ def record(new: NewRecording, services: Services) -> JSON:
     try:
         ids = services.catalogue.tasks(new.configuration, "dev").ids
         chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
-        policy, seed = agent.policy(settings), secrets.randbelow(10**6)
-        episodes = evaluate(policy, settings, "dev", task_ids=chosen, record_decisions=True)
-        seen = training_statements(settings)
+        plan = EvaluationPlan(settings, "dev", record_decisions=True, task_ids=chosen)
         details = {"label": services.trained_partners.names()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
         named = NamedPolicy(agent.description.kind, agent.policy, agent.description.supervision, details=details)
-        plan = EvaluationPlan(settings, "dev", seed, record_decisions=True)
-        result = Result(named, plan, summarise(episodes, seen), episodes, 0.0, getattr(policy, "needs_masks", True))
-        path = Recorder(settings, "dev", seen, judges_decisions=True).write(services.run_directory.requested, result)
+        seen = training_statements(settings)
+        recorder = Recorder(settings, "dev", seen, judges_decisions=True)
+        path = recorder.write(services.run_directory.requested, play(named, plan, seen))
     except ValueError as fault:
         raise http_error(422, str(fault)) from None
     finally:
@@ -131,10 +98,9 @@ def record(new: NewRecording, services: Services) -> JSON:
 
 @api.get("/recordings/{recording_id}")
 def recording(recording_id: RecordingId, services: Services) -> JSON:
-    """A recording: agent, settings, outcome counts, and other recordings of the same tasks."""
-    read = _read(services.run_directory, recording_id)
-    header, episodes = read.header, read.episodes
-    decisions = [decision for episode in episodes for decision in episode.decisions or ()]
+    """A recording: agent, settings, outcome counts, its episodes, and other recordings of the same tasks."""
+    recording = services.run_directory.read(recording_id)
+    header, episodes = recording.header, recording.episodes
     files = services.run_directory.recordings()
     others = [one for one in files if one.file.id != recording_id and one.header]
     return {
@@ -142,27 +108,16 @@ def recording(recording_id: RecordingId, services: Services) -> JSON:
         "supervision": header.supervision,
         "successes": sum(episode.is_success for episode in episodes),
         "outcomes": dict(Counter(episode.outcome for episode in episodes).most_common()),
-        "invalid_reasons": Counter(episode.invalid_reason for episode in episodes if episode.invalid_reason),
-        "has_decisions": bool(decisions),
-        "has_judgements": any(decision.steps_to_go is not None for decision in decisions),
-        "command": _rerecord_command(header, read.path.parent),  # records the same episodes with decisions
+        "has_decisions": any(episode.decisions for episode in episodes),
+        "played": [_episode_summary(index, episode) for index, episode in enumerate(episodes)],
         "comparable": [_summary(one) for one in others if one.header and _task_set(one.header) == _task_set(header)],
     }
-
-
-@api.get("/recordings/{recording_id}/episodes")
-def episodes(recording_id: RecordingId, services: Services, filters: Annotated[EpisodeFilters, Query()]) -> JSON:
-    """Episodes that match the filters: at most 100, starting at `offset`."""
-    found = enumerate(_read(services.run_directory, recording_id).episodes)
-    matching = [(index, episode) for index, episode in found if filters.matches(episode)]
-    page = matching[filters.offset : filters.offset + EPISODES_PER_RESPONSE]
-    return {"total": len(matching), "episodes": [_episode_summary(index, episode) for index, episode in page]}
 
 
 @api.get("/recordings/{recording_id}/episodes/{index}")
 def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> JSON:
     """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
-    recording = _read(services.run_directory, recording_id)
+    recording = services.run_directory.read(recording_id)
     episode = _find_episode(recording, index)
     try:
         dynamics = recording.header.settings.dynamics()
@@ -181,19 +136,8 @@ def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
 @api.get("/recordings/{recording_id}/episodes/{index}/picture", response_class=Response)
 def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> Response:
     """The start scene of an episode, as a PNG image."""
-    recording = _read(services.run_directory, recording_id)
-    return Response(png(_find_episode(recording, index).start), media_type="image/png")
-
-
-def _read(run_directory: RunDirectory, recording_id: str) -> Recording:
-    """Responds with 404 if there is no such recording, 422 if it is unreadable."""
-    try:
-        recording = run_directory.read(recording_id)
-    except UnreadableRecording as fault:
-        raise http_error(422, str(fault)) from None
-    if recording is None:
-        raise http_error(404, "there is no such recording; it may have been moved: reload the list")
-    return recording
+    found = _find_episode(services.run_directory.read(recording_id), index)
+    return Response(png(found.start), media_type="image/png")
 
 
 def _find_episode(recording: Recording, index: int) -> RecordedEpisode:
@@ -217,21 +161,6 @@ def _episode_summary(index: int, episode: RecordedEpisode) -> JSON:
     names = ("task", "statement", "target", "outcome", "invalid_reason", "statement_seen")
     rest = {"index": index, "actions": len(episode.actions), "reward": round(episode.reward, 6)}
     return {**pick(episode, *names), **rest}
-
-
-def _rerecord_command(header: Header, directory: FilePath) -> str:
-    """The command that records the same episodes with decisions, reconstructed from the header."""
-    settings = header.settings
-    words = [f"--policy {header.agent.replace(' ', '-')}" if header.run is None else header.run]
-    if header.run is not None:
-        words.append(f"--actions {SAMPLED if header.actions == SAMPLED else GREEDY}")
-    words.append(f"--configuration {settings.configuration}")
-    defaults = {"corpus": "builtin", "rules": "paper"}
-    words += [f"--{name} {getattr(settings, name)}" for name in defaults if getattr(settings, name) != defaults[name]]
-    words.append(f"--split {header.split}")
-    words += [f"--seed {header.seed}"] if header.seed else []
-    words += [f"--passes {header.passes}"] if header.passes > 1 else []
-    return f"lilgym-mp evaluate {' '.join(words)} --record {directory} --record-decisions --force"
 
 
 def _task_set(header: Header) -> tuple[str, str, str]:
@@ -258,27 +187,10 @@ def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
             "action": describe(action),
             "reward": reward,
             "decision": None if decision is None else _decision_body(decision, rows, scene, episode.target),
-            "legal": _legal_cells(dynamics, scene),
         }
         for scene, action, reward, decision in zip(visited, episode.actions, episode.rewards, decisions, strict=False)
     ]
-    return [*steps, {"scene": scene_body(visited[-1]), "action": None, "reward": None, "decision": None, "legal": []}]
-
-
-def _legal_cells(dynamics: Dynamics, scene: Scene) -> list[JSON]:
-    """The grid cells with legal actions, by the exact mask: the number of ADDs, and whether there is a REMOVE."""
-    columns, rows = _grid(dynamics.appearance)
-    if columns * rows > MAX_GRID_CELLS:
-        return []
-    kinds, cells, count = action_cells(dynamics.appearance)
-    mask = dynamics.appearance.legal_mask(scene, dynamics.rules.placement)
-    adds, removes = (
-        np.bincount(cells[mask & (kinds == kind)], minlength=count) for kind in (ActionType.ADD, ActionType.REMOVE)
-    )
-    return [
-        {"column": cell // rows, "row": cell % rows, "add": int(adds[cell]), "remove": bool(removes[cell])}
-        for cell in np.flatnonzero(adds + removes).tolist()
-    ]
+    return [*steps, {"scene": scene_body(visited[-1]), "action": None, "reward": None, "decision": None}]
 
 
 def _has_value(program: str, scene: Scene, value: bool) -> bool:

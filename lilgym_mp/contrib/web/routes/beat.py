@@ -1,0 +1,151 @@
+"""/beat: ten tasks that a person and a trained agent both play, their score, and a picture of it to share."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from functools import lru_cache
+from random import Random
+from typing import Annotated, NamedTuple
+
+from fastapi import APIRouter, Query, Request, Response
+from PIL import Image, ImageDraw, ImageFont
+
+from lilgym_mp.contrib.web.app_services import AppServices, Services
+from lilgym_mp.contrib.web.bodies import JSON
+from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.field_types import ConfigurationName, RandomId, SplitName
+from lilgym_mp.contrib.web.routes.play import LoadedEpisode, find_tasks, load_episode
+from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.trained_partners import PARSER
+from lilgym_mp.contrib.web.visitors import CurrentVisitor
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.film import wrap_text
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.render.frames import INK_RGB, MARK_RGB, PAPER_RGB, smooth_picture
+from lilgym_mp.solver.solver import UnsupportedAppearance
+
+router = APIRouter()
+api = APIRouter(prefix="/api/beat", tags=["beat"])
+
+TASKS = 10
+AGENT_NAME = PARSER.partition(":")[2]
+PLAYERS = {"player": (0, 114, 178), AGENT_NAME: (213, 94, 0), "shortest": (140, 140, 140)}  # colours on the picture
+WIDTH, HEAD, ROW, MARGIN = 1000, 120, 68, 24  # of the picture, in pixels
+TEXT_LEFT, TEXT_WIDTH, BARS_LEFT, ACTION_WIDTH = 232, 440, 700, 16
+Episodes = Annotated[list[RandomId], Query(min_length=1, max_length=TASKS)]
+
+
+class Row(NamedTuple):
+    """A task, and how many actions each took to solve it; None: not solved."""
+
+    statement: str
+    target: bool
+    scene: Scene  # in which the person stopped
+    you: int | None
+    agent: int | None
+    shortest: int | None
+
+
+@router.get("/beat", include_in_schema=False)
+def beat_page(request: Request, services: Services) -> Response:
+    has_agent = PARSER in services.trained_partners.names()
+    return render_page(request, "beat.html", sizes=services.catalogue.sizes(), agent=AGENT_NAME, has_agent=has_agent)
+
+
+@api.get("/tasks")
+def tasks(
+    services: Services,
+    configuration: ConfigurationName = "TowerFlipIt",
+    split: SplitName = "dev",
+    seed: Annotated[int, Query(ge=0, le=10**9)] = 0,
+) -> JSON:
+    """The ids of ten tasks; the same ones for the same arguments."""
+    ids = find_tasks(services.catalogue, configuration, split).ids
+    return {"tasks": Random(seed).sample(ids, min(TASKS, len(ids)))}
+
+
+@api.get("/round")
+def score(services: Services, visitor: CurrentVisitor, episode: Episodes) -> JSON:
+    """The score of this browser's episodes that are over."""
+    rows = _rows(services, visitor.id, episode)
+    verdict, summary = _told(rows)
+    shown = [{name: value for name, value in row._asdict().items() if name != "scene"} for row in rows]
+    return {"rows": shown, "verdict": verdict, "summary": summary}
+
+
+@api.get("/picture", response_class=Response)
+def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> Response:
+    """The same as a PNG image. Responds with 409 before an episode is over."""
+    rows = _rows(services, visitor.id, episode)
+    if not rows:
+        raise http_error(409, "no episode is over yet")
+    title = load_episode(services, visitor.id, episode[0]).row.configuration
+    buffer = io.BytesIO()
+    _drawn(rows, title).save(buffer, "PNG")
+    return Response(buffer.getvalue(), media_type="image/png")
+
+
+def _rows(services: AppServices, visitor_id: str, ids: Sequence[str]) -> list[Row]:
+    loaded = [load_episode(services, visitor_id, each) for each in ids]
+    return [_row(services, each) for each in loaded if each.over]
+
+
+def _row(services: AppServices, loaded: LoadedEpisode) -> Row:
+    row, task = loaded.row, loaded.task
+    solved = row.outcome == "success" and not row.shown_solution
+    others = _others(services, row.configuration, row.split, task.id)
+    return Row(task.statement, task.target, loaded.state.scene, len(row.actions) if solved else None, *others)
+
+
+@lru_cache(1_000)
+def _others(services: AppServices, configuration: str, split: str, task_id: str) -> tuple[int | None, int | None]:
+    """The actions with which the agent solves a task, and of a shortest solution."""
+    agent = shortest = None
+    if PARSER in services.trained_partners.names():
+        settings = Settings(configuration, services.options.corpus)
+        policy = services.trained_partners.agent(PARSER).policy(settings)
+        (played,) = evaluate(policy, settings, split, task_ids=[task_id])
+        agent = len(played.actions) if played.is_success else None
+    try:
+        task = services.catalogue.tasks(configuration, split).by_id(task_id)
+        shortest = services.catalogue.solver(configuration).solve(task).steps or None
+    except UnsupportedAppearance:
+        pass
+    return agent, shortest
+
+
+def _told(rows: Sequence[Row], player: str = "You") -> tuple[str, str]:
+    """Who won, by tasks solved and then by actions taken for them, and the numbers."""
+    own = [row.you for row in rows if row.you is not None]
+    agents = [row.agent for row in rows if row.agent is not None]
+    mine, other = (len(own), -sum(own)), (len(agents), -sum(agents))
+    verdict = "A draw." if mine == other else f"{player if mine > other else AGENT_NAME} won."
+    theirs = f"{AGENT_NAME} {len(agents)} in {sum(agents)}"
+    shortest = f"The shortest solutions of all take {sum(row.shortest or 0 for row in rows)}."
+    return verdict, f"{player} solved {len(own)} of {len(rows)} in {sum(own)} actions, {theirs}. {shortest}"
+
+
+def _drawn(rows: Sequence[Row], configuration: str) -> Image.Image:
+    """The score as a picture: each task with its last scene, and bars as long as the actions taken."""
+    image = Image.new("RGB", (WIDTH, HEAD + ROW * len(rows) + MARGIN), PAPER_RGB)
+    pen = ImageDraw.Draw(image)
+    large, medium, small = (ImageFont.load_default(pixels) for pixels in (30, 17, 13))
+    verdict, summary = _told(rows, "Player")
+    pen.text((MARGIN, 18), f"{configuration}: {verdict}", INK_RGB, large)
+    pen.text((MARGIN, 62), summary, INK_RGB, medium)
+    for index, (player, rgb) in enumerate(PLAYERS.items()):
+        left = BARS_LEFT + (0, 60, 190)[index]
+        pen.rectangle((left, 97, left + 10, 107), rgb)
+        pen.text((left + 16, 94), player, INK_RGB, small)
+    for top, row in zip(range(HEAD, image.height, ROW), rows, strict=False):
+        scene = Image.fromarray(smooth_picture(row.scene, 1, light=True)).resize((190, 50), Image.Resampling.LANCZOS)
+        image.paste(scene, (MARGIN, top))
+        sentence = f"Make it {str(row.target).lower()}: {row.statement}"
+        for line, text in enumerate(wrap_text(sentence, TEXT_WIDTH, pen, small)[:3]):
+            pen.text((TEXT_LEFT, top + 17 * line), text, INK_RGB, small)
+        for index, (count, rgb) in enumerate(zip((row.you, row.agent, row.shortest), PLAYERS.values(), strict=True)):
+            y, length = top + 17 * index, ACTION_WIDTH * (count or 0)
+            pen.rectangle((BARS_LEFT, y + 2, BARS_LEFT + length, y + 12), rgb)
+            pen.text((BARS_LEFT + length + 6, y), "not solved" if count is None else str(count), MARK_RGB, small)
+    return image
