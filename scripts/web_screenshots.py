@@ -31,8 +31,8 @@ from lilgym_mp.contrib.web.app import ServeOptions, create_app
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.scene.actions import describe
-from lilgym_mp.solver import Solver
 from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.solver import Solver
 
 PICTURES = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "web"
 FLAGS = ("--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--force-color-profile=srgb")
