@@ -20,7 +20,7 @@ from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.generator import LEVELS
 from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
 from lilgym_mp.corpus.held_out import statement_digest
-from lilgym_mp.corpus.terminal import table
+from lilgym_mp.evaluation.terminal import table
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import make_appearance
 

@@ -29,7 +29,8 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.scene.appearances.placement import fits_box, is_free
+from lilgym_mp.scene.appearances.base import fits_box
+from lilgym_mp.scene.appearances.placement import is_free
 from lilgym_mp.scene.appearances.tower import tower_tables
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose

@@ -7,6 +7,8 @@ import sys
 
 import pytest
 
+from tests.scripts import load_script
+
 BLOCKED = """
 import sys
 for name in ("numba", "lilgym_mp.envs.fast"):
@@ -46,3 +48,9 @@ def test_core__plays_without_numba_and_without_generated_code(configuration: str
 
 def test_program__has_code_generated_only_once_it_is_evaluated_often():
     run(EVALUATE)
+
+
+@pytest.mark.parametrize("use", ["tower", "scatter"])
+def test_environment__loads_few_lines_of_the_package(use: str):
+    lines, _ = load_script("print_closures").closure(use)
+    assert lines <= 6_000

@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.corpus.terminal import Progress, show_markdown, table, time_left
+from lilgym_mp.evaluation.terminal import Progress, show_markdown, table, time_left
 
 
 class _Terminal(StringIO):
@@ -79,10 +79,10 @@ def test_progress__can_draw_only_when_advanced(monkeypatch: pytest.MonkeyPatch):
 
 
 def test_progress__says_at_once_what_it_is_doing_and_goes_on_saying_so(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("lilgym_mp.corpus.terminal.SILENT_SECONDS", 0.01)
+    monkeypatch.setattr("lilgym_mp.evaluation.terminal.SILENT_SECONDS", 0.01)
     lines: list[str] = []
     added = threading.Event()
-    monkeypatch.setattr("lilgym_mp.corpus.terminal._write", lambda line: (lines.append(line), added.set()))
+    monkeypatch.setattr("lilgym_mp.evaluation.terminal.write_note", lambda line: (lines.append(line), added.set()))
     with Progress(10, "updates", doing="ppo: preparing data") as progress:
         assert lines == ["ppo: preparing data"]
         added.clear()

@@ -24,8 +24,8 @@ from lilgym_mp.scene.appearances import Appearance, Grid
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw
-from lilgym_mp.scene.render import text as drawing
 from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.characters import text as drawing
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation

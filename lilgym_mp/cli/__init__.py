@@ -18,7 +18,7 @@ from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.corpus.extras import install
-from lilgym_mp.corpus.terminal import printable
+from lilgym_mp.corpus.notes import printable
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, help_of
 
 # Modules of this package, in the order of --help.

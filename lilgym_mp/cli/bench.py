@@ -26,12 +26,12 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import lilgym_mp.wrappers as wrappers
-from lilgym_mp.corpus.terminal import Progress, show_markdown
 from lilgym_mp.envs.workers import WorkerVectorEnv, usable_cores
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_corpus
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.terminal import Progress, show_markdown
 
 SPLIT = "train"
 STOP = 0  # index of the action

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
-from lilgym_mp.corpus.terminal import Progress, shows_colours, table
 from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically
 from lilgym_mp.evaluation.options import (
     CORPUS_HELP,
@@ -22,6 +21,7 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
     task_sets_with_id,
 )
+from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
 
@@ -206,7 +206,7 @@ def _task_set_with(args: argparse.Namespace) -> TaskSet:
 
 def _generate(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.generator import CorpusSpec, generated_entries
-    from lilgym_mp.corpus.jsonlines import entry_json
+    from lilgym_mp.corpus.writing import entry_json
 
     check_at_least(args, 1, "number")
     check_at_least(args, 0, "seed")
@@ -242,9 +242,9 @@ def _synthesize(args: argparse.Namespace) -> int:
 
 
 def _permute(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.jsonlines import flipit_entries
     from lilgym_mp.corpus.loading import load_all_tasks
     from lilgym_mp.corpus.tasks import with_permuted_boxes
+    from lilgym_mp.corpus.writing import flipit_entries
 
     entries: list[Mapping[str, object]] = []
     before = after = 0

@@ -9,11 +9,11 @@ from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, SetCoun
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.corpus.official import STATEMENT_COUNT
 from lilgym_mp.corpus.tasks import TaskSet, contexts
-from lilgym_mp.corpus.terminal import table
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.evaluation.terminal import table
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import render
+from lilgym_mp.scene.render.characters import text
 
 SHOWN_WORDS = 20  # most frequent program words in the table
 
@@ -108,4 +108,4 @@ def task_lines(task: Task, tasks: TaskSet) -> list[str]:
 
 def task_text(task: Task, tasks: TaskSet, *, coloured: bool) -> str:
     """The task and its start scene, drawn with characters."""
-    return render.text(task.start, task_lines(task, tasks), coloured=coloured)
+    return text(task.start, task_lines(task, tasks), coloured=coloured)

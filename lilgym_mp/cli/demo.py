@@ -14,7 +14,6 @@ from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
-from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
@@ -23,6 +22,7 @@ from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, che
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import results_json, results_markdown, shown_results
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"

@@ -15,8 +15,6 @@ from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.corpus.terminal import Progress
-from lilgym_mp.corpus.terminal import table as text_table
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
@@ -44,6 +42,8 @@ from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import results_json, shown_results
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.learners import find_learner
 from lilgym_mp.scene.choices import choose
 

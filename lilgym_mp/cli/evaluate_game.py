@@ -14,7 +14,6 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress, table
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.registration import configuration_name
@@ -30,6 +29,7 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:

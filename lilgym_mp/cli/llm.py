@@ -18,7 +18,7 @@ from pathlib import Path
 from threading import Lock
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress, printable
+from lilgym_mp.corpus.notes import printable
 from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
 from lilgym_mp.evaluation.options import (
     RUNS,
@@ -35,6 +35,7 @@ from lilgym_mp.evaluation.options import (
 )
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.llm import Episode, Failure, Player, Summary

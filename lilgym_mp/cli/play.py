@@ -13,10 +13,10 @@ from importlib import import_module
 from pathlib import Path
 
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.corpus.terminal import shows_colours
 from lilgym_mp.evaluation.files import writable_file
 from lilgym_mp.evaluation.options import add_configuration, add_settings, given_settings, split_of
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.terminal import shows_colours
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lilgym_mp.cli.play import add_task_choice, input_lines
-from lilgym_mp.corpus.terminal import shows_colours
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.evaluation.options import CommandError, add_configuration, add_settings, given_settings, split_of
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.characters import text
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import Partner, ProposerVerifierParallel

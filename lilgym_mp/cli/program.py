@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_in_scene(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.terminal import shows_colours
+    from lilgym_mp.evaluation.terminal import shows_colours
     from lilgym_mp.programs.tracing import trace
-    from lilgym_mp.scene.render import text
+    from lilgym_mp.scene.render.characters import text
 
     task = None if args.task is None else task_with_id(args.corpus, args.task)
     source = args.source or (task and task.program)

@@ -20,8 +20,7 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import text
-from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
 
 

@@ -14,7 +14,6 @@ from typing import Any
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.corpus.terminal import Progress, shows_colours, table
 from lilgym_mp.envs.rendering import caption
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Settings
@@ -29,11 +28,11 @@ from lilgym_mp.evaluation.options import (
     split_of,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import text
-from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows

@@ -3,13 +3,20 @@
 docs/corpus.md describes the file format, docs/official_data.md the official release.
 """
 
-from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
-from lilgym_mp.corpus.jsonlines import write_corpus
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
 from lilgym_mp.corpus.locations import official_directory, user_cache
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
-from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, statement_form, words
+
+if TYPE_CHECKING:
+    from lilgym_mp.corpus.checking import CorpusReport, TaskCount, check_corpus
+    from lilgym_mp.corpus.tokens import Vocabulary, VocabularyError, statement_form, words
+    from lilgym_mp.corpus.writing import write_corpus
 
 __all__ = [
     "CorpusError",
@@ -31,3 +38,15 @@ __all__ = [
     "words",
     "write_corpus",
 ]
+
+ON_FIRST_USE = {  # module of each name that a running environment does not need
+    **dict.fromkeys(("CorpusReport", "TaskCount", "check_corpus"), "checking"),
+    **dict.fromkeys(("Vocabulary", "VocabularyError", "statement_form", "words"), "tokens"),
+    "write_corpus": "writing",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ON_FIRST_USE:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{ON_FIRST_USE[name]}"), name)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from lilgym_mp.corpus.terminal import printable
+from lilgym_mp.corpus.notes import printable
 
 
 class CorpusError(ValueError):

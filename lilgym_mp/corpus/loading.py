@@ -15,10 +15,9 @@ from pkgutil import resolve_name
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.jsonlines import CorpusFile
 from lilgym_mp.corpus.locations import corpus_path, is_generated
+from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.corpus.records import SPLITS, STARTS
-from lilgym_mp.corpus.released import ReleasedFile, released_path
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
-from lilgym_mp.corpus.terminal import note_after
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
@@ -48,7 +47,7 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
         with _LOADING:
             return generated(str(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
-        file = released_path(path, appearance, start, split) if path.is_dir() else path
+        file = _released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)
         return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)
 
@@ -72,6 +71,12 @@ def load_all_tasks(
         raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks for the requested configurations and splits")
 
 
+def _released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
+    from lilgym_mp.corpus.released import released_path
+
+    return released_path(directory, appearance, start, split)
+
+
 def _status(file: Path) -> os.stat_result:
     try:
         return file.stat()
@@ -85,7 +90,9 @@ def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, st
     faults = FaultLog(stop_at_first=True)
     with _garbage_collection_paused(), note_after(f"loading corpus {corpus}"):
         if path.is_dir():
-            source = ReleasedFile(released_path(path, appearance, start, split), start)
+            from lilgym_mp.corpus.released import ReleasedFile
+
+            source = ReleasedFile(_released_path(path, appearance, start, split), start)
             records, tags, trusted = source.records(faults), None, False
         else:
             source = CorpusFile(path, faults, trust_shipped=True)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import APPEARANCES
-from lilgym_mp.scene.appearances.placement import fits_box, is_free
+from lilgym_mp.scene.appearances.base import fits_box
+from lilgym_mp.scene.appearances.placement import is_free
 
 # Values to draw uniformly from; repeated ones are more likely
 ATTRIBUTE_VALUE_COUNTS = (1, 2, 3, 3)  # distinct colours, shapes or sizes in a scene

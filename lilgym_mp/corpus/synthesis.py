@@ -11,10 +11,10 @@ from collections.abc import Iterable, Iterator
 from itertools import islice
 from typing import NamedTuple
 
-from lilgym_mp.corpus.jsonlines import LabelledScene, entry_json
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
+from lilgym_mp.corpus.writing import LabelledScene, entry_json
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES

@@ -4,20 +4,22 @@ from __future__ import annotations
 
 import string
 from collections.abc import Iterable
-from typing import Any, NoReturn, TypedDict
+from typing import TYPE_CHECKING, Any, NoReturn, TypedDict
 
 import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import create_shared_memory  # pyright: ignore[reportUnknownVariableType]
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.arrays import Int16Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import image_shape
+
+if TYPE_CHECKING:
+    from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 
 MAX_STATEMENT_LENGTH = 256  # characters; the space grows for longer statements
 TEXT, ARRAYS = "text", "arrays"
@@ -72,6 +74,8 @@ def statement_arrays(
 ) -> StatementArrays | None:
     """The encoder of statements for the form "arrays"; None for "text". Raises ValueError for other forms."""
     if choose("observation", observation, FORMS) == ARRAYS:
+        from lilgym_mp.corpus.statement_arrays import StatementArrays
+
         return StatementArrays(tasks, vocabulary, length)
     if vocabulary is not None or length is not None:
         raise ValueError(f'vocabulary and length belong to observation="{ARRAYS}"')

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.statement_arrays import StatementArrays
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
+
+if TYPE_CHECKING:
+    from lilgym_mp.corpus.statement_arrays import StatementArrays
 
 # Called at the start of every episode whose task the caller of `reset` did not choose, automatic resets included, with
 # the environment's random generator and its index in the batch (0 for a single environment). Returns a `Task` or the id

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, SupportsFloat, cast
+from typing import TYPE_CHECKING, Any, SupportsFloat, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
 from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
 from lilgym_mp.envs.observation import TEXT, Observation, observation_space, statement_arrays
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
@@ -23,6 +22,9 @@ from lilgym_mp.scene.actions import checked_index
 from lilgym_mp.scene.appearances import RELEASED_GRID, InvalidReason, make_appearance
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene.render import Canvas
+
+if TYPE_CHECKING:
+    from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
 
 RESET_OPTIONS = ("task",)
 DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time

@@ -11,10 +11,10 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
 
-from lilgym_mp.corpus.terminal import NUMBER
-from lilgym_mp.corpus.terminal import table as aligned
 from lilgym_mp.evaluation.comparison import Result
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, SuccessCount
+from lilgym_mp.evaluation.terminal import NUMBER
+from lilgym_mp.evaluation.terminal import table as aligned
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2

@@ -9,10 +9,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.options import CommandError, flag_name, given_options, given_settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.learners import AGENT_FILE
 from lilgym_mp.learning.recipes import Recipe
 from lilgym_mp.scene.choices import choose

@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv,
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.corpus.terminal import note_after
+from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs import preload
 from lilgym_mp.envs.checks import checked_count, checked_options
 from lilgym_mp.envs.masks import attribute, layers

@@ -20,8 +20,7 @@ from lilgym_mp.cli.commands import CommandSyntaxError, parse_command, words_of
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
-from lilgym_mp.scene.render import text
-from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.characters import ruled, text
 from tests.scenes import B, scene, square, tower
 
 Play = Callable[..., str]

@@ -104,7 +104,7 @@ def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest
 def test_train__prints_progress_lines_without_a_terminal(
     tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("lilgym_mp.corpus.terminal.LINE_SECONDS", 0)
+    monkeypatch.setattr("lilgym_mp.evaluation.terminal.LINE_SECONDS", 0)
     small = ["--envs", "2", "--same-statement", "1", "--rollout", "4", "--batch-size", "4", "--epochs", "1"]
     command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(tmp_path), "--steps", "80"]
     assert main([*command, "--held-out", "0", *small]) == 0

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import CorpusError, TaskSet, contexts, load_tasks, official_directory
-from lilgym_mp.corpus.terminal import note_after
+from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.scene import Colour, Scene
 
 Entries = list[dict[str, Any]]

@@ -8,8 +8,7 @@ import numpy as np
 
 from lilgym_mp.scene import Box, Colour, Item, Scene, SceneError, Shape, Size
 from lilgym_mp.scene.actions import STOP, Action, ActionError, AddBlock, RemoveBlock, Stop
-from lilgym_mp.scene.appearances.base import Edit, InvalidReason
-from lilgym_mp.scene.appearances.placement import PlacementRules
+from lilgym_mp.scene.appearances.base import Edit, InvalidReason, PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
 
 NAME = "lamps"

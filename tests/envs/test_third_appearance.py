@@ -29,7 +29,6 @@ ROOT = Path(__file__).resolve().parents[2]
 def known(monkeypatch: pytest.MonkeyPatch) -> None:
     """The new appearance is known for the time of the test."""
     monkeypatch.setitem(appearances.BUILDERS, NAME, lambda grid: Lamps())
-    monkeypatch.setitem(appearances.APPEARANCES, NAME, Lamps())
 
 
 @pytest.fixture
@@ -115,21 +114,19 @@ def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.Monk
 
 @pytest.fixture
 def copy(tmp_path: Path) -> Path:
-    """A copy of the package with the new appearance: one file, and one line with its import."""
+    """A copy of the package with the new appearance: one file and one line."""
     ignored = shutil.ignore_patterns("__pycache__")
     for name in ("lilgym_mp", "wrappers"):
         shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
     (tmp_path / "copy" / "data").symlink_to(ROOT / "data")
-    package = tmp_path / "copy" / "lilgym_mp" / "appearances"
-    shutil.copy(ROOT / "tests" / "envs" / "lamps.py", package)
+    package = tmp_path / "copy" / "lilgym_mp" / "scene" / "appearances"
+    lamps = (ROOT / "tests" / "envs" / "lamps.py").read_text()
+    (package / "lamps.py").write_text(f"{lamps}\n\ndef make_lamps(grid):\n    return Lamps()\n")
     table = (package / "__init__.py").read_text()
-    line = '"tower": lambda grid: Tower(), '
+    line = '    "tower": "lilgym_mp.scene.appearances.tower:make_tower",\n'
     assert table.count(line) == 1
-    table = table.replace(line, line + '"lamps": lambda grid: Lamps(), ')
-    importing = "from lilgym_mp.scene.appearances.placement import"
-    (package / "__init__.py").write_text(
-        table.replace(importing, f"from lilgym_mp.scene.appearances.lamps import Lamps\n{importing}")
-    )
+    added = line.replace("tower", "lamps")
+    (package / "__init__.py").write_text(table.replace(line, line + added))
     return tmp_path / "copy"
 
 

@@ -16,8 +16,9 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import Canvas, canvas, draw, image_shape, text
+from lilgym_mp.scene.render import Canvas, canvas, draw, image_shape
 from lilgym_mp.scene.render.canvas import box_blits
+from lilgym_mp.scene.render.characters import text
 from tests.scenes import (
     LARGE,
     SMALL,

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.corpus.terminal import printable
+from lilgym_mp.corpus.notes import printable
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Expert

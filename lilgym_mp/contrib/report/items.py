@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.corpus.terminal import NUMBER
 from lilgym_mp.evaluation.report import markdown_table
+from lilgym_mp.evaluation.terminal import NUMBER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,7 +9,7 @@ from lilgym_mp.contrib.report.items import Chart, Item, MissingItem, Table
 from lilgym_mp.contrib.report.plotting import save
 from lilgym_mp.contrib.report.report_data import ReportData
 from lilgym_mp.contrib.report.results import PROVENANCE_TITLE
-from lilgym_mp.corpus.terminal import printable
+from lilgym_mp.corpus.notes import printable
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_text
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import fold_long_blocks

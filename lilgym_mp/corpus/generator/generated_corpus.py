@@ -16,13 +16,13 @@ from typing import NamedTuple
 
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.generator.pairs import LEVELS, statements
-from lilgym_mp.corpus.jsonlines import LabelledScene
 from lilgym_mp.corpus.locations import is_generated
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.corpus.tasks import Provenance, TaskSet
 from lilgym_mp.corpus.tokens import normalised
+from lilgym_mp.corpus.writing import LabelledScene
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene

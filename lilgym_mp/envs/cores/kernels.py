@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingImports, reportUnknownVariableType]
 
-from lilgym_mp.corpus.terminal import note_after
+from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs.buffers import NO_REASON
 from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables

@@ -24,8 +24,8 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.scene.appearances import Scatter
+from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
-from lilgym_mp.scene.appearances.placement import fits_box
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import Canvas
 from lilgym_mp.scene.render.drawing import stamp

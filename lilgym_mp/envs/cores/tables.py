@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, placement
+from lilgym_mp.scene.appearances.base import LAST_CORNER
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
 MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
@@ -27,7 +28,7 @@ class GridTables(NamedTuple):
     # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
     overlaps: Int64Array
     areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
-    last_corners: Int64Array  # (9,) `placement.LAST_CORNER`
+    last_corners: Int64Array  # (9,) `LAST_CORNER`
     cell_count: int  # cells of the grid
     cell_width: int
     cell_height: int
@@ -51,7 +52,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     boxes, xs = (values.repeat(rows) for values in np.divmod(np.arange(columns) * width, BOX_PITCH))
     ys = np.tile(np.arange(rows) * height, columns)
     on_separator = xs >= BOX_SIDE
-    last = np.array(placement.LAST_CORNER)
+    last = np.array(LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
     separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
     part_height = height if height <= MOST_ROWS else MOST_ROWS

@@ -11,7 +11,6 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
@@ -32,6 +31,7 @@ from lilgym_mp.evaluation.options import (
     given_options,
 )
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.commands import add_recipe, interrupted
 from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
 from lilgym_mp.learning.learners import Learner

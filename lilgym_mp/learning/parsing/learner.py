@@ -10,9 +10,9 @@ import argparse
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.options import given_options
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.commands import add_recipe, interrupted
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe

@@ -10,10 +10,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.corpus.terminal import Progress
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import given_options
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.commands import add_recipe, interrupted, new_run, resumed_run
 from lilgym_mp.learning.learners import Learner
 from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, REPORTED_PARAMETERS, PPORecipe, make_recipe

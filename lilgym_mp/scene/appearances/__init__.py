@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.scene.appearances.base import Appearance, Edit, Grid, InvalidReason
-from lilgym_mp.scene.appearances.placement import PlacementRules
-from lilgym_mp.scene.appearances.scatter import NATIVE, RELEASED_GRID, GridError, Scatter, checked_grid
-from lilgym_mp.scene.appearances.tower import Tower
+from lilgym_mp.scene.appearances.base import Appearance, Edit, Grid, InvalidReason, PlacementRules
+from lilgym_mp.scene.appearances.grids import NATIVE, RELEASED_GRID, GridError, checked_grid
 from lilgym_mp.scene.choices import choose
+
+if TYPE_CHECKING:
+    from lilgym_mp.scene.appearances.scatter import Scatter
+    from lilgym_mp.scene.appearances.tower import Tower
 
 __all__ = [
     "APPEARANCES",
@@ -26,9 +31,29 @@ __all__ = [
     "make_appearance",
 ]
 
-BUILDERS: Mapping[str, Callable[[Grid], Appearance]] = {"tower": lambda grid: Tower(), "scatter": Scatter}
+Builder = Callable[[Grid], Appearance]
+BUILDERS: dict[str, str | Builder] = {  # or "module:name" of one, which is imported when first used
+    "tower": "lilgym_mp.scene.appearances.tower:make_tower",
+    "scatter": "lilgym_mp.scene.appearances.scatter:Scatter",
+}
 
-APPEARANCES: Mapping[str, Appearance] = {name: build(RELEASED_GRID) for name, build in BUILDERS.items()}
+
+class _OnReleasedGrid(Mapping[str, Appearance]):
+    """The appearances by name, with the released grid."""
+
+    def __getitem__(self, name: str) -> Appearance:
+        if name not in BUILDERS:
+            raise KeyError(name)
+        return _made(BUILDERS[name], RELEASED_GRID)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(BUILDERS)
+
+    def __len__(self) -> int:
+        return len(BUILDERS)
+
+
+APPEARANCES: Mapping[str, Appearance] = _OnReleasedGrid()
 
 
 def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
@@ -36,4 +61,17 @@ def make_appearance(name: str, grid: object = RELEASED_GRID) -> Appearance:
 
     Raises ValueError naming the choices, GridError for a grid whose cells straddle a separator.
     """
-    return choose("appearance", name, BUILDERS)(checked_grid(grid))
+    return _made(choose("appearance", name, BUILDERS), checked_grid(grid))
+
+
+@cache
+def _made(builder: str | Builder, grid: Grid) -> Appearance:
+    make: Builder = resolve_name(builder) if isinstance(builder, str) else builder
+    return make(grid)
+
+
+def __getattr__(name: str) -> Any:
+    """Imports `Tower` and `Scatter` when first used."""
+    if name not in ("Tower", "Scatter"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return resolve_name(f"{__name__}.{name.lower()}:{name}")

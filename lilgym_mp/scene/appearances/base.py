@@ -8,12 +8,24 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.scene import Scene, Shape
+from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_SIDES, Scene, Shape
 from lilgym_mp.scene.actions import Action, ActionError
-from lilgym_mp.scene.appearances.placement import PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
 
 Grid = tuple[int, int]  # columns and rows
+LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint: largest x and y inside the box
+
+
+def fits_box(footprint: int, x: int, y: int) -> bool:
+    return 0 <= x <= LAST_CORNER[footprint] and 0 <= y <= LAST_CORNER[footprint]
+
+
+class PlacementRules(NamedTuple):
+    """How a rule set places items."""
+
+    searches_cell: bool  # if the item overlaps others at the cell's corner, other positions in the cell are tried
+    keeps_unfit_snaps: bool  # a snap applies even if the item then leaves the box or overlaps others
+    rounds_in_image: bool  # nearest points are rounded in full-image, not box-local, coordinates
 
 
 class InvalidReason(StrEnum):

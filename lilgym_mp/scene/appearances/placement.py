@@ -12,13 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from math import inf, sqrt
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
+from lilgym_mp.scene.appearances.base import PlacementRules, fits_box
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 
 Value = TypeVar("Value")
@@ -37,14 +37,6 @@ AREA_UNIT = 10**9  # covered areas are whole numbers of 1e-9 square pixels, so t
 
 OVERLAPPING = 0  # clearance code; code 1 + d is truncated distance d
 FIRST_TOO_FAR = SNAP_REACH + 2  # clearance code of everything beyond the snapping distance
-
-
-class PlacementRules(NamedTuple):
-    """How a rule set places items."""
-
-    searches_cell: bool  # if the item overlaps others at the cell's corner, other positions in the cell are tried
-    keeps_unfit_snaps: bool  # a snap applies even if the item then leaves the box or overlaps others
-    rounds_in_image: bool  # nearest points are rounded in full-image, not box-local, coordinates
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +100,8 @@ def _resolved_move(
 
     `index`: the key of the pair in `PlacementTables.ties`.
     """
+    from lilgym_mp.scene.appearances.nearest_points import all_pairs, nearest_points
+
     tables = placement_tables()
     pairs = tables.ties.get(index) or all_pairs(tables.outlines[footprint], tables.outlines[other_footprint])
     new_ring = tables.points(footprint, x, y, {i for i, _ in pairs})
@@ -156,13 +150,6 @@ def _runs(values: Sequence[Value], lengths: NDArray[np.uint8]) -> list[Sequence[
     """`values` cut into consecutive runs of the given lengths."""
     ends = lengths.cumsum(dtype=np.int64).tolist()
     return [values[start:end] for start, end in zip([0, *ends], ends, strict=False)]
-
-
-LAST_CORNER = tuple(BOX_SIDE - side for side in FOOTPRINT_SIDES)  # by footprint: largest x and y inside the box
-
-
-def fits_box(footprint: int, x: int, y: int) -> bool:
-    return 0 <= x <= LAST_CORNER[footprint] and 0 <= y <= LAST_CORNER[footprint]
 
 
 def is_free(footprint: int, x: int, y: int, items: Iterable[Item]) -> bool:
@@ -312,73 +299,3 @@ def check_apart(items: Sequence[Item]) -> None:
 # to integers, and which of several equally near pairs (parallel sides, symmetric circles) is chosen depends on how
 # distances round at the items' positions. So ties are resolved as GEOS's brute-force facet distance does: segment by
 # segment in ring order, in IEEE doubles, a later pair winning only when it is strictly nearer.
-
-
-def nearest_points(
-    first: Mapping[int, Point], second: Mapping[int, Point], pairs: Sequence[tuple[int, int]]
-) -> tuple[Point, Point]:
-    """The nearest points on two rings that do not intersect, the first ring's first.
-
-    `pairs` are the segments (of `first`, of `second`) to consider, in ascending order; rings are given by the
-    segments' end points: segment i goes from point i to point i + 1.
-    """
-    nearest = inf
-    found = first[pairs[0][0]], second[pairs[0][1]]
-    for i, j in pairs:
-        a, b, c, d = first[i], first[i + 1], second[j], second[j + 1]
-        if _envelope_distance_squared(a, b, c, d) > nearest * nearest:
-            continue
-        distance = min(_to_segment(a, c, d), _to_segment(b, c, d), _to_segment(c, a, b), _to_segment(d, a, b))
-        if distance < nearest:
-            nearest = distance
-            found = _closest_points(a, b, c, d)
-    return found
-
-
-def all_pairs(first: Ring, second: Ring) -> Sequence[tuple[int, int]]:
-    """Every pair of segments of two rings, in the order of `nearest_points`."""
-    return [(i, j) for i in range(len(first) - 1) for j in range(len(second) - 1)]
-
-
-def _envelope_distance_squared(a: Point, b: Point, c: Point, d: Point) -> float:
-    dx = max(0.0, min(c[0], d[0]) - max(a[0], b[0]), min(a[0], b[0]) - max(c[0], d[0]))
-    dy = max(0.0, min(c[1], d[1]) - max(a[1], b[1]), min(a[1], b[1]) - max(c[1], d[1]))
-    return dx * dx + dy * dy
-
-
-def _distance(p: Point, q: Point) -> float:
-    dx, dy = p[0] - q[0], p[1] - q[1]
-    return sqrt(dx * dx + dy * dy)
-
-
-def _to_segment(p: Point, a: Point, b: Point) -> float:
-    """Distance of a point from a segment."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    length_squared = dx * dx + dy * dy
-    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / length_squared
-    if along <= 0.0:
-        return _distance(p, a)
-    if along >= 1.0:
-        return _distance(p, b)
-    across = ((a[1] - p[1]) * dx - (a[0] - p[0]) * dy) / length_squared
-    return abs(across) * sqrt(length_squared)
-
-
-def _projected(p: Point, a: Point, b: Point) -> Point:
-    """The point of a segment nearest to `p`."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    along = ((p[0] - a[0]) * dx + (p[1] - a[1]) * dy) / (dx * dx + dy * dy)
-    if 0.0 < along < 1.0:
-        return a[0] + along * dx, a[1] + along * dy
-    return a if _distance(a, p) < _distance(b, p) else b
-
-
-def _closest_points(a: Point, b: Point, c: Point, d: Point) -> tuple[Point, Point]:
-    """Nearest points of two segments that do not intersect."""
-    candidates = (
-        (_projected(c, a, b), c),
-        (_projected(d, a, b), d),
-        (a, _projected(a, c, d)),
-        (b, _projected(b, c, d)),
-    )
-    return min(candidates, key=lambda points: _distance(*points))

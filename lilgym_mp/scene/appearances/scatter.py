@@ -5,11 +5,9 @@ Source: docs/spec.md, "Actions", "Legality and effects", "Rule sets".
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import SupportsIndex, cast
 
 import numpy as np
 
@@ -31,8 +29,16 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.scene.actions import STOP, Action, ActionError, AddItem, RemoveItem, Stop
 from lilgym_mp.scene.appearances import placement
-from lilgym_mp.scene.appearances.base import ArrayForm, Edit, Grid, InvalidReason, slot_value
-from lilgym_mp.scene.appearances.legality import box_legality
+from lilgym_mp.scene.appearances.base import (
+    LAST_CORNER,
+    ArrayForm,
+    Edit,
+    Grid,
+    InvalidReason,
+    PlacementRules,
+    slot_value,
+)
+from lilgym_mp.scene.appearances.grids import RELEASED_GRID, checked_grid
 from lilgym_mp.scene.appearances.numbering import (
     ITEM_TYPE_FOOTPRINTS,
     ITEM_TYPES,
@@ -42,55 +48,13 @@ from lilgym_mp.scene.appearances.numbering import (
     cell_and_item_type,
     remove_index,
 )
-from lilgym_mp.scene.arrays import BOOLEANS, BoolArray
+from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.tuples import new_tuple
 
-NATIVE = "native"
-RELEASED_GRID = (19, 5)
-NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
-WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
 MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 
 _ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
 _ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
-
-
-class GridError(ValueError):
-    """A grid whose cells do not tile the boxes and separators."""
-
-
-def _is_pair(grid: object) -> bool:
-    return isinstance(grid, tuple | list) and len(cast("Sequence[object]", grid)) == 2
-
-
-def _positive(count: object) -> int:
-    """`count` if it is a positive integer, else 0."""
-    if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
-        return 0
-    return max(0, operator.index(count))
-
-
-def checked_grid(grid: object) -> Grid:
-    """(columns, rows) from a pair or "native". Raises GridError naming the choices."""
-    if grid == NATIVE:
-        return NATIVE_GRID
-    sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
-    if not all(sizes):
-        raise GridError(f"grid must be {NATIVE!r} or a pair (columns, rows) of positive whole numbers, not {grid!r}")
-    columns, rows = sizes
-    if IMAGE_WIDTH % columns or WIDEST_CELL % (IMAGE_WIDTH // columns):
-        choices = [IMAGE_WIDTH // width for width in range(WIDEST_CELL, 0, -1) if WIDEST_CELL % width == 0]
-        raise GridError(
-            f"grid {columns} x {rows}: with {columns} columns cells would straddle a separator;"
-            f" choose from {', '.join(map(str, choices))} columns"
-        )
-    if IMAGE_HEIGHT % rows:
-        choices = [count for count in range(1, IMAGE_HEIGHT + 1) if IMAGE_HEIGHT % count == 0]
-        raise GridError(
-            f"grid {columns} x {rows}: {rows} rows do not divide {IMAGE_HEIGHT} pixels;"
-            f" choose from {', '.join(map(str, choices))} rows"
-        )
-    return columns, rows
 
 
 def _decoded(grid: Grid, index: int) -> Action:
@@ -169,14 +133,14 @@ class Scatter:
         slots = {"x": self.grid[0], "y": self.grid[1], "shape": Shape, "colour": Colour, "size": Size}
         return ArrayForm("scatter", slots, (Stop, AddItem, RemoveItem))
 
-    def apply(self, scene: Scene, action: Action, rules: placement.PlacementRules) -> Edit:
+    def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
         if isinstance(action, AddItem):
             return self._add(scene, action, rules)
         if isinstance(action, RemoveItem):
             return self._remove(scene, action)
         raise ActionError(f"{action!r} is not an edit of scatter")
 
-    def _add(self, scene: Scene, action: AddItem, rules: placement.PlacementRules) -> Edit:
+    def _add(self, scene: Scene, action: AddItem, rules: PlacementRules) -> Edit:
         column, row, shape, colour, size = action
         place = self._columns[column]
         if place is None:
@@ -192,11 +156,11 @@ class Scatter:
         return new_tuple(Edit, (scene.with_box(box_index, Box((*items, item))), None))
 
     def place(
-        self, footprint: int, x: int, y: int, box_index: int, items: Sequence[Item], rules: placement.PlacementRules
+        self, footprint: int, x: int, y: int, box_index: int, items: Sequence[Item], rules: PlacementRules
     ) -> tuple[int, int] | InvalidReason:
         """The position of an item added to the cell with top-left pixel (x, y) of a box with `items`, or why it cannot
         be added."""
-        last = placement.LAST_CORNER[footprint]
+        last = LAST_CORNER[footprint]
         if x > last or y > last:
             return InvalidReason.OUT_OF_BOX
         tables = placement.placement_tables()
@@ -235,11 +199,11 @@ class Scatter:
         table = placement.cell_areas(width, height)[item.footprint]
         return table[dx][dy] if 0 <= dx < len(table) and 0 <= dy < len(table[0]) else 0
 
-    def searches(self, rules: placement.PlacementRules) -> bool:
+    def searches(self, rules: PlacementRules) -> bool:
         """Whether an item that would overlap others at its cell's corner may be placed elsewhere in the cell."""
         return rules.searches_cell and not self.is_native
 
-    def legal_mask(self, scene: Scene, rules: placement.PlacementRules) -> BoolArray:
+    def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
         mask = np.zeros(self.action_count, np.bool_)
         mask[0] = True
         for box, cells in zip(scene.boxes, self.box_cells, strict=True):
@@ -248,18 +212,20 @@ class Scatter:
             mask[adds], mask[removes] = self._legal_in_box(box, rules)
         return mask
 
-    def _legal_in_box(self, box: Box, rules: placement.PlacementRules) -> tuple[BoolArray, BoolArray]:
+    def _legal_in_box(self, box: Box, rules: PlacementRules) -> tuple[BoolArray, BoolArray]:
         """Whether each ADD and each REMOVE in the box's cells is valid, in order of their indices."""
         searches = self.searches(rules)
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
+            from lilgym_mp.scene.appearances.legality import box_legality
+
             legality = box_legality(*self.cell, searches=searches)
             addable = legality.addable(box.items)[..., _ADD_FOOTPRINTS].ravel()
             found = box.memo[key] = addable, legality.removable(box.items).ravel()
         return found
 
-    def explain(self, rules: placement.PlacementRules) -> Iterator[str]:
+    def explain(self, rules: PlacementRules) -> Iterator[str]:
         shapes, colours, sizes = ("|".join(member.name for member in enum) for enum in (Shape, Colour, Size))
         pixels = ", ".join(f"{size.name} {SIZE_PIXELS[size]}" for size in Size)
         yield (

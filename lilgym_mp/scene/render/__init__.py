@@ -5,7 +5,6 @@
 """
 
 from lilgym_mp.scene.render.canvas import Canvas
-from lilgym_mp.scene.render.characters import text
 from lilgym_mp.scene.render.drawing import draw, image_shape, shrink_of
 
-__all__ = ["Canvas", "draw", "image_shape", "shrink_of", "text"]
+__all__ = ["Canvas", "draw", "image_shape", "shrink_of"]

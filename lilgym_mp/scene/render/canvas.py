@@ -24,7 +24,7 @@ from lilgym_mp.scene import (
     Shape,
     Size,
 )
-from lilgym_mp.scene.appearances.placement import fits_box
+from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import (
     SHRINKS,

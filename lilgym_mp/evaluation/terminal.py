@@ -1,4 +1,4 @@
-"""Terminal output: progress bars, tables, colours, and escaping of untrusted text."""
+"""Terminal output: progress bars, tables and colours."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Generator, Iterable, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Sequence
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING
+
+from lilgym_mp.corpus.notes import write_note
 
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
-LONGEST_MESSAGE = 2_000  # characters of an error message
 LINES = 10  # printed in total when there is no bar
 LINE_SECONDS = 1.0  # least time between them
 SILENT_SECONDS = 10.0  # longest time without a line
@@ -24,30 +24,9 @@ RULED = "\n".join(["    "] * 2 + ["----"] + ["    "] * 5)  # a line under the he
 NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
 
-def printable(text: str) -> str:
-    """The text with all control characters except line ends escaped, and its middle left out if it is very long."""
-    if len(text) > LONGEST_MESSAGE:
-        half = LONGEST_MESSAGE // 2
-        text = f"{text[:half]} ... ({len(text) - 2 * half:,} characters left out) ... {text[-half:]}"
-    return "".join(c if c.isprintable() or c == "\n" else c.encode("unicode_escape").decode("ascii") for c in text)
-
-
 def shows_colours() -> bool:
     """Whether standard output is a terminal and NO_COLOR is not set."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
-
-
-@contextmanager
-def note_after(note: str, seconds: float = 5.0) -> Generator[None, None, None]:
-    """Prints a line on stderr if the block takes longer."""
-    timer = threading.Timer(seconds, lambda: _write(f"{note} ..."))
-    timer.daemon = True
-    timer.start()
-    try:
-        yield
-    finally:
-        timer.cancel()
-        timer.join()  # a process forked meanwhile would have another thread
 
 
 class Progress:
@@ -86,7 +65,7 @@ class Progress:
             self._bar.start()
             self._bar.add_task(unit, total=total, completed=self._done, note=doing, end=None)
         elif doing:
-            _write(doing)
+            write_note(doing)
 
     def __enter__(self) -> Progress:
         if self._beats:
@@ -106,7 +85,7 @@ class Progress:
                 self._printed = now
                 seconds = round(now - self._entered)
                 reached = f"{self._done:,} of {self._total:,} {self._unit}" if self._done else ""
-                _write(", ".join(filter(None, [reached, self._note, f"{seconds // 60}:{seconds % 60:02} so far"])))
+                write_note(", ".join(filter(None, [reached, self._note, f"{seconds // 60}:{seconds % 60:02} so far"])))
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Adds `count` to the progress; `note` is shown with it."""
@@ -127,7 +106,7 @@ class Progress:
         elif self._lines(self._begin) > lines_before and (now - self._printed > LINE_SECONDS or done >= self._total):
             self._printed = now
             left = "" if done >= self._total else time_left(self._end(self._begin, now))
-            _write(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])))
+            write_note(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])))
 
     def _end(self, begin: int, now: float) -> float | None:
         """When all will be done, from the mean rate so far; None if unknown."""
@@ -168,11 +147,6 @@ def _bar(redraws_by_itself: bool) -> RichProgress:
         auto_refresh=redraws_by_itself,
         redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
     )
-
-
-def _write(line: str) -> None:
-    sys.stderr.write(f"{line}\n")
-    sys.stderr.flush()
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | None = None) -> str:

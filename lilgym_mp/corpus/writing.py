@@ -1,0 +1,68 @@
+"""Writes corpora in the project's file format, which docs/corpus.md describes."""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from lilgym_mp.corpus.jsonlines import FORMAT, SECTIONS, VERSION
+from lilgym_mp.corpus.tasks import TaskSet
+from lilgym_mp.scene import Scene
+
+
+class LabelledScene(NamedTuple):
+    """A start scene and the statement's truth value in it."""
+
+    scene: Scene
+    label: bool
+
+
+def entry_json(
+    entry_id: str,
+    appearance: str,
+    split: str,
+    statement: str,
+    program: str,
+    starts: Iterable[tuple[str, LabelledScene]],
+) -> dict[str, object]:
+    """A corpus file entry; `starts` are pairs of id and labelled scene."""
+    return {
+        "id": entry_id,
+        "appearance": appearance,
+        "split": split,
+        "statement": statement,
+        "program": program,
+        "starts": [{"id": name, "label": start.label, "scene": start.scene.to_json()} for name, start in starts],
+    }
+
+
+def flipit_entries(tasks: TaskSet) -> Iterator[dict[str, object]]:
+    """One entry per statement and program of the FlipIt tasks, with their start scenes under the task ids."""
+    appearance, split = tasks.provenance.appearance, tasks.provenance.split
+    starts: dict[tuple[str, str], list[tuple[str, LabelledScene]]] = {}
+    for task in tasks:
+        start = LabelledScene(task.start, not task.target)
+        starts.setdefault((task.statement, task.program), []).append((task.id, start))
+    for index, ((statement, program), found) in enumerate(starts.items(), start=1):
+        yield entry_json(f"{appearance}/{split}/{index}", appearance, split, statement, program, found)
+
+
+def write_corpus(
+    path: str | os.PathLike[str],
+    name: str,
+    licence: str,
+    entries: Iterable[Mapping[str, object]],
+    sections: Mapping[str, int] | None = None,
+) -> None:
+    """Writes a corpus file, gzipped if `path` ends in .gz; equal entries give equal bytes."""
+    header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
+    if sections is not None:
+        header[SECTIONS] = dict(sections)
+    lines = (json.dumps(line, ensure_ascii=False, separators=(",", ":")) for line in (header, *entries))
+    data = "".join(line + "\n" for line in lines).encode("utf-8")
+    file = Path(path)
+    file.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if file.suffix == ".gz" else data)

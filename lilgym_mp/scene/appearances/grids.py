@@ -1,0 +1,54 @@
+"""Grids of Scatter: columns and rows of cells that tile the boxes and separators. Source: docs/spec.md, "Actions"."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Sequence
+from typing import SupportsIndex, cast
+
+from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
+from lilgym_mp.scene.appearances.base import Grid
+from lilgym_mp.scene.arrays import BOOLEANS
+
+NATIVE = "native"
+RELEASED_GRID = (19, 5)
+NATIVE_GRID = (IMAGE_WIDTH, IMAGE_HEIGHT)
+WIDEST_CELL = 20  # the largest cell width that divides both a box and a separator
+
+
+class GridError(ValueError):
+    """A grid whose cells do not tile the boxes and separators."""
+
+
+def _is_pair(grid: object) -> bool:
+    return isinstance(grid, tuple | list) and len(cast("Sequence[object]", grid)) == 2
+
+
+def _positive(count: object) -> int:
+    """`count` if it is a positive integer, else 0."""
+    if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
+        return 0
+    return max(0, operator.index(count))
+
+
+def checked_grid(grid: object) -> Grid:
+    """(columns, rows) from a pair or "native". Raises GridError naming the choices."""
+    if grid == NATIVE:
+        return NATIVE_GRID
+    sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
+    if not all(sizes):
+        raise GridError(f"grid must be {NATIVE!r} or a pair (columns, rows) of positive whole numbers, not {grid!r}")
+    columns, rows = sizes
+    if IMAGE_WIDTH % columns or WIDEST_CELL % (IMAGE_WIDTH // columns):
+        choices = [IMAGE_WIDTH // width for width in range(WIDEST_CELL, 0, -1) if WIDEST_CELL % width == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: with {columns} columns cells would straddle a separator;"
+            f" choose from {', '.join(map(str, choices))} columns"
+        )
+    if IMAGE_HEIGHT % rows:
+        choices = [count for count in range(1, IMAGE_HEIGHT + 1) if IMAGE_HEIGHT % count == 0]
+        raise GridError(
+            f"grid {columns} x {rows}: {rows} rows do not divide {IMAGE_HEIGHT} pixels;"
+            f" choose from {', '.join(map(str, choices))} rows"
+        )
+    return columns, rows
