@@ -344,7 +344,7 @@ def _default(value: object) -> str:
 def _versions(settings: Settings) -> Iterator[str]:
     yield "## Versions"
     yield (
-        f"`v0`, since lilgym_mp {lilgym_mp.__version__}. A change to the rules, rewards or action indices would become "
+        f"`v0`, since lilgym-mp {lilgym_mp.__version__}. A change to the rules, rewards or action indices would become "
         "`v1`. When you publish results, state the corpus, split and rule set."
     )
 

@@ -37,7 +37,7 @@ class EpisodesError(ValueError):
 class Header:
     """The metadata common to all episodes of a file."""
 
-    package: str  # version of lilgym_mp that wrote the file
+    package: str  # version of lilgym-mp that wrote the file
     settings: Settings
     split: str
     agent: str  # name in tables; the same for runs that differ only in their seed

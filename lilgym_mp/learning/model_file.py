@@ -88,7 +88,7 @@ def load_model(
     except (SafetensorError, OSError) as error:
         raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
     if METADATA_KEY not in metadata:
-        raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym_mp wrote")
+        raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym-mp wrote")
     with described_network(path):
         return ModelDescription.from_json(json.loads(metadata[METADATA_KEY])), tensors
 

@@ -71,5 +71,5 @@ def _unwrapped(env: object) -> HasState:
     inner: Any = getattr(env, "unwrapped", env)
     env_type = cast("Any", type(inner))  # its `state` property raises before the first reset, so ask the type
     if not isinstance(getattr(inner, "dynamics", None), Dynamics) or not hasattr(env_type, "state"):
-        raise TypeError(f"the expert needs an environment of lilgym_mp with `dynamics` and `state`, not {env!r}")
+        raise TypeError(f"the expert needs an environment of lilgym-mp with `dynamics` and `state`, not {env!r}")
     return inner

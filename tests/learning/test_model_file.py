@@ -97,7 +97,7 @@ def test_load__never_unpickles(tmp_path: Path):
 @pytest.mark.parametrize(
     ("metadata", "said"),
     [
-        ({}, "not one that lilgym_mp wrote"),
+        ({}, "not one that lilgym-mp wrote"),
         ({METADATA_KEY: "{"}, "description cannot be used"),
         ({METADATA_KEY: "[]"}, "description cannot be used"),
         ({METADATA_KEY: '{"format": "lilgym_mp-model", "format_version": 99}'}, "version 99; must be .* version 1"),
