@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from contextlib import suppress
 from itertools import product
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus import CorpusError
@@ -19,9 +21,12 @@ from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.options import CommandError, add_device, add_settings, given_environment
 from lilgym_mp.evaluation.recording import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.terminal import hanging, shows_colours
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.characters import ruled
 from lilgym_mp.scene.render.frames import frame
 
 if TYPE_CHECKING:
@@ -85,7 +90,10 @@ def run(args: argparse.Namespace) -> int:
     planner = agent.planner(settings)
     statement = args.statement if args.statement is not None else task.statement
     plan = planner.plan(task.start, statement, task.target)
-    print("\n".join(explanation_lines(plan, planner, statement, task.target)))
+    width = get_terminal_size((100, 24)).columns
+    print("\n".join(hanging(line, width) for line in explanation_lines(plan, planner, statement, task.target)))
+    for scene, caption in _drawn(plan, planner):
+        print(f"\n{caption}\n{ruled(text(scene, [], coloured=shows_colours()), planner.dynamics.appearance.grid)}")
     if args.task is not None and args.statement is None:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
         print(f"outcome: {outcome} (the task's program: {task.program})")
@@ -102,8 +110,8 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
         statements = [args.statement or task.statement]
     else:
         settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
-        text, _ = read_text(args.file)
-        statements = [line for line in text.splitlines() if line.strip()]
+        content, _ = read_text(args.file)
+        statements = [line for line in content.splitlines() if line.strip()]
     appearance = agent.planner(settings).dynamics.appearance.name
     for index, statement in enumerate(statements):
         parse = agent.parser.parse(statement, appearance)
@@ -138,10 +146,16 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
     raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
 
 
+def _drawn(plan: Plan, planner: Planner) -> Iterator[tuple[Scene, str]]:
+    """The plan's scenes with the actions that lead to them."""
+    *edits, _ = plan.actions
+    captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(edits, start=1))]
+    return zip(scenes(planner.dynamics, plan.scene, edits), captions, strict=True)
+
+
 def _film(path: Path, plan: Plan, planner: Planner, task: str) -> None:
     """Writes the plan's scenes with its actions as a GIF."""
-    visited = scenes(planner.dynamics, plan.scene, plan.actions[:-1])
-    captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(plan.actions[:-1], start=1))]
+    shown = [*_drawn(plan, planner)]
     stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
-    shown = zip([*visited, visited[-1]], [*captions, stop], strict=True)
+    shown.append((shown[-1][0], stop))
     save_gif(path, [frame(scene, [task, caption], planner.dynamics.appearance) for scene, caption in shown])

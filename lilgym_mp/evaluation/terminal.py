@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
+import textwrap
 import threading
 import time
 from collections.abc import Iterable, Sequence
@@ -185,6 +186,14 @@ def _rendered(
     with console.capture() as captured:
         console.print(drawn)
     return "\n".join(line.rstrip() for line in captured.get().splitlines())
+
+
+def hanging(line: str, width: int) -> str:
+    """The line, wrapped between words. Further lines begin below the last column of text after two blanks, or after a
+    colon and a blank, if there is one in the first half."""
+    starts = [match.end() for match in re.finditer(r" {2,}|: ", line[: width // 2])]
+    indent = " " * (starts[-1] if starts else 2)
+    return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
 def show_markdown(text: str) -> None:

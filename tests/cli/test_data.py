@@ -145,7 +145,7 @@ def test_show__prints_all_of_a_task(data: Run, own: Path, tmp_path: Path):
         "form       COLOUR is here",
     ):
         assert line in output
-    assert "kkkk" in output
+    assert "k#k#" in output
     with Image.open(tmp_path / "blue.png") as image:
         assert image.size == (784, 304)
 

@@ -51,8 +51,8 @@ def test_play__solves_a_task(play: Play):
 
 def test_play__picture_shows_the_edit(play: Play):
     before, after = play(BLUE_TASK, "add left blue").split("> add left blue")
-    assert "bbbb" not in before
-    assert "|        bbbb        |  |" in after
+    assert "b#b#" not in before
+    assert "|        b#b#        |  |" in after
 
 
 def test_play__hint_is_an_action(play: Play):
@@ -167,7 +167,7 @@ def test_parse_command__accepts_every_action_as_it_is_shown(appearance: Tower | 
 def test_ruled__numbers_are_at_the_start_of_their_cells():
     picture = ruled(text(scene(tower(B), [], [square(80, 80)]), [], coloured=False), (19, 5))
     numbers, _, *rows, _ = picture.split("\n")
-    assert numbers.index("18") == rows[-1].index("yyyy")
+    assert numbers.index("18") == rows[-1].index("y#y#")
     assert rows[-2].endswith(" 4")
     assert [line.split()[-1] for line in rows if line[-1].isdigit()] == ["0", "1", "2", "3", "4"]
 

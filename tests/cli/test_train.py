@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -18,6 +19,7 @@ from PIL import Image
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.demo import first_free_path
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.scene.render import text
 from tests.corpora import write_own_corpus
 
 LilGym = Callable[..., str]
@@ -220,8 +222,22 @@ def test_parse_and_plan__trains_is_evaluated_and_explains(lilgym: LilGym, tmp_pa
 def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     task = Settings("ScatterFlipIt").make("dev").tasks[0]
     output = lilgym("explain", "--task", task.id)
-    assert task.statement in output
     assert "outcome: " in output
+    explained, *drawn = output.split("\n 0   1   2")
+    assert task.statement in explained
+    assert len(drawn) == explained.split("plan: ")[1].count("(") + 1
+    assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
+
+
+def test_explain__indents_the_lines_after_the_first(lilgym: LilGym, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("COLUMNS", "72")
+    lines = lilgym("explain", "There is a black circle left of a blue square.").split("\n")
+    assert max(map(len, lines)) <= 72
+    first = next(index for index, line in enumerate(lines) if " %  " in line)
+    column = re.search(r"[a-z_]+\(", lines[first])
+    assert column
+    assert lines[first + 1].startswith(" " * column.start())
+    assert lines[first + 1][column.start()] != " "
 
 
 def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):

@@ -277,16 +277,16 @@ def test_text__draws_the_boxes_with_characters():
     shown = scene([square(0, 0, colour=B)], [circle(40, 70, LARGE, Y)], [triangle(80, 80, colour=K)])
     assert text(shown, ["A line."], coloured=False).splitlines() == [
         "+--------------------+  +--------------------+  +--------------------+",
-        "|bbbb                |  |                    |  |                    |",
-        "|bbbb                |  |                    |  |                    |",
+        "|b#b#                |  |                    |  |                    |",
+        "|b#b#                |  |                    |  |                    |",
         "|                    |  |                    |  |                    |",
         "|                    |  |                    |  |                    |",
         "|                    |  |                    |  |                    |",
         "|                    |  |                    |  |                    |",
         "|                    |  |                    |  |                    |",
-        "|                    |  |         yyyy       |  |                    |",
-        "|                    |  |        yyyyyy      |  |                 kk |",
-        "|                    |  |         yyyy       |  |                kkkk|",
+        "|                    |  |         oyoy       |  |                    |",
+        "|                    |  |        yoyoyo      |  |                 ^k |",
+        "|                    |  |         oyoy       |  |                k^k^|",
         "+--------------------+  +--------------------+  +--------------------+",
         "A line.",
     ]

@@ -20,7 +20,7 @@ def text(
 ) -> str:
     """The scene drawn with characters (o circle, # square, ^ triangle), then `lines`.
 
-    Without colours, items are drawn as y (yellow), k (black) or b (blue), whatever their shape. `mark` gives another
+    Without colours, the characters of a shape alternate with y (yellow), k (black) or b (blue). `mark` gives another
     character for an item.
     """
     width, height = TEXT_CELL
@@ -29,11 +29,11 @@ def text(
     for box in scene.boxes:
         cells = [[" "] * box_columns for _ in range(rows)]
         for item in box.items:
-            character = _text_mark(item, coloured=coloured) if mark is None else mark(item)
+            characters = _text_marks(item, coloured=coloured) if mark is None else mark(item)
             for row in range(max(0, item.y // height), min(rows, -(-(item.y + item.side) // height))):
                 for column in range(max(0, item.x // width), min(box_columns, -(-(item.x + item.side) // width))):
                     if _covers(item, column * width + width // 2, row * height + height // 2):
-                        cells[row][column] = character
+                        cells[row][column] = characters[column % len(characters)]
         boxes.append(cells)
     edge = "+" + "-" * box_columns + "+"
     picture = [f"|{'|  |'.join(''.join(box[row]) for box in boxes)}|" for row in range(rows)]
@@ -46,10 +46,12 @@ def _covers(item: Item, x: int, y: int) -> bool:
     return 0 <= column < item.side and 0 <= row < item.side and bool(item_mask(item.footprint)[row, column])
 
 
-def _text_mark(item: Item, *, coloured: bool) -> str:
+def _text_marks(item: Item, *, coloured: bool) -> Sequence[str]:
+    """The characters of even and odd columns."""
+    shape = _TEXT_SHAPES[item.shape]
     if not coloured:
-        return {Colour.YELLOW: "y", Colour.BLACK: "k", Colour.BLUE: "b"}[item.colour]
-    return f"\x1b[1;{_TEXT_COLOURS[item.colour]}m{_TEXT_SHAPES[item.shape]}\x1b[0m"
+        return {Colour.YELLOW: "y", Colour.BLACK: "k", Colour.BLUE: "b"}[item.colour] + shape
+    return [f"\x1b[1;{_TEXT_COLOURS[item.colour]}m{shape}\x1b[0m"]
 
 
 def ruled(picture: str, grid: Grid | None) -> str:
