@@ -25,8 +25,7 @@ from lilgym_mp.evaluation.terminal import hanging, shows_colours
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
-from lilgym_mp.scene.render import text
-from lilgym_mp.scene.render.characters import ruled
+from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from PIL import Image
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.demo import first_free_path
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.scene.render import text
+from lilgym_mp.scene.render.characters import text
 from tests.corpora import write_own_corpus
 
 LilGym = Callable[..., str]
