@@ -1,9 +1,9 @@
-"""PPO for Tower in one file, over `gym.make_vec`: action masks, stop forcing, and a network that reads the statement.
+"""PPO in one file, from pixels and text, over `gym.make_vec`: for Tower, with a network that reads the statement.
 
-It sees the blocks of each box instead of pixels (`structured_observation_v0`). What matters besides the network: in
-training STOP is forced wherever it succeeds, with its whole return as advantage; and data augmentation: colours are
-swapped in words, blocks and actions alike, which makes six statements of each.
-docs/training.md shows the curve. Needs the extra `train`. Run: python examples/ppo_single_file.py --minutes 5
+What matters besides the network: action masks; STOP is forced wherever it succeeds in training, with its whole return
+as advantage; and the sampler of tasks: eight environments at a time play one statement, which is read once for all of
+them, and colours are exchanged in words and scenes alike, which makes six statements of each.
+docs/training.md shows the curve. Needs the extra `train`. Run: python examples/ppo_single_file.py --steps 1000000
 """
 
 from __future__ import annotations
@@ -11,16 +11,13 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from itertools import permutations
 from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.corpus.statement_arrays import default_length
-from lilgym_mp.wrappers import structured_observation_v0
+from lilgym_mp.learning.statement_sampler import StatementSampler
 
 try:
     import torch
@@ -30,7 +27,7 @@ try:
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')
 
-GROUPS, GROUP = 64, 8  # 64 groups of 8 environments; a group plays one statement, which is read once for all
+ENVS, GROUP = 512, 8  # groups of environments play one statement
 STEPS = 8  # of each environment in a rollout
 EPOCHS, MINI_BATCH = 2, 1024
 LEARNING_RATE, CLIP, VALUE_WEIGHT, GRADIENT_NORM = 1e-3, 0.2, 0.5, 0.5
@@ -38,22 +35,33 @@ ENTROPY = (0.08, 0.01)  # weight at the beginning and at the end
 DISCOUNT, TRACE = 0.99, 0.95
 WIDTH, HEADS = 64, 4
 STOP, COLOURS, BOXES = 0, 3, 3  # actions: STOP, ADD of each colour to each box, REMOVE from each box
-COLOUR = 3  # index of an item's colour in `item_array`
-COLOUR_NAMES = ("yellow", "black", "blue")
-SWAPS = np.array(list(permutations(range(COLOURS))))  # (6, 3) the colour seen instead of each colour; the first: itself
-SEEN = np.pad(SWAPS + 1, ((0, 0), (1, 0)))  # (6, 4) likewise for 0 = none, 1 = yellow, ...
-BACK = SWAPS.argsort(1)  # (6, 3) the colour meant by each colour
-ADDS = 1 + COLOURS * np.arange(BOXES)[:, None] + BACK[:, None]  # (6, 3, 3) the ADD meant, by box and colour
-MEANT = np.hstack([np.full((6, 1), STOP), ADDS.reshape(6, -1), np.tile([10, 11, 12], (6, 1))])  # (6, 13) actions meant
+FIRST, EVERY = 2, 5  # the pixels seen of each row and column: four of each block
+SIDE, PITCH = 10, 14  # seen pixels: a box's side, and from a box to the next
 
 
 class State(NamedTuple):
     """What the policy sees in B states."""
 
-    statement: Tensor  # (B,) row of the tokens
-    colours: Tensor  # (B, 3, slots) of the blocks of each box from the bottom, 0 in empty slots
+    statement: Tensor  # (B, length) token ids, 0 is padding
+    image: Tensor  # (B, 10, 38, 3) the seen pixels
     target: Tensor  # (B,)
     legal: Tensor  # (B, actions) bool
+
+
+def seen_pixels(images: np.ndarray) -> np.ndarray:
+    """(B, 10, 38, 3) from images (B, 50, 190, 3)."""
+    return images[:, FIRST::EVERY, FIRST::EVERY].copy()
+
+
+def observe(envs: Any, observation: dict[str, Any]) -> State:
+    """The states of a batch."""
+    parts = (
+        observation["statement"],
+        seen_pixels(observation["image"]),
+        observation["target"][:, 0],
+        envs.action_masks(),
+    )
+    return State(*map(torch.from_numpy, parts))
 
 
 class Attention(nn.Module):
@@ -79,14 +87,13 @@ class Attention(nn.Module):
 class Network(nn.Module):
     """Policy and value: boxes read the statement, the scene is their sum."""
 
-    def __init__(self, words: int, length: int, slots: int) -> None:
+    def __init__(self, words: int, length: int) -> None:
         super().__init__()
         self.words = nn.Embedding(words, WIDTH)
         self.positions = nn.Parameter(torch.randn(length, WIDTH) * 0.02)
         layer = nn.TransformerEncoderLayer(WIDTH, HEADS, 2 * WIDTH, 0.0, batch_first=True, norm_first=True)
         self.reader = nn.TransformerEncoder(layer, 2, enable_nested_tensor=False)
-        self.blocks = nn.Embedding(slots * (1 + COLOURS), WIDTH)  # by slot and colour
-        self.box = nn.Sequential(nn.ReLU(), nn.Linear(WIDTH, WIDTH))
+        self.box = nn.Sequential(nn.Linear(3 * SIDE**2, WIDTH), nn.ReLU(), nn.Linear(WIDTH, WIDTH))
         self.box_readings = nn.ModuleList([Attention(), Attention()])
         self.place = nn.Parameter(torch.randn(BOXES, WIDTH) * 0.02)
         self.part, self.whole = nn.Linear(WIDTH, WIDTH), nn.Linear(WIDTH, WIDTH)
@@ -100,15 +107,14 @@ class Network(nn.Module):
         for last in (self.truth, self.stop, last_of_edits):
             nn.init.normal_(last.weight, std=0.01)
 
-    def forward(self, tokens: Tensor, state: State) -> tuple[Categorical, Tensor]:
-        """The distribution over legal actions, and the values (B,). `tokens`: (statements, length), 0 is padding."""
-        statements, statement_of = state.statement.unique(return_inverse=True)  # each statement is read once
-        tokens = tokens[statements]
+    def forward(self, state: State) -> tuple[Categorical, Tensor]:
+        """The distribution over legal actions, and the values (B,)."""
+        tokens, statement_of = state.statement.unique(dim=0, return_inverse=True)  # each statement is read once
         tokens = tokens[:, : int((tokens != 0).sum(1).max())]
         padding = tokens == 0
         words = self.reader(self.words(tokens) + self.positions[: tokens.shape[1]], src_key_padding_mask=padding)
-        slots = torch.arange(state.colours.shape[2]) * (1 + COLOURS)
-        boxes = self.box(self.blocks(state.colours + slots).sum(2))  # (B, 3, WIDTH)
+        pixels = state.image.float() / 127.5 - 1
+        boxes = self.box(pixels.unfold(2, SIDE, PITCH).transpose(1, 2).flatten(2))  # (B, 3, WIDTH)
         for reading in self.box_readings:
             boxes = reading(boxes, words, ~padding, statement_of)
         scene = self.whole((self.part(boxes) + self.place).relu().sum(1, keepdim=True))
@@ -117,49 +123,23 @@ class Network(nn.Module):
         stop = self.stop(judged) + self.truth(scene) * (2 * state.target[:, None] - 1)
         edits = self.edits(torch.cat([boxes, judged[:, None].expand_as(boxes)], 2))  # (B, 3, colours and REMOVE)
         logits = torch.cat([stop, edits[..., :-1].flatten(1), edits[..., -1]], 1).masked_fill(~state.legal, -torch.inf)
-        return Categorical(logits=logits, validate_args=False), self.value(judged)[
-            :, 0
-        ].tanh()  # returns are in -1 .. 1
+        values = self.value(judged)[:, 0].tanh()  # returns are in -1 .. 1
+        return Categorical(logits=logits, validate_args=False), values
 
 
-class Tasks:
-    """The tasks of a split with six ways to swap colours: way k of statement i is row 6 i + k of `tokens`."""
-
-    def __init__(self, envs: Any, vocabulary: Vocabulary | None = None, length: int | None = None) -> None:
-        tasks = envs.unwrapped.tasks
-        self.ids = np.array(tasks.ids, object)
-        statements = {statement: row for row, statement in enumerate(dict.fromkeys(task.statement for task in tasks))}
-        self.statement_of = np.array([statements[task.statement] for task in tasks])
-        self.vocabulary = vocabulary or Vocabulary.from_statements(statements)
-        self.length = length or default_length(statements)
-        tokens = np.stack([self.vocabulary.encode(statement, self.length) for statement in statements])
-        words = np.tile(np.arange(len(self.vocabulary)), (len(SWAPS), 1))  # (6, words) the word seen instead of each
-        names = np.array([self.vocabulary.token_id(name) for name in COLOUR_NAMES])
-        words[:, names] = names[SWAPS]
-        self.tokens = torch.from_numpy(words[:, tokens].swapaxes(0, 1).reshape(-1, self.length))
-
-
-def observe(envs: Any, observation: dict[str, Any], statement: np.ndarray, swaps: np.ndarray) -> State:
-    """The states of N environments: (N,) indices of statements and of swaps."""
-    colours = SEEN[swaps[:, None, None], observation["item_array"][..., COLOUR] + 1]
-    legal = envs.action_masks()[np.arange(len(swaps))[:, None], MEANT[swaps]]
-    row = len(SWAPS) * statement + swaps
-    return State(*map(torch.from_numpy, (row, colours, np.asarray(observation["target"]), legal)))
+def make(env_id: str, count: int, **options: Any) -> Any:
+    return gym.make_vec(env_id, num_envs=count, observation="arrays", autoreset_mode=AutoresetMode.SAME_STEP, **options)
 
 
 @torch.no_grad()
-def accuracy(network: Network, env_id: str, corpus: str, trained: Tasks) -> float:
+def accuracy(network: Network, env_id: str, **options: Any) -> float:
     """The share of dev's tasks that the most probable actions solve."""
-    options: dict[str, Any] = {"corpus": corpus, "split": "dev"}
-    count = len(gym.make(env_id, **options).get_wrapper_attr("tasks"))
-    mode = AutoresetMode.SAME_STEP
-    envs: Any = gym.make_vec(env_id, num_envs=count, evaluation=True, autoreset_mode=mode, **options)
-    envs = structured_observation_v0(envs)
-    tasks = Tasks(envs, trained.vocabulary, trained.length)
+    count = len(gym.make(env_id, split="dev", corpus=options["corpus"]).get_wrapper_attr("tasks"))
+    envs = make(env_id, count, split="dev", evaluation=True, **options)
     observation, _ = envs.reset(seed=0)
-    solved, ended, swaps = 0, np.zeros(count, bool), np.zeros(count, np.int64)
+    solved, ended = 0, np.zeros(count, bool)
     while not ended.all():
-        policy, _ = network(tasks.tokens, observe(envs, observation, tasks.statement_of, swaps))
+        policy, _ = network(observe(envs, observation))
         observation, _, terminated, truncated, infos = envs.step(policy.logits.argmax(1).numpy())
         ends = (terminated | truncated) & ~ended
         if ends.any():
@@ -168,57 +148,40 @@ def accuracy(network: Network, env_id: str, corpus: str, trained: Tasks) -> floa
     return solved / count
 
 
-def train(env_id: str, corpus: str, minutes: float, max_steps: int | None, seed: int) -> None:
-    rng, count = np.random.default_rng(seed), GROUPS * GROUP
+def train(env_id: str, corpus: str, max_steps: int, seed: int) -> None:
     torch.manual_seed(seed)
-    envs: Any = gym.make_vec(env_id, num_envs=count, corpus=corpus, copy=False, autoreset_mode=AutoresetMode.DISABLED)
-    envs = structured_observation_v0(envs)
-    tasks = Tasks(envs)
-    tasks_of = [np.flatnonzero(tasks.statement_of == statement) for statement in range(tasks.statement_of.max() + 1)]
-    slots = envs.single_observation_space["item_array"].shape[1]
-    network = Network(len(tasks.vocabulary), tasks.length, slots)
+    sampler = StatementSampler(env_id, corpus, same_statement=GROUP, recolour=True)
+    envs = make(env_id, ENVS, corpus=corpus, sampler=sampler)
+    observation, _ = envs.reset(seed=seed)
+    length = envs.single_observation_space["statement"].shape[0]
+    options = {"corpus": corpus, "vocabulary": sampler.vocabulary, "length": length}
+    network = Network(len(sampler.vocabulary), length)
     optimiser = torch.optim.Adam(network.parameters(), LEARNING_RATE, eps=1e-5)
-    statement, swaps = np.zeros(count, np.int64), np.zeros(count, np.int64)  # of each environment's episode
-
-    def restart(ended: np.ndarray) -> dict[str, Any]:
-        """Starts episodes of the groups' statements."""
-        statement[ended], swaps[ended] = group_statement[ended], group_swaps[ended]
-        chosen = [
-            tasks.ids[rng.choice(tasks_of[of])] if ends else None for of, ends in zip(statement, ended, strict=True)
-        ]
-        return envs.reset(options={"task": chosen, "reset_mask": ended})[0]
-
-    begin, steps, done, reported, successes = time.process_time(), 0, 0.0, 0, []
+    begin, steps, reported, successes = time.process_time(), 0, 0, []
     print("    steps  CPU s  training  dev")
-    while done < 1:
-        # A rollout: each group plays its new statement as soon as its episodes end.
-        group_statement = rng.integers(len(tasks_of), size=GROUPS).repeat(GROUP)
-        group_swaps = rng.integers(len(SWAPS), size=GROUPS).repeat(GROUP)
-        if steps == 0:
-            observation = restart(np.ones(count, bool))
+    while steps < max_steps:
+        # A rollout.
         states, rows = [], []
         for _ in range(STEPS):
             with torch.no_grad():
-                state = observe(envs, observation, statement, swaps)
-                policy, values = network(tasks.tokens, state)
-                forced = torch.from_numpy(envs.goal_reached().copy())
+                state = observe(envs, observation)
+                policy, values = network(state)
+                forced = torch.from_numpy(envs.goal_reached())
                 actions = policy.sample().where(~forced, STOP)
-            meant = MEANT[swaps, actions.numpy()]
-            observation, rewards, terminated, truncated, infos = envs.step(meant)
+            observation, rewards, terminated, truncated, infos = envs.step(actions.numpy())
             ended = terminated | truncated
             states.append(state)
             results = torch.tensor(rewards).float(), torch.tensor(ended)
             rows.append((actions, policy.log_prob(actions), values, forced, *results))
             if ended.any():
-                successes += infos["is_success"][ended].tolist()
-                observation = restart(ended)
-        steps += STEPS * count
+                successes += infos["final_info"]["is_success"][ended].tolist()
+        steps += STEPS * ENVS
 
         # Advantages; episodes that end have no future, as the horizon is part of the rules.
         actions, old, values, forced, rewards, ended = map(torch.stack, zip(*rows, strict=True))
         with torch.no_grad():
-            following = network(tasks.tokens, observe(envs, observation, statement, swaps))[1]
-        advantages, gae = torch.zeros_like(values), torch.zeros(count)
+            following = network(observe(envs, observation))[1]
+        advantages, gae = torch.zeros_like(values), torch.zeros(ENVS)
         for t in reversed(range(STEPS)):
             goes_on = DISCOUNT * ~ended[t]
             gae = rewards[t] + goes_on * (following + TRACE * gae) - values[t]
@@ -228,6 +191,7 @@ def train(env_id: str, corpus: str, minutes: float, max_steps: int | None, seed:
         advantages /= advantages.std() + 1e-8  # scaled, not centred: a STOP that succeeds is always encouraged
 
         # PPO's updates.
+        done = min(1.0, steps / max_steps)
         for group in optimiser.param_groups:
             group["lr"] = LEARNING_RATE * (1 - done)
         entropy_weight = ENTROPY[0] + (ENTROPY[1] - ENTROPY[0]) * done
@@ -235,7 +199,7 @@ def train(env_id: str, corpus: str, minutes: float, max_steps: int | None, seed:
         actions, old, returns, advantages = (part.flatten() for part in (actions, old, returns, advantages))
         for _ in range(EPOCHS):
             for batch in torch.randperm(len(actions)).split(MINI_BATCH):
-                policy, value = network(tasks.tokens, State(*(part[batch] for part in state)))
+                policy, value = network(State(*(part[batch] for part in state)))
                 ratio, advantage = (policy.log_prob(actions[batch]) - old[batch]).exp(), advantages[batch]
                 gain = torch.minimum(ratio * advantage, ratio.clamp(1 - CLIP, 1 + CLIP) * advantage).mean()
                 entropy = -(policy.probs * policy.probs.clamp(min=1e-9).log()).sum(1).mean()
@@ -245,25 +209,22 @@ def train(env_id: str, corpus: str, minutes: float, max_steps: int | None, seed:
                 nn.utils.clip_grad_norm_(network.parameters(), GRADIENT_NORM)
                 optimiser.step()
 
-        seconds = time.process_time() - begin
-        done = min(1.0, steps / max_steps if max_steps else seconds / (60 * minutes))
         if done >= (reported + 1) / 10:
             reported = int(10 * done)
-            dev = accuracy(network, env_id, corpus, tasks)
+            seconds, dev = time.process_time() - begin, accuracy(network, env_id, **options)
             print(f"{steps:9,} {seconds:6.0f}     {np.mean(successes or 0):.3f}  {dev:.3f}", flush=True)
             successes.clear()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--minutes", type=float, default=5.0, help="CPU minutes of training")
-    parser.add_argument("--steps", type=int, help="steps of all environments together, instead of --minutes")
+    parser.add_argument("--steps", type=int, default=1_000_000, help="steps of all environments together")
     parser.add_argument("--env", default="lilgym_mp/TowerScratch-v0", help="or lilgym_mp/TowerFlipIt-v0")
     parser.add_argument("--corpus", default="builtin")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    train(args.env, args.corpus, args.minutes, args.steps, args.seed)
+    train(args.env, args.corpus, args.steps, args.seed)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ one. Random policies are evaluated too, for comparison, unless --policy or --alo
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import product
@@ -60,9 +61,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         nargs="*",
         type=Path,
         metavar="RUN",
-        help="run directories written by `lilgym-mp train`, model files, or names of shipped agents, such as "
-        "parse-and-plan",
+        help="run directories written by `lilgym-mp train`, model files, names of shipped agents, such as "
+        "parse-and-plan, or .zip files of Stable-Baselines3 models with a LilGymPolicy",
     )
+    parser.add_argument("--trust", action="store_true", help="load .zip files without asking: they can run any code")
     parser.add_argument(
         "--policy",
         nargs="+",
@@ -208,10 +210,8 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     """The agent saved at `path`, once for each combination of action mode and mask to evaluate."""
     import torch
 
-    from lilgym_mp.learning.agents import open_agent
-
     torch.set_num_threads(args.threads)
-    agent = open_agent(path, args.device)
+    agent = _opened(path, args)
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
@@ -237,6 +237,21 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
         for mode in action_modes
         for mask in masks
     ]
+
+
+def _opened(path: Path, args: argparse.Namespace) -> Agent:
+    from lilgym_mp.learning.agents import agent_file, open_agent
+
+    if path.suffix != ".zip":
+        return open_agent(path, args.device)
+    agent_file(path)
+    warning = f"{path} contains pickles: loading it can run any code that its author put there"
+    asks = not args.trust and sys.stdin.isatty()
+    if not args.trust and not (asks and input(f"{warning}. Load it? [y/N] ").strip().lower() in ("y", "yes")):
+        raise CommandError(f"{warning}; if you trust it, add --trust")
+    from lilgym_mp.sb3 import load_agent
+
+    return load_agent(path)
 
 
 def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: Settings) -> Policy:
