@@ -45,14 +45,14 @@ FORCED_NOW = "forced"  # observation key
 
 
 class Forcing(Transformation):
-    """Where STOP succeeds, masks all other actions, or replaces them by STOP."""
+    """Where STOP succeeds, masks all other actions, replaces them by STOP, or says so in the observation."""
 
     def __init__(self, description: EnvDescription, *, mode: str, allow_evaluation: bool) -> None:
         """Raises ValueError for an unknown mode or an evaluation split."""
         super().__init__(description)
         choose("mode", mode, {name: name for name in ("mask", "replace", "observe")})
         self.adds_infos, self.changes_actions = mode == "mask", mode == "replace"
-        self.changes_observations = mode == "observe"
+        self.changes_observations = self.uses_mdp_actions = mode == "observe"  # so that the game refuses it
         split = description.tasks.provenance.split
         if split != TRAINING_SPLIT and not allow_evaluation:
             raise ValueError(
@@ -94,6 +94,8 @@ class StopForcing(EnvWrapper[Forcing]):
     mode "mask" (the paper): `action_masks()`, and info["action_mask"] of a wrapped ActionMask, allow only STOP there.
     mode "replace" (the release): any action becomes STOP there; info["forced_stop"] is whether the last action was
     replaced.
+    mode "observe", for learners such as PPO+SF that take STOP themselves, but with the log-probability that it has
+    unforced: adds "forced" to observations, int8 (1,), 1 where STOP succeeds. The policy must not see it.
     Raises ValueError for evaluation splits unless `allow_evaluation`, since evaluation is without stop forcing.
     Source: docs/spec.md, "Stop forcing" (PPO+SF).
     """

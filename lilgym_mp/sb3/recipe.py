@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -88,6 +89,7 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
     recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
     names, facts = (policy.settings.configuration,), {"steps": model.num_timesteps}
     description = describe(policy.settings, recipe, "stable-baselines3", names, policy.network, facts)
+    description = replace(description, supervision=f"{description.supervision}; trained by Stable-Baselines3")
     return PPOAgent(description, policy.settings, policy.network.eval(), recipe.mask)
 
 

@@ -49,7 +49,7 @@ SETTINGS: dict[str, tuple[dict[str, Any], ...]] = {
     "potential_shaping": ({"discount": 0.9},),
     "statement_embedding": ({"encoder": letters},),
     "steps_left": ({},),
-    "stop_forcing": ({"mode": "mask"}, {"mode": "replace"}),
+    "stop_forcing": ({"mode": "mask"}, {"mode": "replace"}, {"mode": "observe"}),
     "structured_observation": ({}, {"keep_image": True}),
     "text_observation": ({}, {"scene": "drawing"}, {"legal_actions": False}),
     "tokenized_statement": ({}, {"length": 40}),

@@ -46,7 +46,20 @@ def test_replace__replaces_actions_where_stop_succeeds(make: Make, actions: list
     assert env.action_masks().sum() > 1
 
 
-@pytest.mark.parametrize("mode", ["mask", "replace"])
+def test_observe__shows_where_stop_succeeds_and_changes_nothing_else(make: Make):
+    env = StopForcing(make("TowerScratch"), mode="observe")
+    observation, _ = env.reset(options={"task": "blue"})
+    shown = [observation["forced"]]
+    for action in (ADD_LEFT_BLUE, ADD_LEFT_YELLOW):
+        observation, reward, *_ = env.step(action)
+        assert reward == -0.1
+        assert env.action_masks().sum() > 1
+        assert observation in env.observation_space
+        shown.append(observation["forced"])
+    assert np.array(shown).tolist() == [[0], [1], [1]]
+
+
+@pytest.mark.parametrize("mode", ["mask", "replace", "observe"])
 def test_evaluation_splits__are_refused_unless_allowed(make: Make, mode: str):
     with pytest.raises(ValueError, match="StopForcing is for training: split 'dev' is for evaluation"):
         StopForcing(make("TowerScratch", split="dev"), mode=mode)
@@ -54,7 +67,7 @@ def test_evaluation_splits__are_refused_unless_allowed(make: Make, mode: str):
 
 
 def test_unknown_mode__names_the_choices(make: Make):
-    with pytest.raises(ValueError, match="unknown mode 'force'; choose from mask, replace"):
+    with pytest.raises(ValueError, match="unknown mode 'force'; choose from mask, observe, replace"):
         StopForcing(make("TowerScratch"), mode="force")
 
 

@@ -1,0 +1,241 @@
+"""The policy, the buffer, the sampler and the recipe for Stable-Baselines3."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+pytest.importorskip("stable_baselines3", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+pytest.importorskip("sb3_contrib", reason="needs the extra: pip install 'lilgym-mp[sb3]'")
+
+import torch
+from sb3_contrib import MaskablePPO
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import EvalCallback
+from stable_baselines3.common.utils import obs_as_tensor
+from stable_baselines3.common.vec_env import VecNormalize
+
+from lilgym_mp.cli import main
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.model_file import save_model
+from lilgym_mp.learning.statement_sampler import StatementSampler
+from lilgym_mp.sb3 import EntropySchedule, StatementRolloutBuffer, agent_of, make_vec_env, recipe
+from tests.envs.alike import assert_same
+
+SCRATCH, FLIPIT = "lilgym_mp/TowerScratch-v0", "lilgym_mp/TowerFlipIt-v0"
+COUNT = 8
+STOP = 0
+
+
+def small_model(algorithm: Any = MaskablePPO, configuration: str = "TowerScratch", **changes: Any) -> Any:
+    """An untrained model over COUNT environments with the recipe, but tiny rollouts."""
+    settings = recipe(configuration)
+    grouped = {} if changes.get("backend", "batched") in ("dummy", "subproc") else {"same_statement": 4}
+    env = make_vec_env(**settings.env | {"n_envs": COUNT, "same_statement": 1} | grouped | changes, seed=0)
+    return algorithm(env=env, seed=0, **settings.model | {"n_steps": 4, "batch_size": 16})
+
+
+@pytest.fixture(scope="module")
+def trained() -> Iterator[MaskablePPO]:
+    model = small_model().learn(64, EntropySchedule(0.5, 0.1))
+    yield model
+    model.env.close()
+
+
+def test_training__changes_the_weights_and_the_entropy_coefficient(trained: MaskablePPO) -> None:
+    before, after = small_model().policy.state_dict(), trained.policy.state_dict()
+    assert not torch.equal(before["network.value.weight"], after["network.value.weight"])
+    assert trained.ent_coef == pytest.approx(0.3)  # at the start of the second of two rollouts
+
+
+@pytest.mark.parametrize("backend", ["batched", "workers", "dummy", pytest.param("subproc", marks=pytest.mark.long)])
+@pytest.mark.parametrize("algorithm", [PPO, MaskablePPO])
+def test_training__works_with_every_backend_from_images_and_items(algorithm: Any, backend: str) -> None:
+    for changes in ({"wrap": None}, {"stop_forcing": False}):
+        model = small_model(algorithm, "TowerFlipIt", backend=backend, **changes)
+        model.learn(32)
+        assert model.num_timesteps == 32
+        model.env.close()
+
+
+@pytest.mark.parametrize("configuration", ["ScatterScratch", "ScatterFlipIt"])
+def test_training__works_in_scatter(configuration: str) -> None:
+    model = small_model(configuration=configuration, recolour=False)
+    model.learn(32, use_masking=False)
+    model.env.close()
+
+
+def test_evaluation_callback_and_reward_normalisation__work(tmp_path: Path) -> None:
+    settings = recipe("TowerScratch")
+    options = {"n_envs": 4, "vocabulary": settings.env["vocabulary"], "wrap": settings.env["wrap"]}
+    env = VecNormalize(make_vec_env(**settings.env | options | {"same_statement": 2}, seed=0), norm_obs=False)
+    dev = VecNormalize(make_vec_env(SCRATCH, split="dev", **options), norm_obs=False, norm_reward=False, training=False)
+    model = PPO(env=env, **settings.model | {"n_steps": 4, "batch_size": 16})
+    callback = EvalCallback(dev, n_eval_episodes=4, eval_freq=4, best_model_save_path=str(tmp_path), verbose=0)
+    model.learn(16, callback)
+    PPO.load(tmp_path / "best_model.zip")
+
+
+def test_saved_model__chooses_the_same_actions_from_items_images_and_text(trained: MaskablePPO, tmp_path: Path) -> None:
+    trained.save(tmp_path / "model.zip")
+    loaded = MaskablePPO.load(tmp_path / "model.zip")
+    env = make_vec_env(SCRATCH, 4, vocabulary=recipe("TowerScratch").env["vocabulary"], seed=1)
+    texts: Any = gym.make_vec(SCRATCH, num_envs=4)
+    arrays, (texts_now, _) = env.reset(), texts.reset(seed=1)
+    expected, _ = trained.predict(arrays, deterministic=True)
+    for model in (trained, loaded):
+        assert_same(model.predict(texts_now, deterministic=True)[0], expected)
+        one = {name: values[2] for name, values in texts_now.items()}
+        assert model.predict(one, deterministic=True)[0] == expected[2]
+    masks = np.zeros((4, 13), np.bool_)
+    masks[:, 5] = True
+    assert_same(loaded.predict(arrays, action_masks=masks)[0], np.full(4, 5))
+
+
+def test_forced_stops__have_the_log_probability_of_the_unforced_policy(trained: MaskablePPO) -> None:
+    assert trained.env is not None
+    inputs: Any = obs_as_tensor(trained.env.reset(), trained.device)
+    inputs["forced"] = torch.ones_like(inputs["forced"])
+    actions, _, log_probs = trained.policy(inputs)
+    assert actions.tolist() == [STOP] * COUNT
+    del inputs["forced"]
+    _, unforced, _ = trained.policy.evaluate_actions(inputs, actions)
+    assert torch.allclose(log_probs, unforced, atol=1e-5)
+    assert (log_probs < 0).all()
+
+
+def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_forced_stops() -> None:
+    model = small_model()
+    buffer = StatementRolloutBuffer(4, model.observation_space, model.action_space, n_envs=COUNT)
+    rng, observations = np.random.default_rng(0), model.env.reset()
+    for step in range(4):
+        observations["statement"][:] = (np.arange(COUNT)[:, None] + step) % 4 + 2  # four statements
+        observations["forced"][:] = step == 2
+        values, log_probs = torch.full((COUNT,), 0.5), torch.zeros(COUNT)
+        buffer.add(observations, np.arange(COUNT) + COUNT * step, rng.random(COUNT), np.zeros(COUNT), values, log_probs)
+    buffer.compute_returns_and_advantage(torch.zeros(COUNT), np.zeros(COUNT))
+    assert buffer.advantages.std() == pytest.approx(1)
+    ratios = buffer.advantages / buffer.returns
+    assert np.allclose(ratios[2], ratios[2, 0])
+    assert not np.allclose(ratios[1], ratios[1, 0])
+    for _ in range(2):
+        batches = list(buffer.get(8))
+        assert [len(torch.unique(batch.observations["statement"][:, 0])) for batch in batches] == [1] * 4
+        assert sorted(torch.cat([batch.actions for batch in batches]).flatten().tolist()) == list(range(4 * COUNT))
+    model.env.close()
+
+
+def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() -> None:
+    settings = recipe("TowerScratch")
+    env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
+    with pytest.raises(ValueError, match="TowerScratch with these words has 13 actions and 4 token ids, but the env"):
+        PPO(env=env, **settings.model | {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}})
+
+
+# Agents
+
+
+def test_agent__plays_as_the_model_and_as_its_model_file(trained: MaskablePPO, tmp_path: Path) -> None:
+    agent = agent_of(trained)
+    assert agent.mask
+    save_model(tmp_path / "agent.safetensors", agent.description, agent.model.state_dict())
+    settings = Settings("TowerScratch")
+    played, again = (
+        [episode.actions for episode in evaluate(one.policy(settings), settings, "dev")]
+        for one in (agent, open_agent(tmp_path / "agent.safetensors"))
+    )
+    assert played == again
+    env = gym.make(SCRATCH, split="dev")
+    for actions, task in zip(played[:20], env.get_wrapper_attr("evaluation_tasks")(), strict=False):
+        observation, _ = env.reset(options={"task": task})
+        masks = env.get_wrapper_attr("action_masks")()
+        assert trained.predict(observation, deterministic=True, action_masks=masks)[0] == actions[0]
+
+
+def test_agent__needs_our_policy() -> None:
+    model = PPO("MlpPolicy", "CartPole-v1")
+    with pytest.raises(AgentError, match="not those with a ActorCriticPolicy"):
+        agent_of(model)
+
+
+def test_evaluate__plays_a_trusted_model(
+    trained: MaskablePPO, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = str(tmp_path / "model.zip")
+    trained.save(path)
+    assert main(["evaluate", path, "--alone"]) == 2
+    assert f"{path} contains pickles: loading it can run any code" in capsys.readouterr().err
+    assert main(["evaluate", path, "--alone", "--trust", "--actions", "greedy"]) == 0
+    assert "by Stable-Baselines3" in capsys.readouterr().out
+    Path(path).write_text("no model")
+    assert main(["evaluate", path, "--trust"]) == 2
+    assert f"{path}: cannot be loaded as a model of Stable-Baselines3" in capsys.readouterr().err
+
+
+# Tasks
+
+
+def statements_of(envs: Any, steps: int) -> list[list[str]]:
+    """By time: the statement that each environment plays, when each STOPs at once."""
+    observations = [envs.reset(seed=0)[0], *(envs.step(np.zeros(envs.num_envs, np.int64))[0] for _ in range(steps))]
+    return [list(observation["statement"]) for observation in observations]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_sampler__a_group_plays_one_statement_for_two_episodes_of_each(workers: int) -> None:
+    sampler = StatementSampler(SCRATCH, same_statement=4)
+    envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
+    rows = statements_of(envs, 5)
+    envs.close()
+    for row in rows:
+        assert len({*row[:4]}) == len({*row[4:]}) == 1
+    firsts = [row[0] for row in rows]
+    assert firsts[0::2] == firsts[1::2]
+    assert len({*firsts}) == 3
+
+
+def test_sampler__is_the_same_in_a_batch_and_in_workers() -> None:
+    options = {"same_statement": 4, "recolour": True, "empty_starts": 0.5}
+    rows = []
+    for workers in (1, 2):
+        envs = WorkerVectorEnv(
+            FLIPIT, COUNT, workers, sampler=StatementSampler(FLIPIT, **options), autoreset_mode="SameStep"
+        )
+        rows.append(statements_of(envs, 6))
+        envs.close()
+    assert rows[0] == rows[1]
+
+
+def test_sampler__draws_recoloured_and_empty_starts() -> None:
+    sampler = StatementSampler("TowerFlipIt", recolour=True, empty_starts=0.25)
+    original = {task.statement for task in load_tasks("builtin", "tower", "flipit", "train")}
+    rng = np.random.default_rng(0)
+    tasks = [sampler.tasks.by_id(sampler(rng, 0)) for _ in range(2_000)]
+    assert 0.2 < np.mean([not any(box.items for box in task.start.boxes) for task in tasks]) < 0.3
+    assert 0.3 < np.mean([task.statement not in original for task in tasks]) < 0.9
+    env = gym.make(FLIPIT, sampler=sampler)
+    assert {env.reset(seed=seed)[1]["task"] for seed in range(9)} <= {*sampler.tasks.ids}
+    words = {word for task in tasks for word in task.statement.lower().split() if word.isalpha()}
+    assert words <= {*sampler.vocabulary.words}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"same_statement": 2, "backend": "dummy"}, 'same_statement=2 needs backend="batched" or backend="workers"'),
+        ({"recolour": True, "split": "dev"}, "draw training tasks: leave out sampler, split"),
+        ({"empty_starts": 1.5}, "empty-starts must be at least 0 and at most 0.9, not 1.5"),
+        ({"stop_forcing": True, "split": "dev"}, "StopForcing is for training: split 'dev'"),
+    ],
+)
+def test_make_vec_env__explains_what_training_options_need(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        make_vec_env(FLIPIT, 4, **changes)
