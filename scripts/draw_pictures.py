@@ -57,7 +57,7 @@ BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
-    "sb3_curve.png": "a chart of what python examples/train_masked_ppo.py prints, with both backends",
+    "sb3_curve.png": "a chart of evaluations on official dev during examples/train_masked_ppo.py, three seeds",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",
     "reward_model_curves.svg": "python scripts/draw_reward_model_curves.py RUNS --out PICTURE",
