@@ -137,7 +137,8 @@ def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() ->
     settings = recipe("TowerScratch")
     env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
     with pytest.raises(ValueError, match="TowerScratch with these words has 13 actions and 4 token ids, but the env"):
-        PPO(env=env, **settings.model | {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}})
+        words = {"policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
+        PPO(env=env, **settings.model | {"batch_size": 16} | words)
 
 
 # Agents
