@@ -136,9 +136,9 @@ def test_buffer__groups_statements_scales_advantages_and_keeps_the_return_of_for
 def test_policy__names_both_sizes_if_the_environment_has_another_vocabulary() -> None:
     settings = recipe("TowerScratch")
     env = make_vec_env(SCRATCH, 2, vocabulary=settings.env["vocabulary"], wrap=None)
+    changes = {"batch_size": 16, "policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
     with pytest.raises(ValueError, match="TowerScratch with these words has 13 actions and 4 token ids, but the env"):
-        words = {"policy_kwargs": settings.model["policy_kwargs"] | {"words": ("a", "box")}}
-        PPO(env=env, **settings.model | {"batch_size": 16} | words)
+        PPO(env=env, **settings.model | changes)
 
 
 # Agents
