@@ -16,9 +16,10 @@ import lilgym_mp
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.engine import BatchSettings
 from lilgym_mp.envs.rules import RULE_SETS, Outcome, make_dynamics
-from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.envs.single import LilGymEnv, SingleConfig
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Item, Scene, Size
 from lilgym_mp.scene.actions import BOX_NAMES, describe
@@ -63,7 +64,7 @@ KEYWORDS = {
     "autoreset_mode": "Gymnasium's `NEXT_STEP`, `SAME_STEP` or `DISABLED`",
     "evaluation": "`True`: every task of the split once, in file order, instead of random tasks",
 }
-NOT_KEYWORDS = ("self", "appearance", "start", "settings", "unknown")  # or fixed by the id
+NOT_KEYWORDS = ("self", "configuration", "settings")  # or fixed by the id
 OUTCOMES = {
     Outcome.SUCCESS: "STOP in a scene where the statement has the target value",
     Outcome.WRONG_STOP: "STOP in any other scene",
@@ -316,25 +317,23 @@ def _infos(settings: Settings) -> Iterator[str]:
 
 def _keywords(settings: Settings) -> Iterator[str]:
     yield "## Arguments of `gym.make`"
-    single = _parameters(LilGymEnv.__init__)
+    single = _parameters(SingleConfig, LilGymEnv)
     yield _table(("argument", "default", "meaning"), _keyword_rows(single))
-    batch = {**_parameters(BatchedEnv.__init__), **_parameters(BatchSettings)}
+    batch = _parameters(BatchSettings, BatchedEnv)
     more = {name: default for name, default in batch.items() if name not in single}
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
     yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"
     yield _table(("argument", "default", "meaning"), _keyword_rows(more))
 
 
-def _parameters(function: Any) -> dict[str, Any]:
-    parameters = inspect.signature(function).parameters.values()
+def _parameters(*makers: Any) -> dict[str, Any]:
+    parameters = [each for maker in makers for each in inspect.signature(maker).parameters.values()]
     return {parameter.name: parameter.default for parameter in parameters if parameter.name not in NOT_KEYWORDS}
 
 
 def _keyword_rows(parameters: dict[str, Any]) -> list[Sequence[object]]:
-    return [
-        (f"`{name}`", "" if default is inspect.Parameter.empty else f"`{_default(default)}`", KEYWORDS[name])
-        for name, default in parameters.items()
-    ]
+    descriptions = {name: each.metadata["description"] for name, each in EnvConfig.settings().items()} | KEYWORDS
+    return [(f"`{name}`", f"`{_default(default)}`", descriptions[name]) for name, default in parameters.items()]
 
 
 def _default(value: object) -> str:

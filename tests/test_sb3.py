@@ -271,7 +271,7 @@ def own_ids(tmp_path: Path) -> str:
         ({"monitor_dir": "logs"}, r"VecMonitor\(make_vec_env\(...\), ...\)"),
         ({"backend": "dummy", "num_workers": 2}, "as it belongs to workers"),
         ({"backend": "dummy", "evaluation": True}, "as it belongs to batches"),
-        ({"nonsense": 1}, "choose from corpus, .* sampler, render_mode, copy"),
+        ({"nonsense": 1}, "choose from corpus, .* sampler, .*, render_mode, copy"),
     ],
 )
 def test_make__says_what_replaces_keywords_of_sb3(settings: dict[str, Any], advice: str) -> None:

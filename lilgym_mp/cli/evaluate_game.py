@@ -9,14 +9,13 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
 from lilgym_mp.evaluation.options import (
@@ -28,17 +27,14 @@ from lilgym_mp.evaluation.options import (
     add_split,
     check_at_least,
 )
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress, table
-from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.agents import Agent
 
 # What runs that play together must share.
 SHARED = (
-    "appearance",
-    "start",
+    "configuration",
     "protocol",
     "ending",
     "verdict_bins",
@@ -112,7 +108,9 @@ def run(args: argparse.Namespace) -> int:
             progress.advance()
     for game in games:
         rows = [_row(result) for result in results if result["protocol"] == game.settings.protocol]
-        print(f"\n{game.configuration}, {game.settings.protocol}, {args.split}, corpus {game.settings.corpus}\n")
+        print(
+            f"\n{game.settings.configuration}, {game.settings.protocol}, {args.split}, corpus {game.settings.corpus}\n"
+        )
         print(table(list(rows[0]), [list(row.values()) for row in rows]))
     print(f"\n{LEGEND}")
     if args.json is not None:
@@ -128,10 +126,6 @@ class GameToPlay:
     settings: GameSettings
     proposers: Mapping[str, Player]
     verifiers: Mapping[str, Player]
-
-    @property
-    def configuration(self) -> str:
-        return configuration_name(self.settings.appearance, self.settings.start)
 
     def pairs(self, cross_play: bool) -> Iterator[tuple[Player, Player]]:
         """Every pair, or those that the runs need: no pair of two scripted partners if there are runs."""
@@ -151,7 +145,7 @@ class GameToPlay:
         return {
             "proposer": proposer.name,
             "verifier": verifier.name,
-            "configuration": self.configuration,
+            "configuration": self.settings.configuration,
             "protocol": self.settings.protocol,
             "corpus": str(self.settings.corpus),
             "split": args.split,
@@ -202,9 +196,8 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
                 raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
         settings = [replace(own[first], **corpus)]
     else:
-        appearance, start = choose("configuration", args.configuration, CONFIGURATIONS)
         protocols = args.protocol or list(PROTOCOLS)
-        settings = [GameSettings(appearance, start, protocol, **corpus) for protocol in protocols]
+        settings = [GameSettings(args.configuration, protocol=protocol, **corpus) for protocol in protocols]
     return [_game(each, agents) for each in settings]
 
 
@@ -231,10 +224,7 @@ def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Playe
     from lilgym_mp.evaluation.game_partners import AgentPartner
 
     single: Agent = agent
-    configuration = configuration_name(settings.appearance, settings.start)
-    fields = {name: asdict(settings)[name] for name in ("rules", "horizon", "grid")}
-    policy = single.policy(Settings(configuration, str(settings.corpus), **fields))
-    return Player(str(path), AgentPartner(policy), "image", path)
+    return Player(str(path), AgentPartner(single.policy(settings.single())), "image", path)
 
 
 def _row(result: Mapping[str, Any]) -> dict[str, str]:

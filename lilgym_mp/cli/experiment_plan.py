@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import CommandError, flag_name
 from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
 
-ENVIRONMENT = ("rules", "horizon", "grid")
-KEYS = ("corpus", "splits", "configurations", "seeds", "policies", "optimal", "learners", *ENVIRONMENT)
+KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
 POLICIES_RUN = "policies"
 
@@ -86,7 +86,7 @@ class _Table:
         """Makes each environment once; `keys` are those to name in an error."""
         try:
             for name in configurations:
-                Settings(name, **settings).make(split)
+                EnvConfig(name, **settings).make(split)
         except (ValueError, TypeError) as error:
             raise self.error(", ".join(keys), str(error)) from None
 
@@ -132,12 +132,10 @@ def read_plan(path: Path) -> list[PlannedRun]:
 
 def _environment_options(table: _Table, configurations: Sequence[str]) -> list[str]:
     """The environment's settings as command-line options, checked by making each environment once."""
+    given = {key: table.values[key] for key in EnvConfig.settings() if key in table.values}
     corpus = table.value("corpus", "builtin", "a string")
-    given = {key: table.values[key] for key in ENVIRONMENT if key in table.values}
-    settings = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-    table.check_environment(["corpus", *given], configurations, "dev", corpus=corpus, **settings)
-    texts = {key: "x".join(map(str, value)) if isinstance(value, list) else str(value) for key, value in given.items()}
-    return ["--corpus", corpus, *(word for key, text in texts.items() for word in (f"--{key}", text))]
+    table.check_environment(list(given) or ["corpus"], configurations, "dev", **given)
+    return ["--corpus", corpus, *EnvConfig(configurations[0], **{**given, "corpus": "builtin"}).options()]
 
 
 def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun]:

@@ -404,7 +404,7 @@ class BatchedEnv(LilGymVectorEnv):
     def __init__(
         self, num_envs: int = 1, *, render_mode: str | None = None, copy: bool = True, **settings: Any
     ) -> None:
-        """`settings`: the fields of `engine.BatchSettings`: the keywords of a single environment, and two more.
+        """`settings`: the fields of `engine.BatchSettings`: those of a single environment, and two more.
 
         `copy`: whether returned images are copies; otherwise they are valid until the next call.
         `autoreset_mode`: Gymnasium's, NEXT_STEP by default.
@@ -412,7 +412,7 @@ class BatchedEnv(LilGymVectorEnv):
         environment with no tasks left repeats one, with "repeated" true in its infos; see `evaluation_finished`.
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        checked = BatchSettings.of(BatchedEnv, num_envs, **settings)
+        checked = BatchSettings.of({"num_envs": num_envs, **settings}, "render_mode", "copy")
         buffers = Buffers.new(checked.array_specs())
         super().__init__(checked, buffers, render_mode=render_mode, copy=copy)
         self._engine = Engine(checked, buffers)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -43,30 +42,6 @@ def checked_options(options: object, choices: Iterable[str]) -> Mapping[str, Any
     if unknown:
         raise ValueError(f"unknown reset options {unknown}; choose from {', '.join(choices)}")
     return options
-
-
-_OF_BATCHES = "gymnasium.make_vec(id, num_envs=N, {}=...), as it belongs to batches"
-_OF_WORKERS = "lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {}=...), as it belongs to workers"
-INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of environments
-    "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
-    "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
-    "max_steps": "horizon=N",
-    "max_episode_steps": "horizon=N",
-    "num_envs": "gymnasium.make_vec(id, num_envs=N), which makes a batch",
-    **dict.fromkeys(("autoreset_mode", "evaluation", "copy"), _OF_BATCHES),
-    **dict.fromkeys(("num_workers", "start_method", "timeout_seconds"), _OF_WORKERS),
-    "render_cells": "gymnasium.make(id, {}=...), as it belongs to single environments",
-}
-_FIXED = ("self", "id", "num_envs", "appearance", "start")  # by the environment's id, or given apart
-
-
-def check_keywords(unknown: Iterable[str], *makers: Callable[..., Any]) -> None:
-    """Raises TypeError for any keyword, naming what replaces it, or the choices: the parameters of `makers`."""
-    for name in unknown:
-        parameters = [each for maker in makers for each in inspect.signature(maker).parameters.values()]
-        choices = [each.name for each in parameters if each.kind is not each.VAR_KEYWORD and each.name not in _FIXED]
-        advice = f"use {INSTEAD[name].format(name)}" if name in INSTEAD else f"choose from {', '.join(choices)}"
-        raise TypeError(f"unknown keyword {name!r}; {advice}")
 
 
 def checked_flag(name: str, value: object) -> bool:

@@ -5,27 +5,24 @@ It is the same in one process and in many: an environment's results depend only 
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
+from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
-from lilgym_mp.envs.checks import check_keywords, checked_count, checked_flag
+from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.observation import FORMS, TEXT, item_capacity
-from lilgym_mp.envs.rules import ActionStatus, Dynamics, State, make_dynamics
-from lilgym_mp.envs.sampling import Sampler, checked_sampler, checked_task, sampled_tasks
-from lilgym_mp.envs.single import next_draws
+from lilgym_mp.envs.observation import FORMS, item_capacity
+from lilgym_mp.envs.rules import ActionStatus, State
+from lilgym_mp.envs.sampling import checked_task
+from lilgym_mp.envs.single import SingleConfig, next_draws
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import RELEASED_GRID, Grid, make_appearance
 from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.scene.choices import choose
 
@@ -34,50 +31,23 @@ NO_ACTION = 2 * len(ActionStatus)  # sentinel in `Buffers.result`: the environme
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchSettings:
-    """The configuration of a batch: the keywords of `LilGymEnv` and of vector environments. Picklable."""
+class BatchSettings(SingleConfig):
+    """The configuration of a batch. Picklable."""
 
-    num_envs: int
-    appearance: str
-    start: str
-    corpus: str | os.PathLike[str] = "builtin"
-    split: str = "train"
-    rules: str = "paper"
-    horizon: int | None = None
-    grid: Grid | str = RELEASED_GRID
-    image_size: str = "half"
-    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP
+    num_envs: int = 1
+    autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP  # or its name
     evaluation: bool = False  # plays every task of the split once instead of random tasks
-    observation: str = TEXT  # "text" or "arrays"
-    vocabulary: VocabularyOrPath | None = None  # of the form "arrays"; None: the train split's
-    length: int | None = None
-    sampler: Sampler | None = None  # chooses the tasks of episodes
 
-    @classmethod
-    def of(cls, maker: Callable[..., Any], num_envs: int, **given: Any) -> BatchSettings:
-        """The settings `given`; the autoreset mode may also be a name. `maker`: whose parameters errors name too.
-
-        Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
-        """
-        check_keywords(given.keys() - {each.name for each in fields(cls)}, cls, maker)
-        mode = given.get("autoreset_mode", AutoresetMode.NEXT_STEP)
-        if not isinstance(mode, AutoresetMode):
-            given["autoreset_mode"] = choose("autoreset_mode", mode, AUTORESET_MODES)
-        given["corpus"] = os.fspath(given.get("corpus", "builtin"))
-        settings = cls(num_envs=checked_count("num_envs", num_envs), **given)
-        if checked_sampler(settings.sampler) and checked_flag("evaluation", settings.evaluation):
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data."""
+        super().__post_init__()
+        object.__setattr__(self, "num_envs", checked_count("num_envs", self.num_envs))
+        if not isinstance(self.autoreset_mode, AutoresetMode):
+            object.__setattr__(self, "autoreset_mode", choose("autoreset_mode", self.autoreset_mode, AUTORESET_MODES))
+        if checked_flag("evaluation", self.evaluation) and self.sampler is not None:
             raise ValueError("evaluation=True plays every task of the split once; leave out sampler")
-        checked_flag("evaluation", settings.evaluation)
-        choose("observation", settings.observation, FORMS)
-        settings.array_specs()
-        return settings
-
-    def dynamics(self) -> Dynamics:
-        return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
-
-    def tasks(self) -> TaskSet:
-        tasks = sampled_tasks(self.sampler)
-        return tasks or load_tasks(self.corpus, self.appearance, self.start, self.split)
+        choose("observation", self.observation, FORMS)
+        self.array_specs()
 
     def array_specs(self) -> dict[str, ArraySpec]:
         """Shape and dtype of each of the buffers' arrays."""

@@ -3,29 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, NoReturn
 
 import gymnasium as gym
 
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.scene.appearances import BUILDERS
 from lilgym_mp.scene.choices import choose
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
 
-def configuration_name(appearance: str, start: str) -> str:
-    """Such as "TowerFlipIt"."""
-    return f"{appearance.capitalize()}{START_TITLES[start]}"
+def configuration_name(appearance: str = "tower", start: str = "scratch") -> str:
+    """Such as "TowerFlipIt". Raises ValueError naming the choices."""
+    choose("appearance", appearance, BUILDERS)
+    return f"{appearance.capitalize()}{choose('start', start, START_TITLES)}"
 
 
-CONFIGURATIONS: Mapping[str, tuple[str, str]] = {  # by name: appearance and start
-    configuration_name(appearance, start): (appearance, start) for appearance in APPEARANCES for start in START_TITLES
-}
+def configurations() -> Mapping[str, tuple[str, str]]:
+    """Appearance and start of every configuration, by its name."""
+    known = [(appearance, start) for appearance in BUILDERS for start in START_TITLES]
+    return {configuration_name(*parts): parts for parts in known}
+
+
+CONFIGURATIONS = configurations()  # of the package's own appearances
 
 
 def read_configuration(name: str) -> tuple[str, str]:
     """Appearance and start of a configuration, by its name or Gymnasium id. Raises ValueError naming the choices."""
-    return choose("configuration", name.removeprefix("lilgym_mp/").removesuffix("-v0"), CONFIGURATIONS)
+    bare = name.removeprefix("lilgym_mp/").removesuffix("-v0") if isinstance(name, str) else name
+    return choose("configuration", bare, configurations())
 
 
 def environment_id(appearance: str, start: str) -> str:
@@ -33,28 +38,21 @@ def environment_id(appearance: str, start: str) -> str:
     return f"lilgym_mp/{configuration_name(appearance, start)}-v0"
 
 
-def refuse_old_id(new_id: str, **_: Any) -> NoReturn:
-    """Raises NameNotFound naming the id that replaces one of the release."""
-    raise gym.error.NameNotFound(f"this environment's id is {new_id!r}; the ids of the release are not used")
-
-
 def register_all() -> None:
     """Makes every configuration known to `gymnasium.make`, and the new id of each of the release's; does nothing the
     second time."""
-    for appearance in APPEARANCES:
-        for start in START_TITLES:
-            name = environment_id(appearance, start)
-            if name not in gym.registry:
-                gym.register(
-                    id=name,
-                    entry_point="lilgym_mp.envs.single:LilGymEnv",
-                    vector_entry_point="lilgym_mp.envs.batched:BatchedEnv",
-                    kwargs={"appearance": appearance, "start": start},
-                    # Gymnasium's wrappers would take a twelfth of a Tower step. The environment itself raises
-                    # ResetNeeded, and its tests run Gymnasium's checker, which `gym.make` can also enable.
-                    order_enforce=False,
-                    disable_env_checker=True,
-                )
-                refuse = f"{__name__}:refuse_old_id"
-                old_id = f"{configuration_name(appearance, start)}-v0"
-                gym.register(old_id, refuse, vector_entry_point=refuse, kwargs={"new_id": name})
+    for configuration, parts in configurations().items():
+        name = environment_id(*parts)
+        if name not in gym.registry:
+            gym.register(
+                id=name,
+                entry_point="lilgym_mp.envs.single:LilGymEnv",
+                vector_entry_point="lilgym_mp.envs.batched:BatchedEnv",
+                kwargs={"configuration": configuration},
+                # Gymnasium's wrappers would take a twelfth of a Tower step. The environment itself raises
+                # ResetNeeded, and its tests run Gymnasium's checker, which `gym.make` can also enable.
+                order_enforce=False,
+                disable_env_checker=True,
+            )
+            refuse = "lilgym_mp.envs.keywords:refuse_old_id"
+            gym.register(f"{configuration}-v0", refuse, vector_entry_point=refuse, kwargs={"new_id": name})

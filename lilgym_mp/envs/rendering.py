@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from lilgym_mp.envs.rules import Dynamics, State, Transition
+from lilgym_mp.envs.single import RENDER_FPS, RENDER_MODES
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import Appearance
@@ -14,9 +15,6 @@ from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.window import Window
-
-RENDER_FPS = 4  # the same for every environment
-RENDER_MODES = ("human", "rgb_array", "ansi")
 
 
 def caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | None) -> list[str]:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs import compile_program
@@ -23,18 +22,6 @@ if TYPE_CHECKING:
 # of one of the environment's, or None for a uniformly drawn one. Workers have copies, so there it must be picklable.
 # A sampler may have `tasks`, a TaskSet that the environment plays instead of its corpus's.
 Sampler = Callable[[np.random.Generator, int], "Task | str | None"]
-
-
-def sampled_tasks(sampler: Any) -> TaskSet | None:
-    """The sampler's own tasks."""
-    return getattr(sampler, "tasks", None)
-
-
-def checked_sampler(sampler: Any) -> Sampler | None:
-    """Raises ValueError unless `sampler` can be called, or is None."""
-    if sampler is not None and not callable(sampler):
-        raise ValueError(f"sampler must be a function of a random generator and an index, or None, not {sampler!r}")
-    return cast("Sampler | None", sampler)
 
 
 def checked_task(task: Task, dynamics: Dynamics, capacity: int | None = None) -> Task:

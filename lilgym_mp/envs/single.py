@@ -2,33 +2,56 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any, SupportsFloat, cast
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from lilgym_mp.corpus import TaskSet, load_tasks
-from lilgym_mp.envs.checks import check_keywords, check_open, checked_flag, checked_options, checked_seed
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.observation import TEXT, Observation, observation_space, statement_arrays
-from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer, caption
-from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition, make_dynamics
-from lilgym_mp.envs.sampling import Sampler, check_statement, checked_sampler, checked_task, sampled_tasks
+from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import checked_index
-from lilgym_mp.scene.appearances import RELEASED_GRID, InvalidReason, make_appearance
+from lilgym_mp.scene.appearances import InvalidReason
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene.render import Canvas
 
 if TYPE_CHECKING:
     from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
+    from lilgym_mp.envs.rendering import Renderer
+    from lilgym_mp.envs.sampling import Sampler
 
+RENDER_FPS = 4  # the same for every environment
+RENDER_MODES = ("human", "rgb_array", "ansi")
 RESET_OPTIONS = ("task",)
 DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time
 UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
+
+
+@dataclass(frozen=True)
+class SingleConfig(EnvConfig):
+    """The configuration of single environments and of batches: also how they are observed."""
+
+    _: KW_ONLY
+    observation: str = TEXT  # or "arrays", for learners without text: "statement" int64 (length,), "target" int64 (1,)
+    vocabulary: VocabularyOrPath | None = None  # of "arrays", or a saved one's path; None: that of the train split
+    length: int | None = None  # of "arrays"; None: that of the longest statement
+    sampler: Sampler | None = None  # chooses the task of every reset without the option "task"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sampler is not None and not callable(self.sampler):
+            raise ValueError(f"sampler must be a function of a generator and an index, or None, not {self.sampler!r}")
+
+    def tasks(self, split: str | None = None) -> TaskSet:
+        """The sampler's own tasks, if it has any, else those of the split."""
+        return getattr(self.sampler, "tasks", None) or super().tasks(split)
 
 
 class SharedInterface:
@@ -76,48 +99,39 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     def __init__(
         self,
-        appearance: str,
-        start: str,
-        corpus: str | os.PathLike[str] = "builtin",
-        split: str = "train",
-        rules: str = "paper",
-        horizon: int | None = None,
-        grid: tuple[int, int] | str = RELEASED_GRID,
-        image_size: str = "half",
+        configuration: str | None = None,
+        *,
         render_mode: str | None = None,
-        observation: str = TEXT,
         render_cells: bool = False,
-        vocabulary: VocabularyOrPath | None = None,
-        length: int | None = None,
-        sampler: Sampler | None = None,
-        **unknown: Any,
+        **settings: Any,
     ) -> None:
-        """`corpus`: "builtin", "lilgym" (the official data) or a path. `grid`: Scatter's columns and rows, or
-        "native". `horizon`: actions per episode, None for the rule set's. `observation`: "text", or "arrays" for
-        learners without text support: "statement" as token ids, int64 (L,), and "target" as int64 (1,), with the words
-        of `vocabulary` (a Vocabulary or a saved one's path; None: those of the corpus's train split) and L = `length`.
-        `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
-        `sampler`: chooses the task of every reset without the option "task" (`envs.sampling.Sampler`).
+        """`settings`: the fields of `SingleConfig`, all optional: the environment's and how it is observed.
 
+        `render_cells`: rendered frames show the grid's cells with column and row numbers (Tower: names of boxes).
         Raises ValueError naming the value and the choices, CorpusError (a ValueError) for unusable data.
         """
-        check_keywords(unknown, LilGymEnv)
-        self.dynamics = make_dynamics(make_appearance(appearance, grid), rules, horizon)
+        given = {"configuration": configuration, **settings}
+        self.config = config = SingleConfig.of(given, "render_mode", "render_cells")
+        self.dynamics = config.dynamics()
         marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
-        self._renderer = Renderer(render_mode, marked=marked)
-        self.render_mode = self._renderer.mode
-        self._canvas = Canvas(image_size)
-        self.tasks = sampled_tasks(sampler) or load_tasks(corpus, appearance, start, split)
+        self._renderer: Renderer | None = None
+        if render_mode is not None:
+            from lilgym_mp.envs.rendering import Renderer
+
+            self._renderer = Renderer(render_mode, marked=marked)
+        self.render_mode = render_mode
+        self._canvas = Canvas(config.image_size)
+        self.tasks = config.tasks()
         self.action_space = cast("spaces.Space[int]", spaces.Discrete(self.dynamics.appearance.action_count))
-        self._arrays = statement_arrays(observation, self.tasks, vocabulary, length)
-        space = observation_space(image_size, self.tasks, self._arrays)
+        self._arrays = statement_arrays(config.observation, self.tasks, config.vocabulary, config.length)
+        space = observation_space(config.image_size, self.tasks, self._arrays)
         self.observation_space = cast("spaces.Space[Observation]", space)
         self._state: State | None = None
         self._last: tuple[int, Transition] | None = None  # the last action's index, and its transition
         self._action_count = self.dynamics.appearance.action_count
         self._ended = False
         self._closed = False
-        self._sampler = checked_sampler(sampler)
+        self._sampler = config.sampler
         self._decode = self.dynamics.appearance.decode
         self._draws: list[int] = []  # indices of the next tasks, in reverse
         self._draws_by: np.random.Generator | None = None  # the generator that drew them
@@ -157,6 +171,8 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
     def _task(self, choice: object) -> Task:
         if not isinstance(choice, Task):
             return self.tasks.by_id(choice)
+        from lilgym_mp.envs.sampling import check_statement, checked_task
+
         check_statement(choice, self.observation_space, self._arrays)
         return checked_task(choice, self.dynamics)
 
@@ -237,12 +253,17 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
+        if self._renderer is None:
+            return None
+        from lilgym_mp.envs.rendering import caption
+
         return self._renderer.render(self.scene, caption(self.state, self.dynamics, self._last))
 
     def close(self) -> None:
         self._closed = True
         self._state = self._last = None
-        self._renderer.close()
+        if self._renderer is not None:
+            self._renderer.close()
 
 
 def end_info(outcome: Outcome, invalid: InvalidReason | None) -> dict[str, Any]:

@@ -37,7 +37,7 @@ from lilgym_mp.envs.batched import LilGymVectorEnv, T
 from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
-from lilgym_mp.envs.registration import refuse_old_id
+from lilgym_mp.envs.keywords import refuse_old_id
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose
@@ -286,7 +286,8 @@ class WorkerVectorEnv(LilGymVectorEnv):
         given = gym.spec(id).kwargs
         if "new_id" in given:
             refuse_old_id(**given)
-        checked = BatchSettings.of(WorkerVectorEnv, num_envs, **{**given, **settings})
+        own = ("num_workers", "start_method", "timeout_seconds", "render_mode", "copy")
+        checked = BatchSettings.of({"num_envs": num_envs, **given, **settings}, *own)
         count = checked_worker_count(num_workers, checked.num_envs)
         context = _context(start_method)
         self._timeout = _checked_timeout(timeout_seconds)

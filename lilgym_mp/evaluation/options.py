@@ -1,30 +1,27 @@
 """Command-line options that several commands share, and the error of all commands.
 
-An option that was not given has the value None; only then do the defaults of `Settings` or of a recipe apply.
+An option that was not given has the value None; only then do the defaults of `EnvConfig` or of a recipe apply.
 """
 
 from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
+from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.appearances import NATIVE, RELEASED_GRID, GridError, checked_grid
 
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
 PREFERRED_SPLITS = ["dev", "train", "test"]  # the first that has tasks is played unless a split is named
-CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
 CONFIGURATIONS_HELP = ", ".join(CONFIGURATIONS)
 
 
@@ -38,19 +35,40 @@ def help_of(module: str) -> dict[str, Any]:
     return {"help": summary[:1].lower() + summary[1:-1], "description": description}
 
 
-def add_settings(parser: argparse.ArgumentParser) -> None:
-    """Options for every field of `Settings` except the configuration."""
+def argument_type(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """`parse` for argparse, which shows the message of its ValueError. Whole numbers may be written as 1e6."""
+
+    def read(text: str) -> Any:
+        try:
+            return whole_number(text) if parse is int else parse(text)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return read
+
+
+def whole_number(text: str) -> int:
+    """The number written as 1000000, 1_000_000 or 1e6. Raises ValueError."""
+    try:
+        number = float(text) if "e" in text.lower() else int(text)
+    except ValueError:
+        number = math.inf
+    if not math.isfinite(number) or number != int(number):
+        raise ValueError(f"{text!r} is not a whole number")
+    return int(number)
+
+
+def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig) -> None:
+    """An option for every field of the configuration that is a setting."""
     options = parser.add_argument_group("environment")
-    options.add_argument("--corpus", help=CORPUS_HELP)
-    options.add_argument("--rules", choices=sorted(RULE_SETS), help="rule set (default: paper)")
-    options.add_argument("--horizon", type=int, metavar="N", help="actions per episode (default: the rule set's)")
-    columns, rows = RELEASED_GRID
-    options.add_argument(
-        "--grid",
-        type=parse_grid,
-        metavar="COLUMNSxROWS",
-        help=f'grid of Scatter (default: {columns}x{rows}), or "{NATIVE}" for pixels',
-    )
+    for each in config.settings().values():
+        known = each.metadata
+        options.add_argument(
+            f"--{flag_name(each.name)}",
+            type=argument_type(known["parse"]),
+            choices=known["choices"] or None,
+            help=known["description"],
+        )
 
 
 def add_corpus(parser: argparse.ArgumentParser) -> None:
@@ -59,7 +77,7 @@ def add_corpus(parser: argparse.ArgumentParser) -> None:
 
 
 def add_configuration(parser: argparse.ArgumentParser, **settings: Any) -> None:
-    """A configuration as positional argument; `Settings` rejects unknown names."""
+    """A configuration as positional argument; `EnvConfig` rejects unknown names."""
     parser.add_argument("configuration", metavar="CONFIGURATION", help=f"one of {CONFIGURATIONS_HELP}", **settings)
 
 
@@ -72,13 +90,16 @@ def add_split(parser: argparse.ArgumentParser, default: str) -> None:
 def add_number(parser: argparse.ArgumentParser, flag: str, default: float, purpose: str) -> None:
     """An option of the type of its default."""
     help_text = f"{purpose} (default: %(default)s)"
-    parser.add_argument(flag, type=type(default), default=default, metavar="N", help=help_text)
+    parser.add_argument(flag, type=argument_type(type(default)), default=default, metavar="N", help=help_text)
 
 
 def add_budget(parser: argparse.ArgumentParser, unit: str, default: int, purpose: str) -> None:
     """The options of a training budget: --steps or --updates, and --minutes as a cap on CPU time."""
     parser.add_argument(
-        f"--{unit}", type=int, metavar="N", help=f"{purpose} (default: the resumed run's, or {default:,})"
+        f"--{unit}",
+        type=argument_type(int),
+        metavar="N",
+        help=f"{purpose} (default: the resumed run's, or {default:,})",
     )
     parser.add_argument("--minutes", type=float, metavar="N", help="end after this CPU time, even if fewer were made")
 
@@ -136,20 +157,6 @@ def flag_name(name: str) -> str:
     return name.replace("_", "-")
 
 
-def parse_grid(text: str) -> tuple[int, int] | str:
-    """A grid written as on the command line, such as 38x10. Raises ArgumentTypeError naming the valid forms."""
-    if text == NATIVE:
-        return NATIVE
-    try:
-        columns, rows = (int(count) for count in text.lower().split("x"))
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} must be {NATIVE!r} or COLUMNSxROWS, such as 38x10") from None
-    try:
-        return checked_grid((columns, rows))
-    except GridError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
-
-
 def task_with_id(corpus: str, task_id: str) -> Task:
     """The task, from whichever set of the corpus contains it. Raises CommandError suggesting existing ids."""
     return task_sets_with_id(list(load_all_tasks(corpus)), corpus, task_id)[0].by_id(task_id)
@@ -165,7 +172,7 @@ def task_sets_with_id(sets: Sequence[TaskSet], corpus: str, task_id: str) -> lis
     return matches
 
 
-def split_of(settings: Settings, split: str | None, *task_ids: str | None) -> str:
+def split_of(settings: EnvConfig, split: str | None, *task_ids: str | None) -> str:
     """`split` if given, else the first of dev, train and test that has the tasks; None stands for any task.
 
     Raises CommandError naming the split of a task that is not in `split`, NoTasksError for a corpus without tasks.
@@ -174,7 +181,7 @@ def split_of(settings: Settings, split: str | None, *task_ids: str | None) -> st
     ids: dict[str, set[str]] = {}  # by split
     for name in ([split] if split else []) + PREFERRED_SPLITS:
         try:
-            ids[name] = set(load_tasks(settings.corpus, settings.appearance, settings.start, name).ids)
+            ids[name] = set(settings.tasks(name).ids)
         except NoTasksError:
             continue
         if wanted <= ids[name]:
@@ -185,12 +192,12 @@ def split_of(settings: Settings, split: str | None, *task_ids: str | None) -> st
 
 
 def given_environment(args: argparse.Namespace) -> dict[str, Any]:
-    """The fields of `Settings`, except the configuration, that were given on the command line."""
-    return given_options(args, [field.name for field in fields(Settings) if field.name != "configuration"])
+    """The settings of `EnvConfig` that were given on the command line."""
+    return given_options(args, list(EnvConfig.settings()))
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """The fields of `Settings` that were given on the command line."""
+    """The same, and the configuration if it was given."""
     return {**given_environment(args), **given_options(args, ["configuration"])}
 
 

@@ -20,7 +20,7 @@ class Trained:
     """A trained agent of the game, as `learning.agents.open_agent` gives it."""
 
     def __init__(self, corpus: str, protocol: str = "audit") -> None:
-        self.settings = GameSettings(start="scratch", corpus=corpus, protocol=protocol)
+        self.settings = GameSettings(corpus=corpus, protocol=protocol)
 
     def partner(self, role: Role) -> Any:
         return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]

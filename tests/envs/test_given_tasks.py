@@ -139,7 +139,7 @@ def test_sampler__is_told_which_environment_it_chooses_for() -> None:
 
 def test_sampler__must_be_a_function_and_does_not_mix_with_evaluation() -> None:
     for make in (gym.make, lambda id, **settings: gym.make_vec(id, num_envs=2, **settings)):
-        with pytest.raises(ValueError, match="sampler must be a function of a random generator and an index"):
+        with pytest.raises(ValueError, match="sampler must be a function of a generator and an index"):
             make(TOWER, sampler="hard")
     with pytest.raises(ValueError, match="evaluation=True plays every task of the split once; leave out sampler"):
         gym.make_vec(TOWER, num_envs=2, sampler=sample_new, evaluation=True)

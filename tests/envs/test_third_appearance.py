@@ -9,7 +9,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -109,7 +108,7 @@ def test_third_appearance__is_refused_by_expert_and_generator():
 def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.delitem(appearances.BUILDERS, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
-        gym.make("lilgym_mp/TowerScratch-v0", appearance=NAME)
+        LilGymEnv(appearance=NAME)
 
 
 @pytest.fixture

@@ -335,7 +335,7 @@ def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: P
     recipe = GameRecipe(
         envs=4, same_statement=2, rollout=16, batch_size=16, epochs=1, recolour=False, empty_starts=0, width=16
     )
-    settings = GameSettings.of(protocol="audit", rewards="correctness")
+    settings = GameSettings(protocol="audit", rewards="correctness")
     trained = train_game(settings, recipe, tmp_path / "run", steps=16, device="cpu")
     name = "agent:parse-and-plan"
     monkeypatch.setattr(browser.app.state.services.trained_partners, "_agent", {name: trained}.get)

@@ -12,14 +12,15 @@ from typing import Any, cast
 
 from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.corpus.records import shown
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEpisode, Recording, read_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.learners import find_learner
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
-SHARED_SETTINGS = ("corpus", "rules", "horizon", "grid")  # must be equal in all recordings of a report
+SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
 STEPS = ("steps", "updates")  # keys of a progress record, of which it has one
 CHECKSUM_DIGITS = 10

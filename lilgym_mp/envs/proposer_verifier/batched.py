@@ -72,7 +72,7 @@ class BatchedGames:
 
         Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
-        setup = GameSettings.of(**settings).setup()
+        setup = GameSettings.of(settings).setup()
         if tasks is not None:
             setup = with_tasks(setup, tasks)
         self._setup = setup

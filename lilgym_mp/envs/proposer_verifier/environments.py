@@ -134,7 +134,8 @@ def raw_env(
     configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
 ) -> ProposerVerifierAEC:
     """The game as a PettingZoo AEC environment; arguments as for `parallel_env`."""
-    return ProposerVerifierAEC(GameSettings.of(configuration=configuration, **settings), render_mode, observations)
+    checked = GameSettings.of({"configuration": configuration, **settings})
+    return ProposerVerifierAEC(checked, render_mode, observations)
 
 
 def env(
@@ -149,10 +150,11 @@ def parallel_env(
 ) -> ProposerVerifierParallel:
     """The game as a PettingZoo parallel environment; keywords are the fields of GameSettings.
 
-    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id, in place of `appearance` and `start`.
+    `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch).
 
     `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, with masks
     in infos: "parts", the dictionary of parts alone, "vector", all parts flattened to float32 (N,), or "image", only
     the image.
     """
-    return ProposerVerifierParallel(GameSettings.of(configuration=configuration, **settings), render_mode, observations)
+    checked = GameSettings.of({"configuration": configuration, **settings})
+    return ProposerVerifierParallel(checked, render_mode, observations)

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import cached_property, partial
 from typing import Any, TypeVar
 
 import numpy as np
 
-from lilgym_mp.corpus import TaskSet, Vocabulary, load_tasks
+from lilgym_mp.corpus import TaskSet, Vocabulary
 from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig, Role
@@ -25,9 +25,6 @@ from lilgym_mp.envs.proposer_verifier.rewards import (
     make_reward_scheme,
 )
 from lilgym_mp.envs.proposer_verifier.views import View, ViewSpec, make_view
-from lilgym_mp.envs.registration import read_configuration
-from lilgym_mp.envs.rules import make_dynamics
-from lilgym_mp.scene.appearances import RELEASED_GRID, make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import shrink_of
 
@@ -35,11 +32,11 @@ Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
-class GameSettings:
-    """The settings of a game; docs/proposer_verifier.md gives the reason for each default."""
+class GameSettings(EnvConfig):
+    """The configuration of a game; docs/proposer_verifier.md gives the reason for each default."""
 
-    appearance: str = "tower"
-    start: str = "scratch"
+    configuration: str = "TowerScratch"
+    _: KW_ONLY
     protocol: str = "veto"  # "veto", "joint", "audit" or "critique"
     ending: str | None = None  # who may end the episode: "agreement", "proposer", "verifier", "either"
     rewards: Rewards = "common"  # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
@@ -51,29 +48,20 @@ class GameSettings:
     message_cost: float = 0.0  # to the sender, for each message but silence
     verdict_bins: int | None = None  # audit: number of probabilities to choose from; None: true or false
     exchanges: int = 3  # critique: rejections in a round before the next proposal needs no answer
-    horizon: int | None = None  # rounds per episode; None: the rule set's
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
-    corpus: str | os.PathLike[str] = "builtin"
-    split: str = "train"
-    rules: str = "paper"
-    grid: tuple[int, int] | str = RELEASED_GRID
-    image_size: str = "half"
+
+    def to_json(self) -> dict[str, Any]:
+        """All fields but the views. Raises ValueError for rewards given as a function."""
+        if callable(self.rewards):
+            raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
+        values = {each.name: getattr(self, each.name) for each in fields(self)[1:] if each.name != "views"}
+        return {"appearance": self.appearance, "start": self.start, **values}
 
     @classmethod
-    def of(cls, *, configuration: str | None = None, **given: Any) -> GameSettings:
-        """`configuration`: a name such as "TowerFlipIt", or a Gymnasium id, in place of `appearance` and `start`.
-
-        Raises ValueError naming the choices for an unknown setting.
-        """
-        names = {field.name: field for field in fields(cls)}
-        if configuration is not None:
-            if "appearance" in given or "start" in given:
-                raise ValueError("give a configuration, or appearance and start, not both")
-            given["appearance"], given["start"] = read_configuration(configuration)
-        for name in given:
-            choose("setting", name, names)
-        return cls(**given)
+    def from_json(cls, data: Mapping[str, Any]) -> GameSettings:
+        """Inverse of `to_json`, with the default views. Raises ValueError or TypeError."""
+        return cls.of(data)
 
     def setup(self) -> GameSetup:
         """Builds the game. Raises ValueError naming the value and the choices."""
@@ -92,7 +80,7 @@ class GameSettings:
             history_length=max(view.history for view in views),
             homogeneous=checked_flag("homogeneous", self.homogeneous),
         )
-        tasks = load_tasks(self.corpus, self.appearance, self.start, self.split)
+        tasks = self.tasks()
         return GameSetup(
             game,
             tasks,
@@ -109,7 +97,7 @@ class GameSettings:
         if self.verdict_bins is not None and not protocol.takes_bins:
             raise ValueError(f'verdict_bins is for protocol="audit"; {protocol.name!r} has no verdict')
         return ProtocolConfig(
-            make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon),
+            self.dynamics(),
             ENDINGS[ending],
             None if self.verdict_bins is None else checked_count("verdict_bins", self.verdict_bins, least=2),
             checked_count("exchanges", self.exchanges, least=0),

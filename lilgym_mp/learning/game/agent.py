@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
@@ -43,17 +43,9 @@ VIEW = {"scene": "structured", "statement": "text"}
 VIEWS = dict(zip(AGENTS, (VIEW, {**VIEW, "proposed_scene": True}), strict=True))
 
 
-def settings_to_json(settings: GameSettings) -> dict[str, Any]:
-    """All but the views. Raises ValueError for rewards given as a function."""
-    if callable(settings.rewards):
-        raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
-    return {name: value for name, value in asdict(settings).items() if name != "views"}
-
-
 def settings_from_json(data: Mapping[str, Any]) -> GameSettings:
-    """Inverse of `settings_to_json`, with the views of learning agents. Raises ValueError."""
-    grid = data.get("grid")
-    return GameSettings.of(**{**data, "views": VIEWS, "grid": tuple(grid) if isinstance(grid, list) else grid})
+    """Inverse of `GameSettings.to_json`, with the views of learning agents. Raises ValueError, TypeError."""
+    return GameSettings.from_json({**data, "views": VIEWS})
 
 
 @dataclass(frozen=True)
@@ -162,7 +154,7 @@ def describe(
         supervision += ", truth of claims judged at the end of games"
     supervision += f"; {'illegal proposals masked in training and in play' if recipe.mask else 'no mask'}"
     details = {
-        "game": settings_to_json(settings),
+        "game": settings.to_json(),
         "roles": [role.name.lower() for role in roles],
         "words": list(network.vocabulary.words),
         "sizes": dict(network.sizes),

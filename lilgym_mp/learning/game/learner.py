@@ -184,7 +184,7 @@ def _with_rewards(given: dict[str, Any]) -> dict[str, Any]:
 
 
 def _new_arguments(args: argparse.Namespace) -> tuple[Path, dict[str, Any]]:
-    settings = GameSettings.of(**_given_game(args))
+    settings = GameSettings.of(_given_game(args))
     return args.out or RUNS / f"{NAME}-{args.configuration}", {
         "settings": settings,
         "recipe": make_recipe(args.configuration, **given_options(args, GameRecipe.names())),
@@ -217,7 +217,7 @@ def _introduce(run: Run) -> None:
 def _planned_recipe(configuration: str, options: dict[str, Any]) -> GameRecipe:
     """The recipe of an experiment's run, whose game is checked too. Raises ValueError."""
     game = {name: options[name] for name in _GAME if name in options}
-    GameSettings.of(**_names(configuration), **_with_rewards(game)).setup()
+    GameSettings.of({**_names(configuration), **_with_rewards(game)}).setup()
     return make_recipe(configuration, **{name: options[name] for name in GameRecipe.names() if name in options})
 
 

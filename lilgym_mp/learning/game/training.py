@@ -15,8 +15,6 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.settings import with_tasks
-from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.agents import AgentError, agent_file
 from lilgym_mp.learning.game.agent import (
@@ -28,7 +26,6 @@ from lilgym_mp.learning.game.agent import (
     make_network,
     network_names,
     settings_from_json,
-    settings_to_json,
     tensors_of,
 )
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
@@ -125,10 +122,7 @@ class Run(TimedRun["Progress"]):
         self.roles = [role for role in Role if role not in partners]
         if not self.roles:
             raise ValueError("no agent is left to learn: name partners for one of them only")
-        configuration = configuration_name(settings.appearance, settings.start)
-        assert isinstance(settings.grid, tuple)
-        plain = Settings(configuration, str(settings.corpus), settings.rules, settings.horizon, settings.grid)
-        self.tasks = training_tasks(plain, recipe)
+        self.tasks = training_tasks(settings.single(), recipe)
         setup = with_tasks(settings.setup(), self.tasks.tasks)
         opened = {role: [_partner(one, role, settings, device) for one in given] for role, given in partners.items()}
         torch.manual_seed(recipe.seed)
@@ -449,7 +443,7 @@ def _identity(
 ) -> Mapping[str, Any]:
     return {
         "learner": KIND,
-        "game": settings_to_json(settings),
+        "game": settings.to_json(),
         "recipe": recipe.to_json(),
         "tasks_sha256": tasks_sha256,
         "partners": {role.name.lower(): [_partner_identity(one) for one in given] for role, given in partners.items()},

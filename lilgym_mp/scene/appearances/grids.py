@@ -52,3 +52,13 @@ def checked_grid(grid: object) -> Grid:
             f" choose from {', '.join(map(str, choices))} rows"
         )
     return columns, rows
+
+
+def read_grid(text: str) -> Grid | str:
+    """A grid written as 38x10, or "native". Raises ValueError naming the valid forms."""
+    if text == NATIVE:
+        return NATIVE
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal()):
+        raise ValueError(f"{text!r} must be {NATIVE!r} or COLUMNSxROWS, such as 38x10")
+    return checked_grid((int(columns), int(rows)))

@@ -38,7 +38,7 @@ WAIT = TOWER.action_count  # the proposer's, in turn-based games without message
 
 
 def setup(**settings: Any) -> GameSetup:
-    return with_tasks(GameSettings.of(**settings).setup(), TASKS)
+    return with_tasks(GameSettings.of(settings).setup(), TASKS)
 
 
 def game(**settings: Any) -> Game:

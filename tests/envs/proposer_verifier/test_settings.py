@@ -10,7 +10,7 @@ from lilgym_mp.envs.proposer_verifier import PROTOCOLS, BatchedGames, env, paral
 
 REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"protocol": "vote"}, f"unknown protocol 'vote'; choose from {', '.join(sorted(PROTOCOLS))}"),
-    ({"colour": 1}, "unknown setting 'colour'; choose from appearance, corpus, ending"),
+    ({"colour": 1}, "unknown keyword 'colour'; choose from corpus, split, rules"),
     ({"appearance": "towers"}, "unknown appearance 'towers'; choose from scatter, tower"),
     ({"start": "middle"}, "unknown start 'middle'; choose from flipit, scratch"),
     ({"split": "validation"}, "unknown split 'validation'"),
@@ -60,7 +60,7 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
 
 @pytest.mark.parametrize(("settings", "message"), REFUSED, ids=[message[:40] for _, message in REFUSED])
 def test_settings__are_refused_with_the_value_and_the_choices(settings: dict[str, Any], message: str):
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         parallel_env(**settings)
 
 

@@ -70,7 +70,7 @@ def test_own_turns__do_not_earn_rewards_of_the_next_game():
 
 
 def test_situations__show_each_agent_what_it_may_know():
-    settings = GameSettings.of(protocol="critique", rewards="hidden", views=VIEWS)
+    settings = GameSettings(protocol="critique", rewards="hidden", views=VIEWS)
     setup = settings.setup()
     games, reader = GameArrays(setup, 2), SituationReader(setup)
     games.start(np.arange(2), np.array([0, 1]), np.array([Intent.SNEAKY, Intent.HELPFUL]))

@@ -44,7 +44,7 @@ from tests.learning.conftest import equal, weights
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
-JOINT = GameSettings.of(protocol="joint")
+JOINT = GameSettings(protocol="joint")
 
 
 def trained(
@@ -92,7 +92,7 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
         learning_rate=3e-3,
         width=32,
     )
-    settings = GameSettings.of(protocol="joint", corpus=three)
+    settings = GameSettings(protocol="joint", corpus=three)
     env = parallel_env(protocol="joint", corpus=three, split="dev")
 
     def success(name: str) -> float:
@@ -120,7 +120,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
     recipe = replace(
         SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32
     )
-    settings = GameSettings.of(protocol="audit", rewards="correctness", corpus=three)
+    settings = GameSettings(protocol="audit", rewards="correctness", corpus=three)
     partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["sneaky"]]}
     agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
     assert agent.partner(Role.PROPOSER) is None
@@ -132,7 +132,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
 
 @pytest.mark.long
 def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: Path, three: str):
-    settings = GameSettings.of(protocol="audit", corpus=three)
+    settings = GameSettings(protocol="audit", corpus=three)
     recipe = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3)
     env = parallel_env(protocol="audit", rewards="sneaky", corpus=three, split="dev")
     for verifier, exploitability in ((ALWAYS_ACCEPT, 1.0), (OracleVerifier(), 0.0)):
@@ -145,7 +145,7 @@ def test_best_response__stopped_early_counts_for_nothing():
     def interrupt(progress: Progress, done: float) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
-    settings = GameSettings.of(protocol="audit")
+    settings = GameSettings(protocol="audit")
     with pytest.raises(KeyboardInterrupt):
         best_response(ALWAYS_ACCEPT, Role.PROPOSER, settings, steps=256, recipe=SMALL, on_progress=interrupt)
 
@@ -169,7 +169,7 @@ def test_best_response__stopped_early_counts_for_nothing():
 def test_train__every_protocol_gives_agents_that_play(
     tmp_path: Path, own: str, verifier: str, protocol: str, rewards: str, changes: dict[str, Any]
 ):
-    settings = GameSettings.of(protocol=protocol, rewards=rewards, corpus=own, start="flipit", **changes)
+    settings = GameSettings("TowerFlipIt", own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
@@ -270,7 +270,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
     assert both.networks[Role.VERIFIER].vocabulary.words == alone.networks[Role.VERIFIER].vocabulary.words
     with pytest.raises(AgentError, match="no trained proposer_0"):
         trained(tmp_path / "third", partners={Role.PROPOSER: [tmp_path / "alone"]})
-    veto = GameSettings.of(protocol="veto")
+    veto = GameSettings(protocol="veto")
     trained(tmp_path / "scripted", settings=veto, partners={Role.VERIFIER: [Path("always-accept")]})
     identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
     assert identity["partners"] == {"verifier": ["always-accept"]}
@@ -290,7 +290,7 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
 
 
 def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Path):
-    settings = GameSettings.of(protocol="audit", rewards="hidden")
+    settings = GameSettings(protocol="audit", rewards="hidden")
     trained(tmp_path / "first", settings=settings)
 
     def play(rounds: int) -> list[Path]:

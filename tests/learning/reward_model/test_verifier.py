@@ -30,7 +30,7 @@ class SureModel:
 @pytest.mark.parametrize("probability", [0.6, 0.97])
 def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probability: float):
     model: Any = SureModel(probability)
-    env = BaseGameEnv(GameSettings("tower", "flipit", "audit", corpus="builtin", split="dev"))
+    env = BaseGameEnv(GameSettings("TowerFlipIt", protocol="audit", corpus="builtin", split="dev"))
     tasks = env.tasks.ids[:60]
     measured = measure(env, ClaimingProposer(intent), RewardModelVerifier(model), tasks=tasks, seed=0)
     judged = [(each.completeness, each.soundness) for each in measured.by_target.values()]
@@ -39,7 +39,7 @@ def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probabil
 
 def test_verifier__reports_the_nearest_probability():
     model: Any = SureModel(0.74)
-    settings = GameSettings("tower", "flipit", "audit", corpus="builtin", split="dev", verdict_bins=5)
+    settings = GameSettings("TowerFlipIt", protocol="audit", corpus="builtin", split="dev", verdict_bins=5)
     setup = settings.setup()
     state = setup.game.config.dynamics.start(setup.tasks[0])  # never a goal
     turn: Any = SimpleNamespace(game=setup.game, state=SimpleNamespace(mdp=state, proposal=STOP_ACTION))

@@ -159,11 +159,9 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
 @lru_cache(maxsize=64)
 def _game_setup(corpus: str, configuration: str, views: tuple[str, str], protocol: str, rewards: str) -> GameSetup:
     """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
-    environment = Settings(configuration, corpus)
     return GameSettings(
-        appearance=environment.appearance,
-        start=environment.start,
-        corpus=corpus,
+        configuration,
+        corpus,
         split="dev",
         protocol=protocol,
         rewards=rewards,

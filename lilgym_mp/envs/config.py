@@ -1,0 +1,144 @@
+"""The fields of an environment, each once; keywords, command-line options and JSON derive from them."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import Field, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Self, cast
+
+import gymnasium as gym
+from gymnasium.vector import AutoresetMode
+
+from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.envs.registration import configuration_name, environment_id, read_configuration
+from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
+from lilgym_mp.scene.appearances import NATIVE, RELEASED_GRID, make_appearance
+from lilgym_mp.scene.appearances.grids import read_grid
+
+if TYPE_CHECKING:
+    from lilgym_mp.envs.batched import BatchedEnv
+    from lilgym_mp.envs.single import LilGymEnv
+
+CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
+GRID_HELP = f'columns and rows of Scatter (default: {"x".join(map(str, RELEASED_GRID))}), or "{NATIVE}" for pixels'
+
+
+def setting(default: Any, description: str, parse: Callable[[str], Any] = str, choices: Sequence[str] = ()) -> Any:
+    """A field that is also an option of commands, and in the JSON of recordings and runs.
+
+    `description` is its help text; `parse` reads its value from the command line and raises ValueError.
+    """
+    return field(default=default, metadata={"description": description, "parse": parse, "choices": tuple(choices)})
+
+
+@dataclass(frozen=True)
+class EnvConfig:
+    """What identifies an environment; all but the split and the image size is part of the identity of a run."""
+
+    configuration: str  # or a Gymnasium id, which becomes the configuration's name
+    corpus: str = setting("builtin", CORPUS_HELP)
+    split: str = field(default="train", kw_only=True)
+    rules: str = setting("paper", "rule set (default: paper)", choices=sorted(RULE_SETS))
+    horizon: int | None = setting(None, "actions per episode (default: the rule set's)", parse=int)
+    grid: tuple[int, int] | str = setting(RELEASED_GRID, GRID_HELP, parse=read_grid)
+    image_size: str = field(default="half", kw_only=True)  # "half" or "native"
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the choices for an unknown configuration; what is made of the rest checks it."""
+        for each in fields(self):
+            if isinstance(value := getattr(self, each.name), list):  # as from JSON
+                object.__setattr__(self, each.name, tuple(value))
+        object.__setattr__(self, "configuration", configuration_name(*read_configuration(self.configuration)))
+        object.__setattr__(self, "corpus", os.fspath(self.corpus))
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any], *others: str) -> Self:
+        """The configuration with these keywords; `appearance` and `start` may stand for `configuration`.
+
+        `others`: further keywords to name in errors. Raises TypeError for an unknown keyword, naming what replaces it
+        or the choices, ValueError for an unknown configuration.
+        """
+        values = {name: value for name, value in given.items() if name != "configuration" or value is not None}
+        parts = {name: values.pop(name) for name in ("appearance", "start") if name in values}
+        if parts:
+            if "configuration" in values:
+                raise ValueError("give a configuration, or appearance and start, not both")
+            values["configuration"] = configuration_name(**parts)
+        names = [each.name for each in fields(cls)]
+        if unknown := values.keys() - set(names):
+            from lilgym_mp.envs.keywords import check_keywords
+
+            check_keywords(unknown, [*names[1:], *others])
+        return cls(**values)
+
+    @classmethod
+    def settings(cls) -> dict[str, Field[Any]]:
+        """The fields made by `setting`, by name."""
+        return {each.name: each for each in fields(cls) if "description" in each.metadata}
+
+    @property
+    def appearance(self) -> str:
+        return read_configuration(self.configuration)[0]
+
+    @property
+    def start(self) -> str:
+        return read_configuration(self.configuration)[1]
+
+    @property
+    def id(self) -> str:
+        """The Gymnasium id, such as "lilgym_mp/TowerScratch-v0"."""
+        return environment_id(self.appearance, self.start)
+
+    def dynamics(self) -> Dynamics:
+        """The MDP's rules, without its tasks. Raises ValueError naming the value and the choices."""
+        return make_dynamics(make_appearance(self.appearance, self.grid), self.rules, self.horizon)
+
+    def tasks(self, split: str | None = None) -> TaskSet:
+        """The tasks of the split, by default its own. Raises CorpusError, ValueError for an unknown split."""
+        return load_tasks(self.corpus, self.appearance, self.start, split or self.split)
+
+    def values(self) -> dict[str, Any]:
+        """The values of the fields made by `setting`, by name."""
+        return {name: getattr(self, name) for name in self.settings()}
+
+    def single(self) -> EnvConfig:
+        """The configuration of the single environment with the same corpus and rules."""
+        return EnvConfig(self.configuration, **{name: getattr(self, name) for name in EnvConfig.settings()})
+
+    def arguments(self, split: str | None = None) -> dict[str, Any]:
+        """The keyword arguments of `gymnasium.make`."""
+        return {**self.values(), "split": split or self.split}
+
+    def make(self, split: str | None = None) -> LilGymEnv:
+        """A new environment, without Gymnasium's own wrappers.
+
+        Raises ValueError naming the value and the choices, CorpusError for unusable data.
+        """
+        env = gym.make(self.id, disable_env_checker=True, **self.arguments(split))
+        return cast("LilGymEnv", env.unwrapped)
+
+    def make_batch(self, split: str, num_envs: int) -> BatchedEnv:
+        """Batched environments without autoreset, whose images are valid until the next step. Raises as `make`."""
+        own = {"num_envs": num_envs, "copy": False, "autoreset_mode": AutoresetMode.DISABLED}
+        return cast("BatchedEnv", gym.make_vec(self.id, **own, **self.arguments(split)))
+
+    def options(self) -> list[str]:
+        """The words of a command line for the settings that differ from the defaults."""
+        words: list[str] = []
+        for name, each in self.settings().items():
+            if (value := getattr(self, name)) != each.default:
+                text = "x".join(map(str, value)) if isinstance(value, tuple) else str(value)
+                words += [f"--{name.replace('_', '-')}", text]
+        return words
+
+    def to_json(self) -> dict[str, Any]:
+        values = {"configuration": self.configuration, **self.values()}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for unknown or missing keys, or types."""
+        config = cls(**{"configuration": data["configuration"], **data})
+        config.dynamics()
+        return config

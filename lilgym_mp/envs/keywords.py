@@ -1,0 +1,33 @@
+"""What replaces keywords and ids that are not known."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, NoReturn
+
+import gymnasium as gym
+
+_OF_BATCHES = "gymnasium.make_vec(id, num_envs=N, {}=...), as it belongs to batches"
+_OF_WORKERS = "lilgym_mp.envs.workers.WorkerVectorEnv(id, N, {}=...), as it belongs to workers"
+INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of environments
+    "data_path": 'corpus=PATH, or corpus="lilgym" with the environment variable LILGYM_DATA',
+    "stop_forcing": "lilgym_mp.wrappers.StopForcing(env)",
+    "max_steps": "horizon=N",
+    "max_episode_steps": "horizon=N",
+    "num_envs": "gymnasium.make_vec(id, num_envs=N), which makes a batch",
+    **dict.fromkeys(("autoreset_mode", "evaluation", "copy"), _OF_BATCHES),
+    **dict.fromkeys(("num_workers", "start_method", "timeout_seconds"), _OF_WORKERS),
+    "render_cells": "gymnasium.make(id, {}=...), as it belongs to single environments",
+}
+
+
+def check_keywords(unknown: Iterable[str], choices: Iterable[str]) -> None:
+    """Raises TypeError for any keyword, naming what replaces it, or the choices."""
+    for name in unknown:
+        advice = f"use {INSTEAD[name].format(name)}" if name in INSTEAD else f"choose from {', '.join(choices)}"
+        raise TypeError(f"unknown keyword {name!r}; {advice}")
+
+
+def refuse_old_id(new_id: str, **_: Any) -> NoReturn:
+    """Raises NameNotFound naming the id that replaces one of the release."""
+    raise gym.error.NameNotFound(f"this environment's id is {new_id!r}; the ids of the release are not used")

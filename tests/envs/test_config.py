@@ -1,0 +1,115 @@
+"""`EnvConfig`: what derives from the fields of an environment."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from lilgym_mp.envs.config import EnvConfig
+
+# Run with a further field in the source of `EnvConfig`, which is the only edit.
+ONE_EDIT = """
+import sys
+from importlib.machinery import SourceFileLoader
+from unittest import mock
+
+read = SourceFileLoader.get_data
+
+def get_data(loader, path):
+    if path.endswith(".pyc") and "envs/__pycache__/config." in path:
+        raise OSError(path)
+    field = b"    gravity: float = setting(1.0, 'pull', parse=float)\\n"
+    data = read(loader, path)
+    return data.replace(b"    rules: str", field + b"    rules: str", 1) if path.endswith("envs/config.py") else data
+
+SourceFileLoader.get_data, sys.dont_write_bytecode = get_data, True
+import argparse
+from pathlib import Path
+import gymnasium as gym
+from lilgym_mp.cli import make_parser
+from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.contrib.report.report_data import SHARED_SETTINGS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.envs.workers import WorkerVectorEnv
+
+made = []
+dynamics = EnvConfig.dynamics
+EnvConfig.dynamics = lambda self: made.append(self.gravity) or dynamics(self)
+
+config = EnvConfig("TowerScratch", gravity=2.0)
+assert config.to_json()["gravity"] == 2.0
+assert EnvConfig.from_json(config.to_json()) == config
+assert EnvConfig.from_json({"configuration": "TowerScratch", "grid": [19, 5]}).gravity == 1.0, "as in an older file"
+assert GameSettings.from_json(GameSettings(gravity=2.0).to_json()).single() == config
+assert "gravity" in SHARED_SETTINGS
+for make in (
+    lambda: config.make("dev"),
+    lambda: config.make_batch("dev", 2),
+    lambda: gym.make(config.id, gravity=2.0),
+    lambda: gym.make_vec(config.id, num_envs=2, gravity=2.0),
+    lambda: WorkerVectorEnv(config.id, 2, 1, gravity=2.0),
+    lambda: GameSettings.of({"configuration": config.id, "gravity": 2.0}).setup(),
+):
+    made.clear()
+    make()
+    assert set(made) == {2.0}
+
+def parsers(parser):
+    yield parser
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for each in action.choices.values():
+                yield from parsers(each)
+
+with_rules = [each for each in parsers(make_parser()) if "--rules" in each.format_help()]
+assert len(with_rules) >= 8
+assert all("--gravity" in each.format_help() for each in with_rules), [each.prog for each in with_rules]
+
+file = Path(sys.argv[1])
+file.write_text('gravity = 2.5\\nconfigurations = ["TowerScratch"]\\n[[learners]]\\nlearner = "ppo"\\n')
+(run,) = read_plan(file)
+assert all("--gravity 2.5" in " ".join(words) for words in run.commands)
+print("found everywhere")
+"""
+
+
+def test_new_field__is_one_edit(tmp_path):
+    command = [sys.executable, "-c", ONE_EDIT, str(tmp_path / "experiment.toml")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (0, "found everywhere\n"), done.stderr
+
+
+@pytest.mark.parametrize("grid", [(38, 10), "native"])
+def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
+    config = EnvConfig("lilgym_mp/ScatterFlipIt-v0", rules="release", horizon=5, grid=grid)
+    written = config.to_json()
+    assert EnvConfig.from_json(json.loads(json.dumps(written))) == config
+    assert list(written) == ["configuration", "corpus", "rules", "horizon", "grid"], "as in recordings and model files"
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        ({"rules": 3}, "unknown rules 3"),
+        ({"corpus": 3}, "os.PathLike"),
+        ({"horizon": "9"}, "horizon must be a positive whole number"),
+        ({"grid": [20, 5]}, "straddle a separator"),
+        ({"gravity": 1}, "gravity"),
+    ],
+)
+def test_json__with_wrong_values_is_refused(wrong: dict[str, object], error: str):
+    with pytest.raises((ValueError, TypeError), match=error):
+        EnvConfig.from_json({**EnvConfig("TowerScratch").to_json(), **wrong})
+
+
+def test_make__passes_all_settings():
+    config = EnvConfig("ScatterScratch", rules="release", horizon=5, grid=(38, 10))
+    env = config.make("test")
+    assert env.tasks.provenance.split == "test"
+    assert (env.dynamics.rules.name, env.dynamics.horizon) == ("release", 5)
+    assert env.dynamics.appearance.action_count == 1 + 380 * 28
+    assert config.options() == ["--rules", "release", "--horizon", "5", "--grid", "38x10"]
