@@ -13,7 +13,7 @@ from time import perf_counter
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Episode, evaluate
-from lilgym_mp.evaluation.policies import ExpertPolicy
+from lilgym_mp.evaluation.expert import ExpertPolicy
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.solver.demonstrations import arrays, demonstrations, drawn_tasks, write_npz

@@ -17,7 +17,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from lilgym_mp.learning.statement_sampler import StatementSampler
+from lilgym_mp.learning.common.statement_sampler import StatementSampler
 
 try:
     import torch

@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.agents import Agent
+    from lilgym_mp.learning.common.agents import Agent
 
 __all__ = ["action_masks", "load_agent"]
 __version__ = "0.1.0"
@@ -55,6 +55,6 @@ def load_agent(name: str, device: str = "auto") -> Agent:
 
     `agent.policy(Settings("TowerFlipIt"))` plays; `device`: auto, cpu or cuda. Raises ValueError naming the choices.
     """
-    from lilgym_mp.learning import agents
+    from lilgym_mp.learning.common import agents
 
     return agents.load_agent(name, device)

@@ -20,7 +20,7 @@ import numpy as np
 
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.scene.arrays import BoolArray, Float64Array
 

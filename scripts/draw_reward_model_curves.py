@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from lilgym_mp.contrib.report.charts import Line, line_chart
-from lilgym_mp.learning.training_run import PROGRESS_FILE, RUN_FILE
+from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE
 
 AXES = {"cpu_seconds": ("CPU minutes", 60), "stops": ("STOPs, thousands", 1e3), "steps": ("steps, millions", 1e6)}
 

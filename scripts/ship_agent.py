@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lilgym_mp.learning.agents import agent_file
-from lilgym_mp.learning.model_file import load_model, save_model
+from lilgym_mp.learning.common.agents import agent_file
+from lilgym_mp.learning.common.model_file import load_model, save_model
 
 DATA = Path(__file__).resolve().parents[1] / "data"
 

@@ -11,12 +11,7 @@ from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.learning.augmentation import (
-    COLOUR_PERMUTATIONS,
-    IDENTITY,
-    Augmentation,
-    AugmentationError,
-)
+from lilgym_mp.learning.common.augmentation import COLOUR_PERMUTATIONS, IDENTITY, Augmentation, AugmentationError
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Scene, SceneError, Shape

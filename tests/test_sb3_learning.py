@@ -24,9 +24,9 @@ from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.learning.agents import AgentError, open_agent
-from lilgym_mp.learning.model_file import save_model
-from lilgym_mp.learning.statement_sampler import StatementSampler
+from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.common.model_file import save_model
+from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.sb3 import EntropySchedule, StatementRolloutBuffer, agent_of, make_vec_env, recipe
 from tests.envs.alike import assert_same
 

@@ -90,7 +90,7 @@ def _train(args: argparse.Namespace, directory: Path) -> None:
 def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
     import torch
 
-    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.common.agents import open_agent
     from lilgym_mp.learning.imitation.agent import ImitationAgent, make_network
 
     torch.set_num_threads(1)
@@ -129,7 +129,7 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
 
 def _explanation(parser: Path, settings: Settings) -> str:
     """The parse-and-plan agent's parse and plan of one of the split's longer statements."""
-    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.common.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import explanation_lines
 

@@ -45,12 +45,12 @@ from lilgym_mp.evaluation.report import results_json, shown_results
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
-from lilgym_mp.learning.learners import find_learner
+from lilgym_mp.learning.common.learners import find_learner
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.agents import Agent
-    from lilgym_mp.learning.model_file import ModelDescription
+    from lilgym_mp.learning.common.agents import Agent
+    from lilgym_mp.learning.common.model_file import ModelDescription
 
 OFF = "off"
 
@@ -162,7 +162,7 @@ def _score_parses(args: argparse.Namespace) -> int:
     """Prints the accuracy of the agents' parsers on the split's statements, in percent."""
     import torch
 
-    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.common.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.scoring import ParseScore, parse_scores
 
@@ -215,7 +215,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
-    own = AS_TRAINED if getattr(agent, "chooses_actions", False) else GREEDY
+    own = AS_TRAINED if agent.chooses_actions else GREEDY
     common = {
         "kind": description.kind,
         "run": str(path),
@@ -240,7 +240,7 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
 
 
 def _opened(path: Path, args: argparse.Namespace) -> Agent:
-    from lilgym_mp.learning.agents import agent_file, open_agent
+    from lilgym_mp.learning.common.agents import agent_file, open_agent
 
     if path.suffix != ".zip":
         return open_agent(path, args.device)
@@ -263,7 +263,7 @@ def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
     settings = Settings((args.configuration or agent.description.configurations)[0], **given_environment(args))
     if settings.configuration not in agent.description.configurations:
         return False  # `_settings` raises the error
-    return getattr(agent.policy(settings), "needs_masks", True)
+    return agent.policy(settings).needs_masks
 
 
 def training_facts(description: ModelDescription) -> dict[str, float]:

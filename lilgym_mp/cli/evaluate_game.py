@@ -30,7 +30,7 @@ from lilgym_mp.evaluation.options import (
 from lilgym_mp.evaluation.terminal import Progress, table
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.agents import Agent
+    from lilgym_mp.learning.common.agents import Agent
 
 # What runs that play together must share.
 SHARED = (
@@ -177,15 +177,15 @@ def _is_default_pair(proposer: Player, verifier: Player) -> bool:
 def _games(args: argparse.Namespace) -> list[GameToPlay]:
     """The games to play: that of the runs, or one for each protocol."""
     corpus = {} if args.corpus is None else {"corpus": args.corpus}
-    agents: dict[Path, Any] = {}
+    agents: dict[Path, Agent] = {}
     if args.runs:
         import torch
 
-        from lilgym_mp.learning.agents import open_agent
+        from lilgym_mp.learning.common.agents import open_agent
 
         torch.set_num_threads(args.threads)
         agents = {path: open_agent(path, args.device) for path in args.runs}
-    own = {path: agent.settings for path, agent in agents.items() if hasattr(agent, "partner")}
+    own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
     if own:
         first, *others = own
         if args.protocol:
@@ -201,7 +201,7 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
     return [_game(each, agents) for each in settings]
 
 
-def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:
+def _game(settings: GameSettings, agents: Mapping[Path, Agent]) -> GameToPlay:
     """The game with the agents' sides and all scripted partners. Raises ValueError for an agent that cannot play it."""
     scripted = scripted_proposers(settings.setup().game.config.dynamics), SCRIPTED_VERIFIERS
     sides: list[dict[str, Player]] = []
@@ -212,19 +212,12 @@ def _game(settings: GameSettings, agents: Mapping[Path, Any]) -> GameToPlay:
     return GameToPlay(settings, *sides)
 
 
-def _player(path: Path, agent: Any, role: Role, settings: GameSettings) -> Player | None:
-    """The agent's side; None if it has none. A single agent proposes its actions, and accepts where it would STOP."""
-    if hasattr(agent, "partner"):
-        partner = agent.partner(role)
-        views = agent.settings.views
-        view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views
-        return None if partner is None else Player(str(path), partner, view, path)
-    if role is Role.VERIFIER and hasattr(agent, "verifier"):  # it judges claims by a probability
-        return Player(str(path), agent.verifier(), "image", path)
-    from lilgym_mp.evaluation.game_partners import AgentPartner
-
-    single: Agent = agent
-    return Player(str(path), AgentPartner(single.policy(settings.single())), "image", path)
+def _player(path: Path, agent: Agent, role: Role, settings: GameSettings) -> Player | None:
+    """The agent's side; None if it has none."""
+    partner = agent.partner(role, settings)
+    views: Any = "image" if agent.game is None else agent.game.views
+    view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views
+    return None if partner is None else Player(str(path), partner, view, path)
 
 
 def _row(result: Mapping[str, Any]) -> dict[str, str]:

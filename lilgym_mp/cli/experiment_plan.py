@@ -14,7 +14,7 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import CommandError, flag_name
 from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES
-from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
+from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")

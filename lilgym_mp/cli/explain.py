@@ -30,7 +30,7 @@ from lilgym_mp.scene.render.frames import frame
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.planning import Plan, Planner
+    from lilgym_mp.learning.parsing.planning import ProgramPlan, ProgramPlanner
 
 DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
 DEFAULT_CONFIGURATION = "TowerScratch"
@@ -69,7 +69,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     import torch
 
-    from lilgym_mp.learning.agents import open_agent
+    from lilgym_mp.learning.common.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import explanation_lines
 
@@ -145,14 +145,14 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
     raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
 
 
-def _drawn(plan: Plan, planner: Planner) -> Iterator[tuple[Scene, str]]:
+def _drawn(plan: ProgramPlan, planner: ProgramPlanner) -> Iterator[tuple[Scene, str]]:
     """The plan's scenes with the actions that lead to them."""
     *edits, _ = plan.actions
     captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(edits, start=1))]
     return zip(scenes(planner.dynamics, plan.scene, edits), captions, strict=True)
 
 
-def _film(path: Path, plan: Plan, planner: Planner, task: str) -> None:
+def _film(path: Path, plan: ProgramPlan, planner: ProgramPlanner, task: str) -> None:
     """Writes the plan's scenes with its actions as a GIF."""
     shown = [*_drawn(plan, planner)]
     stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
 from lilgym_mp.evaluation.options import CommandError, add_split
-from lilgym_mp.learning.learners import AGENT_FILE
+from lilgym_mp.learning.common.learners import AGENT_FILE
 
 RUN_FILE = "run.json"
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 
 from lilgym_mp.evaluation.options import help_of
-from lilgym_mp.learning.learners import PACKAGES, find_learner
+from lilgym_mp.learning.common.learners import PACKAGES, find_learner
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

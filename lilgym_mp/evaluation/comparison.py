@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
-from lilgym_mp.evaluation.policies import NamedPolicy
+from lilgym_mp.evaluation.policies import NamedPolicy, as_policy
 from lilgym_mp.evaluation.runs import BATCH_SIZE, Episode, Summary, evaluate, summarise
 from lilgym_mp.evaluation.settings import Settings
 
@@ -120,7 +120,7 @@ def play(
     `training_statements`: statements that count as seen. `on_episode` is called with each episode as it ends.
     Raises ValueError for a configuration that the policy cannot play.
     """
-    policy = named.policy(plan.settings)
+    policy = as_policy(named.policy(plan.settings))
     began = time.process_time()
     episodes = evaluate(
         policy,
@@ -133,7 +133,7 @@ def play(
         record_decisions=plan.record_decisions,
         on_episode=on_episode,
     )
-    mask = getattr(policy, "needs_masks", True) if named.mask is None else named.mask
+    mask = policy.needs_masks if named.mask is None else named.mask
     summary, seconds = summarise(episodes, training_statements), time.process_time() - began
     return Result(named, plan, summary, episodes, seconds, mask)
 

@@ -90,11 +90,10 @@ class AgentPartner(BatchPartner):
 
     def __init__(self, policy: Policy) -> None:
         self._policy = policy
-        self._needs_masks: bool = getattr(policy, "needs_masks", True)
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         games, indices = turn.games, turn.indices
-        legal = games.legal()[indices] if self._needs_masks else None
+        legal = games.legal()[indices] if self._policy.needs_masks else None
         chosen = self._chosen([games.mdp(index) for index in indices.tolist()], turn.episodes, legal, turn.rngs[0])
         if turn.role is Role.PROPOSER:
             actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen

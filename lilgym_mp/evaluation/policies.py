@@ -1,20 +1,20 @@
-"""The interface of policies for evaluation, the random baselines and the expert, also by name."""
+"""The interface of policies for evaluation, and the random baselines; these and the expert also by name."""
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from lilgym_mp.envs.rules import State
-from lilgym_mp.evaluation.decisions import PolicyOutput, action_cells, one_hot
+from lilgym_mp.evaluation.decisions import FloatArray, PolicyOutput, action_cells
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.scene.actions import STOP, Action, ActionType
+from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.solver import Solver
 
 
 class Observations(NamedTuple):
@@ -25,26 +25,45 @@ class Observations(NamedTuple):
     targets: Int64Array  # (B,) 1: make the statement true, 0: make it false
     steps: Int64Array  # (B,) steps taken in the episode
     episodes: Int64Array  # (B,) index of the episode within the evaluation, for policies that keep a plan
+    states: Sequence[State] = ()  # B, for policies with `needs_states`
 
 
-class Policy(Protocol):
-    """Chooses an action in each of B environments. `rng` is its only source of randomness.
+class Policy(ABC):
+    """Chooses an action in each of B environments."""
 
-    Optional attributes:
-    - `needs_masks = False`: no masks are computed, and `legal` has shape (B, 0).
-    - `needs_states = True`: the policy is called with a list of `State`s as a fourth argument (the expert).
-    - `stop_probabilities`: B probabilities of STOP in the latest call; they are stored with the episodes.
-    - `output(legal, chosen)`: a method that returns the `PolicyOutput` of the latest call, or None; called only when
-      decisions are recorded, with the mask and the actions of that call.
-    """
+    needs_masks: bool = True  # without, no masks are computed, and `legal` has shape (B, 0)
+    needs_states: bool = False  # the policy reads `Observations.states`, which show the program (the expert)
+    stop_probabilities: FloatArray | None = None  # (B,) of STOP in the latest call; stored with the episodes
 
+    @abstractmethod
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        """`legal`: (B, actions) exact masks, which a policy may ignore. Returns (B,) action indices."""
-        ...
+        """(B,) action indices. `legal`: (B, actions) exact masks; `rng` is the only source of randomness."""
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
+        """The output of the latest call, given its mask and the actions chosen, for recordings; None if unknown."""
+        return None
+
+
+Choose = Callable[[Observations, BoolArray, np.random.Generator], Int64Array]
 
 
 @dataclass(frozen=True)
-class RandomLegal:
+class FunctionPolicy(Policy):
+    """A function as a policy."""
+
+    function: Choose
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        return self.function(observations, legal, rng)
+
+
+def as_policy(policy: Policy | Choose) -> Policy:
+    """The policy itself, or the function as a policy that needs masks."""
+    return policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+
+
+@dataclass(frozen=True)
+class RandomLegal(Policy):
     """Uniform over legal actions."""
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -56,7 +75,7 @@ class RandomLegal:
 
 
 @dataclass(frozen=True)
-class RandomUnmasked:
+class RandomUnmasked(Policy):
     """Uniform over all actions."""
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -71,29 +90,23 @@ random_unmasked = RandomUnmasked()
 
 
 @dataclass(frozen=True)
-class WithoutMask:
+class WithoutMask(Policy):
     """A policy with a mask that allows every action."""
 
     policy: Policy
 
     @property
-    def stop_probabilities(self) -> Any:
-        return getattr(self.policy, "stop_probabilities", None)
+    def stop_probabilities(self) -> FloatArray | None:  # pyright: ignore[reportIncompatibleVariableOverride]
+        return self.policy.stop_probabilities
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         return self.policy(observations, np.ones_like(legal), rng)
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-        return output_of(self.policy, np.ones_like(legal), chosen)
+        return self.policy.output(np.ones_like(legal), chosen)
 
 
-def output_of(policy: Policy, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-    """The `PolicyOutput` of the policy's latest call, None if it has none."""
-    output: Callable[[BoolArray, Int64Array], PolicyOutput | None] | None = getattr(policy, "output", None)
-    return None if output is None else output(legal, chosen)
-
-
-class RandomType:
+class RandomType(Policy):
     """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 
     needs_masks = False
@@ -114,32 +127,6 @@ class RandomType:
         return PolicyOutput(probabilities)
 
 
-class ExpertPolicy:
-    """Follows the solver's solutions; stops if it finds none."""
-
-    needs_masks = False
-    needs_states = True
-
-    def __init__(self, settings: Settings) -> None:
-        self._dynamics = settings.dynamics()
-        self._solver = Solver(self._dynamics)
-        self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
-
-    def __call__(
-        self, observations: Observations, legal: BoolArray, rng: np.random.Generator, states: Sequence[State] = ()
-    ) -> Int64Array:
-        chosen: list[int] = []
-        for episode, state in zip(observations.episodes.tolist(), states, strict=True):
-            plan = self._plans.pop(episode, ()) if state.steps else ()
-            action, *rest = plan or self._solver.solve_from(state).actions or (STOP,)
-            self._plans[episode] = tuple(rest)
-            chosen.append(self._dynamics.appearance.encode(action))
-        return np.array(chosen, np.int64)
-
-    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))
-
-
 NO_SUPERVISION = "none"
 
 
@@ -155,13 +142,19 @@ class NamedPolicy:
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # further details needed to reproduce it
 
 
+def _expert(settings: Settings) -> Policy:
+    from lilgym_mp.evaluation.expert import ExpertPolicy  # imports the solver
+
+    return ExpertPolicy(settings)
+
+
 _SAMPLED = {"actions": "sampled"}
 
 # By name on the command line.
 BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
     "expert": NamedPolicy(
         "expert",
-        ExpertPolicy,
+        _expert,
         "knows the rules, the scene and the program",
         mask=False,
     ),

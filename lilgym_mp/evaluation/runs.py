@@ -14,7 +14,7 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation.decisions import Decision, decisions
-from lilgym_mp.evaluation.policies import Observations, Policy, output_of
+from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
 from lilgym_mp.evaluation.settings import Settings
 
 FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
@@ -41,7 +41,7 @@ class Episode(NamedTuple):
 
 
 def evaluate(
-    policy: Policy,
+    policy: Policy | Choose,
     settings: Settings,
     split: str,
     *,
@@ -56,7 +56,7 @@ def evaluate(
 
     The same arguments give the same episodes if the policy is a pure function. That includes `batch_size`, as the
     episodes of a batch share the random numbers. `record_decisions`: store the policy's output at each step, if it
-    has a method `output`. `on_episode` is called with each episode as it ends.
+    has one. `on_episode` is called with each episode as it ends.
     Raises ValueError for invalid settings or split, or fewer than one pass.
     """
     if passes < 1 or batch_size < 1:
@@ -64,6 +64,7 @@ def evaluate(
     task_ids = tuple(settings.make(split).evaluation_tasks() if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
     episodes: list[Episode | None] = [None] * len(task_ids)
+    policy = as_policy(policy)
     for index, episode in _play(policy, envs, task_ids, np.random.default_rng(seed), record_decisions=record_decisions):
         on_episode(episode)
         episodes[index] = episode
@@ -85,13 +86,14 @@ def _play(
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
-        arguments = _arguments(policy, envs, observations, active, playing, rng)
-        chosen[active] = policy(*arguments)
-        if record_decisions and (output := output_of(policy, arguments[1], chosen[active])) is not None:
+        inputs = _observations(policy, envs, observations, active, playing)
+        legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), np.bool_)
+        chosen[active] = policy(inputs, legal, rng)
+        if record_decisions and (output := policy.output(legal, chosen[active])) is not None:
             made = decisions(output, envs.action_masks()[active], envs.dynamics.appearance)
             for env_index, decision in zip(active.tolist(), made, strict=True):
                 recorded[env_index].append(decision)
-        stop: Sequence[float] | None = getattr(policy, "stop_probabilities", None)
+        stop = policy.stop_probabilities
         for env_index, probability in zip(active.tolist(), () if stop is None else stop, strict=stop is not None):
             stops[env_index].append(round(float(probability), 6))
         observations, reward, terminated, truncated, infos = envs.step(chosen)
@@ -113,28 +115,19 @@ def _play(
             actions[env_index], stops[env_index], recorded[env_index], rewards[env_index] = [], [], [], 0.0
 
 
-def _arguments(
-    policy: Policy,
-    envs: BatchedEnv,
-    observations: dict[str, Any],
-    active: np.ndarray,
-    playing: np.ndarray,
-    rng: np.random.Generator,
-) -> tuple[Any, ...]:
-    """What the policy is called with in the active environments: with masks and states only if it needs them."""
-    inputs = Observations(
+def _observations(
+    policy: Policy, envs: BatchedEnv, observations: dict[str, Any], active: np.ndarray, playing: np.ndarray
+) -> Observations:
+    """What the policy observes in the active environments: states only if it needs them."""
+    states = envs.states() if policy.needs_states else ()
+    return Observations(
         observations["image"][active],
         tuple([observations["statement"][env_index] for env_index in active.tolist()]),
         observations["target"][active],
         envs.steps[active],
         playing[active],
+        [states[env_index] for env_index in active.tolist()] if policy.needs_states else (),
     )
-    needs_masks = getattr(policy, "needs_masks", True)
-    legal = envs.action_masks()[active] if needs_masks else np.zeros((len(active), 0), np.bool_)
-    if not getattr(policy, "needs_states", False):
-        return inputs, legal, rng
-    states = envs.states()
-    return inputs, legal, rng, [states[env_index] for env_index in active.tolist()]
 
 
 def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:

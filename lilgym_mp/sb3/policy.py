@@ -14,10 +14,10 @@ from torch import Tensor
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
-from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
+from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
+from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.rollout import policy_and_values
-from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers.actions import FORCED_NOW
 

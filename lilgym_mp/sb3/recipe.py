@@ -14,7 +14,7 @@ from stable_baselines3.common.utils import LinearSchedule
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import training_statements
-from lilgym_mp.learning.agents import AgentError
+from lilgym_mp.learning.common.agents import AgentError
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.sb3.policy import LilGymPolicy, StatementRolloutBuffer

@@ -23,7 +23,7 @@ from lilgym_mp.envs.masks import attribute, layers
 from lilgym_mp.envs.observation import ARRAYS
 from lilgym_mp.envs.single import RESET_OPTIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.learning.statement_sampler import StatementSampler
+from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers import stop_forcing_v0
 

@@ -12,26 +12,32 @@ from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
+from lilgym_mp.learning.common.agents import Agent
 from lilgym_mp.learning.game import population
 from tests.corpora import write_own_corpus
 
 
-class Trained:
-    """A trained agent of the game, as `learning.agents.open_agent` gives it."""
+class Trained(Agent):
+    """A trained agent of the game, as `open_agent` gives it."""
+
+    game: Any = None
 
     def __init__(self, corpus: str, protocol: str = "audit") -> None:
-        self.settings = GameSettings(corpus=corpus, protocol=protocol)
+        self.game = GameSettings(corpus=corpus, protocol=protocol)
 
-    def partner(self, role: Role) -> Any:
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Any:
+        raise NotImplementedError
+
+    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Any:
         return SCRIPTED["by_intent" if role is Role.PROPOSER else "oracle"]
 
 
-class Single:
+class Single(Agent):
     """A trained agent of the single-agent environment that says on which settings it was trained, as PPO's does."""
 
     settings = Settings("TowerScratch")
 
-    def policy(self, settings: Settings) -> Any:
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Any:
         return random_legal
 
 
@@ -50,7 +56,7 @@ def results(file: Path) -> dict[tuple[str, str], dict[str, Any]]:
 def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
     """Runs by path, to be filled in by the test."""
     trained: dict[str, Trained] = {}
-    monkeypatch.setattr("lilgym_mp.learning.agents.open_agent", lambda path, device: trained[str(path)])
+    monkeypatch.setattr("lilgym_mp.learning.common.agents.open_agent", lambda path, device: trained[str(path)])
     return trained
 
 
@@ -96,7 +102,11 @@ def test_best_response__is_trained_once_for_each_verifier(
 ):
     runs["a"] = Trained(own)
     partner = runs["a"].partner
-    monkeypatch.setattr(runs["a"], "partner", lambda asked: partner(asked) if role in (None, asked) else None)
+
+    def seat(asked: Role, game: GameSettings) -> Any:
+        return partner(asked, game) if role in (None, asked) else None
+
+    monkeypatch.setattr(runs["a"], "partner", seat)
     frozen: list[Any] = []
     monkeypatch.setattr(
         population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["sneaky"]

@@ -11,15 +11,14 @@ import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning import timed_run
-from lilgym_mp.learning.agents import open_agent
+from lilgym_mp.learning.common.agents import open_agent
+from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.recipe import default_recipe
 from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import train_ppo
-from lilgym_mp.learning.training_run import begin_run
 from tests.corpora import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
@@ -59,7 +58,7 @@ def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
 def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     settings = Settings("TowerFlipIt", corpus=own, horizon=7)
     recipe = default_recipe("tower", **IMITATION)
-    monkeypatch.setattr(timed_run, "REPORT_SECONDS", 0.1)
+    monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.1)
     with pytest.raises(KeyboardInterrupt):
         imitation.train_imitation(
             settings, recipe, tmp_path / "run", updates=60, seed=5, device="cpu", on_progress=interrupt

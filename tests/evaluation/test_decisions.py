@@ -12,7 +12,7 @@ from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision, PolicyOutput, action_cells, decisions
 from lilgym_mp.evaluation.episodes import Recording, read_episodes
-from lilgym_mp.evaluation.policies import WithoutMask, built_in_policy, random_legal
+from lilgym_mp.evaluation.policies import Policy, WithoutMask, built_in_policy, random_legal
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
@@ -112,7 +112,7 @@ def test_record__expert_judges_itself_optimal_and_failed_episodes_not(tmp_path: 
     assert not any(decision.optimal for decision in ends)
 
 
-class WithoutOutput:
+class WithoutOutput(Policy):
     """Always stops, and has no output."""
 
     needs_masks = False

@@ -17,7 +17,7 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.policies import NamedPolicy, Observations, WithoutMask, built_in_policy
+from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
@@ -33,11 +33,10 @@ def record(directory: Path, named: NamedPolicy, plan: EvaluationPlan = TOWER, **
     return read_episodes(recorder.write(directory, play(named, plan, seen)))
 
 
-class AddsThenStops:
+class AddsThenStops(Policy):
     """Adds a blue block, then stops, with given probabilities of STOP."""
 
     needs_masks = False
-    stop_probabilities: np.ndarray
 
     def __call__(self, observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         self.stop_probabilities = np.where(observations.steps == 0, 0.25, 1.0)

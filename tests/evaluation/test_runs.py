@@ -121,7 +121,7 @@ def test_evaluate__policies_get_step_and_episode_index():
 
 
 def test_evaluate__a_policy_that_needs_no_masks_gets_none():
-    class Stopping:
+    class Stopping(Policy):
         needs_masks = False
 
         def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:

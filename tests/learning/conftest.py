@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lilgym_mp.learning.model_file import load_model
+from lilgym_mp.learning.common.model_file import load_model
 from tests.corpora import write_own_corpus, write_three_statements
 
 

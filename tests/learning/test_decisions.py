@@ -11,7 +11,7 @@ from lilgym_mp.cli import main
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import read_episodes
-from lilgym_mp.learning.agents import load_agent, open_agent
+from lilgym_mp.learning.common.agents import load_agent, open_agent
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 

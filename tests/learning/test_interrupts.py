@@ -6,8 +6,7 @@ import signal
 
 import pytest
 
-from lilgym_mp.learning import timed_run
-from lilgym_mp.learning.timed_run import SAME_REQUEST_SECONDS, stop_on_signals
+from lilgym_mp.learning.common.run import SAME_REQUEST_SECONDS, stop_on_signals
 
 
 @pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
@@ -23,7 +22,7 @@ def test_stop__simultaneous_sigterms_are_one_request_and_a_later_one_interrupts(
     monkeypatch: pytest.MonkeyPatch,
 ):
     now = 100.0
-    monkeypatch.setattr(timed_run.time, "monotonic", lambda: now)
+    monkeypatch.setattr("lilgym_mp.learning.common.run.time.monotonic", lambda: now)
     with stop_on_signals() as stop:
         for _ in range(3):
             signal.raise_signal(signal.SIGTERM)

@@ -16,10 +16,10 @@ from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.contrib.report.learning_curves import progress_curves
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve
-from lilgym_mp.learning.agents import AgentError, open_agent
-from lilgym_mp.learning.learners import PACKAGES, Learner, find_learner
-from lilgym_mp.learning.model_file import ModelDescription, save_model
-from lilgym_mp.learning.recipes import setting
+from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
+from lilgym_mp.learning.common.model_file import ModelDescription, save_model
+from lilgym_mp.learning.common.recipes import setting
 
 PACKAGE = "guessing_package"
 

@@ -17,8 +17,8 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.model_file import (
+from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.model_file import (
     METADATA_KEY,
     DeviceError,
     ModelDescription,
@@ -30,7 +30,7 @@ from lilgym_mp.learning.model_file import (
     select_device,
 )
 from lilgym_mp.learning.ppo.agent import describe
-from lilgym_mp.learning.ppo.models.factory import make_model
+from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.scene.appearances import make_appearance
 

@@ -15,7 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED, main
-from lilgym_mp.learning.training_run import CHECKPOINT_FILE, TrainingRunError, begin_run
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
 
 
 @pytest.fixture

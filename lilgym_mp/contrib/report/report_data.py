@@ -16,7 +16,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEpisode, Recording, read_episodes
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.learning.learners import find_learner
+from lilgym_mp.learning.common.learners import find_learner
 
 RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run

@@ -10,10 +10,10 @@ from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.run_directory import RunDirectory
 from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.learners import shipped_agents
+from lilgym_mp.learning.common.learners import shipped_agents
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.agents import Agent
+    from lilgym_mp.learning.common.agents import Agent
 
 SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
 PARSER = SHIPPED_PREFIX + "parse-and-plan"  # reads any sentence, plays every configuration
@@ -37,15 +37,15 @@ class TrainedPartners:
     def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
         """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
         from lilgym_mp.evaluation.game_partners import AgentPartner
-        from lilgym_mp.learning.game.agent import GameAgent
 
         agent = self.agent(name)
-        try:
-            if not isinstance(agent, GameAgent):
+        own = agent.game
+        if own is None:
+            try:
                 return AgentPartner(agent.policy(settings))
-        except ValueError as fault:
-            raise http_error(422, str(fault)) from None
-        own, partner = agent.settings, agent.partner(role)
+            except ValueError as fault:
+                raise http_error(422, str(fault)) from None
+        partner = agent.partner(role, own)
         if (own.appearance, own.protocol) != (settings.appearance, protocol) or partner is None:
             plays = f"{own.appearance} under the protocol {own.protocol}"
             raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
@@ -61,7 +61,7 @@ class TrainedPartners:
             raise http_error(422, str(fault)) from None
 
     def _load(self, name: str) -> Agent:
-        from lilgym_mp.learning.agents import load_agent, open_agent
+        from lilgym_mp.learning.common.agents import load_agent, open_agent
 
         if name.startswith(SHIPPED_PREFIX):
             return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")

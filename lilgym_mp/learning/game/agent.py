@@ -20,18 +20,13 @@ from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.agents import AgentError
+from lilgym_mp.learning.common.agents import Agent, AgentError
+from lilgym_mp.learning.common.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import SituationReader, Situations
-from lilgym_mp.learning.model_file import (
-    ModelDescription,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-)
-from lilgym_mp.learning.ppo.states import BoxImageTable
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int64Array
 
@@ -49,7 +44,7 @@ def settings_from_json(data: Mapping[str, Any]) -> GameSettings:
 
 
 @dataclass(frozen=True)
-class GameAgent:
+class GameAgent(Agent):
     """A proposer, a verifier, or both."""
 
     description: ModelDescription
@@ -57,8 +52,15 @@ class GameAgent:
     recipe: GameRecipe
     networks: Mapping[Role, GameNetwork]  # of the agents that learned
 
-    def partner(self, role: Role, *, sampled: bool = False) -> SeatPartner | None:
-        """One of the agents, taking its most probable actions unless `sampled`; None if it did not learn."""
+    @property
+    def game(self) -> GameSettings:
+        return self.settings
+
+    def partner(self, role: Role, game: GameSettings | None = None, *, sampled: bool = False) -> SeatPartner | None:
+        """One of the agents, taking its most probable actions unless `sampled`; None if it did not learn.
+
+        It plays in any `game` with the actions and the protocol of its own.
+        """
         if role not in self.networks:
             return None
         return SeatPartner(self.networks[role], self.settings, role, mask=self.recipe.mask, sampled=sampled)

@@ -10,10 +10,10 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
+from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Claims
-from lilgym_mp.learning.ppo.states import BoxImageTable
 from lilgym_mp.scene.arrays import Int64Array
 
 MAX_CLAIMS_PER_STATEMENT = 32  # in one step, at most

@@ -17,10 +17,10 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
+from lilgym_mp.learning.common.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
-from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
-from lilgym_mp.learning.ppo.models.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
-from lilgym_mp.learning.ppo.states import States
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 

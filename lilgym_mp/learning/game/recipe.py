@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.learning.recipes import setting
+from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
 from lilgym_mp.scene.choices import choose
 
 ALGORITHMS = {

@@ -15,10 +15,10 @@ from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, SituationReader, with_hidden_facts
-from lilgym_mp.learning.ppo.states import BoxImageTable, States
-from lilgym_mp.learning.ppo.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 

@@ -16,7 +16,14 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.settings import with_tasks
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
-from lilgym_mp.learning.agents import AgentError, agent_file
+from lilgym_mp.learning.common.agents import AgentError, agent_file
+from lilgym_mp.learning.common.model import as_numpy
+from lilgym_mp.learning.common.model_file import load_model, select_device, torch_threads, weights_digest
+from lilgym_mp.learning.common.run import Budget, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.common.states import States
+from lilgym_mp.learning.common.tasks import training_tasks
+from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
 from lilgym_mp.learning.game.agent import (
     KIND,
     VIEWS,
@@ -32,13 +39,6 @@ from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
-from lilgym_mp.learning.model_file import load_model, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.ppo.rollout import as_numpy
-from lilgym_mp.learning.ppo.states import States
-from lilgym_mp.learning.ppo.tasks import training_tasks
-from lilgym_mp.learning.ppo.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
-from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
-from lilgym_mp.learning.training_run import NotFiniteError, TrainingRunError, begin_run, resumable_run
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 CRITIC = "critic"  # name of the central critic's network

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
-from itertools import permutations, product
+from itertools import product
 
 import numpy as np
 
+from lilgym_mp.learning.common.words import COLOUR_ORDERS
 from lilgym_mp.learning.imitation.box_features import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 from lilgym_mp.scene.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
@@ -19,7 +20,6 @@ from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.appearances.scatter import ITEM_TYPES
 from lilgym_mp.scene.arrays import Int64Array
 
-COLOUR_ORDERS = tuple(permutations(range(len(Colour))))  # identity first; colour c becomes order[c]
 COLUMN_STEP = CELLS * BOX_PITCH // BOX_SIDE  # columns of the image's grid from a box to the next
 STOP_INDEX = 0  # index of STOP's logit
 

@@ -14,14 +14,8 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
-from lilgym_mp.learning.imitation.batches import StatementTokenizer
-from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.network import ImitationNetwork
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.model_file import (
+from lilgym_mp.learning.common.agents import Agent, check_configuration
+from lilgym_mp.learning.common.model_file import (
     ModelDescription,
     check_numbers,
     check_shapes,
@@ -30,6 +24,12 @@ from lilgym_mp.learning.model_file import (
     load_model_of_kind,
     load_weights,
 )
+from lilgym_mp.learning.common.words import StatementTokenizer
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID
@@ -59,7 +59,7 @@ def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNet
 
 
 @dataclass(frozen=True)
-class ImitationAgent:
+class ImitationAgent(Agent):
     """A network with its vocabulary and stop rules."""
 
     network: ImitationNetwork
@@ -80,7 +80,7 @@ class ImitationAgent:
         return _ImagePolicy(self, dynamics, rule, sampled=sampled or rule.sampled)
 
 
-class _ImagePolicy:
+class _ImagePolicy(Policy):
     """The network on images, which `perception` reads into boxes; it stops where one cannot be read."""
 
     needs_masks = False
@@ -88,7 +88,6 @@ class _ImagePolicy:
     def __init__(self, agent: ImitationAgent, dynamics: Dynamics, rule: StopRule, *, sampled: bool) -> None:
         self._agent, self._dynamics, self._rule, self._sampled = agent, dynamics, rule, sampled
         self._policy = self._new_policy()
-        self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
         self._latest: tuple[Any, ...] = ()  # statements, boxes and targets of the latest call
 
     def _new_policy(self) -> NetworkPolicy:

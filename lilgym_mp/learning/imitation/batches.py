@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,18 +10,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from lilgym_mp.corpus.spelling import normalised_words, plain_words
-from lilgym_mp.corpus.tokens import PAD, UNKNOWN, Vocabulary
-from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, ActionHeads
+from lilgym_mp.corpus.tokens import UNKNOWN
+from lilgym_mp.learning.common.words import COLOUR_ORDERS, MIN_PADDED_WORDS, StatementTokenizer, pad_rows
+from lilgym_mp.learning.imitation.action_heads import ActionHeads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
-from lilgym_mp.learning.imitation.network import MAX_STEPS, MAX_WORDS, MIN_PADDED_WORDS, Inputs
+from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.scene import Colour
 from lilgym_mp.scene.arrays import Int64Array
 
-CACHED_STATEMENTS = 20_000
-MAX_CHARACTERS = 1_000  # longer statements are truncated
 Rng = np.random.Generator
 
 
@@ -36,54 +32,6 @@ class Batch(NamedTuple):
     optimal: Tensor  # (S, A, logits) whether each action starts a shortest solution
     legal: Tensor  # (S, V, 25, 10) legal edits; (S, V, 0, 1) without cells (Tower)
     box_mask: Tensor  # (S, V) false for padding boxes
-
-
-FEW_STATEMENTS = 100  # with more than this, a word that occurs in only one statement counts as a misspelling
-DIGITS = tuple(map(str, range(1, 10)))
-
-
-def vocabulary_of(statements: Iterable[str]) -> Vocabulary:
-    """The words of the statements as written, without likely misspellings, and the digits."""
-    word_sets = [set(plain_words(statement)) for statement in statements]
-    counts = Counter(word for word_set in word_sets for word in word_set)
-    least = 2 if len(word_sets) > FEW_STATEMENTS else 1
-    return Vocabulary(tuple(sorted({*DIGITS, *(word for word, count in counts.items() if count >= least)})))
-
-
-class StatementTokenizer:
-    """Statements to word indices after `normalised_words`: digits for number words, misspellings repaired."""
-
-    def __init__(self, vocabulary: Vocabulary) -> None:
-        self.vocabulary = vocabulary
-        self._known = frozenset(vocabulary.words)
-        names = [colour.name.lower() for colour in Colour]
-        self._recoloured = np.tile(np.arange(len(vocabulary)), (len(COLOUR_ORDERS), 1))
-        if all(vocabulary.token_id(name) != UNKNOWN for name in names):
-            for row, order in zip(self._recoloured, COLOUR_ORDERS, strict=True):
-                row[[vocabulary.token_id(name) for name in names]] = [vocabulary.token_id(names[new]) for new in order]
-        self._cache: dict[str, Int64Array] = {}
-
-    def encode(self, statement: str) -> Int64Array:
-        """(T,) word indices, 1 <= T <= MAX_WORDS."""
-        indices = self._cache.get(statement)
-        if indices is None:
-            words = normalised_words(statement[:MAX_CHARACTERS], self._known)[:MAX_WORDS]
-            indices = np.array([self.vocabulary.token_id(word) for word in words] or [UNKNOWN], np.int64)
-            if len(self._cache) < CACHED_STATEMENTS:
-                self._cache[statement] = indices
-        return indices
-
-    def recoloured(self, indices: Int64Array, order: int) -> Int64Array:
-        """The word indices with colour words permuted; `order`: an index into COLOUR_ORDERS."""
-        return self._recoloured[order][indices]
-
-
-def pad_rows(rows: Sequence[Int64Array], min_length: int = 0) -> Int64Array:
-    """(B, T) the rows right-padded with PAD to the longest, at least `min_length`."""
-    padded = np.full((len(rows), max(min_length, *map(len, rows))), PAD, np.int64)
-    for padded_row, row in zip(padded, rows, strict=True):
-        padded_row[: len(row)] = row
-    return padded
 
 
 class DistinctBoxes(NamedTuple):

@@ -7,46 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Item, Scene
+from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
+from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
 from lilgym_mp.scene.appearances.legality import box_legality
 
 CELL = 20  # pixels: side of a cell of the released grid
 CELLS = BOX_SIDE // CELL  # a side of a box, in cells
-GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
-GAP_BINS = len(GAP_BOUNDS) + 1
 DISTANCE_BOUNDS = np.array([2, 5, 10, 20])  # bin edges of the distance between two items, in pixels
 RELATIONS = 3 * 3 * (len(DISTANCE_BOUNDS) + 1)  # horizontal direction, vertical direction, distance bin
 MAX_OFFSET = 40  # pixels from an item to a cell; larger offsets are clipped
 OFFSETS = 2 * MAX_OFFSET + 1
 FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, wall gaps, cell; not the colour
-
-
-class BoxIndex:
-    """A growing list of distinct boxes."""
-
-    def __init__(self) -> None:
-        self._indices: dict[tuple[Item, ...], int] = {}
-        self.boxes: list[Box] = []
-
-    def __len__(self) -> int:
-        return len(self.boxes)
-
-    def index(self, box: Box) -> int:
-        """The box's index; a new box is appended."""
-        found = self._indices.get(box.items)
-        if found is None:
-            found = self._indices[box.items] = len(self.boxes)
-            self.boxes.append(box)
-        return found
-
-
-def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
-    """(N, capacity, 5) the boxes' items, padded with -1."""
-    items = np.full((len(boxes), capacity, len(Item._fields)), -1, np.int64)
-    for row, box in zip(items, boxes, strict=True):
-        if box.items:
-            row[: len(box.items)] = box.items
-    return items
 
 
 class BoxFeatureTable(BoxIndex):
@@ -67,7 +38,7 @@ class BoxFeatureTable(BoxIndex):
 
     def indices(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
         """(B, 3) box indices."""
-        return np.array([[self.index(box) for box in scene.boxes] for scene in scenes], np.int64).reshape(-1, 3)
+        return np.array([self.of(scene) for scene in scenes], np.int64).reshape(-1, 3)
 
     def update_features(self) -> None:
         """Computes the features of boxes added since the last call; call it before reading the arrays."""
@@ -145,7 +116,3 @@ def cell_offsets(items: NDArray[np.int64]) -> NDArray[np.int16]:
     offsets = (items[..., :2, None] - corners).clip(-MAX_OFFSET, MAX_OFFSET) + MAX_OFFSET
     indices = 1 + footprint[..., None, None] * OFFSETS + offsets
     return np.where((footprint >= 0)[..., None, None], indices, 0).astype(np.int16)
-
-
-def one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
-    return (values[..., None] == np.arange(count)).astype(np.uint8)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.learning.augmentation import symmetries
+from lilgym_mp.learning.common.augmentation import symmetries
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
@@ -118,8 +118,7 @@ class DataCollector:
 
     def note(self, entry: DatasetEntry, scene: Scene, truth: bool | None = None) -> int:
         """Adds the scene with its truth, by the program unless it is given; returns the scene's index in the entry."""
-        left, middle, right = (self.table.index(box) for box in scene.boxes)
-        boxes = (left, middle, right)
+        boxes = self.table.of(scene)
         index = entry.known.get(boxes)
         if index is None:
             index = entry.known[boxes] = len(entry.scenes)
@@ -166,8 +165,7 @@ class DataCollector:
         if other_scenes and rng.random() < 0.5:
             scene = other_scenes[int(rng.integers(len(other_scenes)))]
         else:
-            boxes = [self.table.boxes[box] for box in entry.scenes[rng.integers(len(entry.scenes))]]
-            scene = Scene((boxes[0], boxes[1], boxes[2]))
+            scene = self.table.scene(entry.scenes[rng.integers(len(entry.scenes))])
         if rng.random() < 0.8:
             scene = self.edited(scene)
         self.add(entry, scene, solve=False)

@@ -9,9 +9,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.commands import TimedCommand
+from lilgym_mp.learning.common.commands import TimedCommand
+from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
-from lilgym_mp.learning.learners import Learner
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.imitation.training import Progress

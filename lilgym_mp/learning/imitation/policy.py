@@ -13,10 +13,11 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
-from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs, pad_rows
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS, ImitationNetwork, Inputs, Outputs
+from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs, Outputs
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array

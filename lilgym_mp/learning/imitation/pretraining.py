@@ -13,12 +13,7 @@ from torch.nn import functional
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.learning.imitation.batches import StatementTokenizer
-from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.dataset import DatasetEntry
-from lilgym_mp.learning.imitation.network import MAX_WORDS, CellGeometry, ImitationNetwork
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.parsing.batches import (
+from lilgym_mp.learning.common.program_batches import (
     Example,
     ExamplePool,
     ExampleStream,
@@ -26,12 +21,24 @@ from lilgym_mp.learning.parsing.batches import (
     sample_batches,
     training_step,
 )
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
-from lilgym_mp.learning.parsing.pairs import COLOURS, TOKENS, Pair, Variations, tokens_recoloured, words_recoloured
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.training_run import NotFiniteError
+from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
+from lilgym_mp.learning.common.program_pairs import (
+    COLOURS,
+    TOKENS,
+    Pair,
+    Variations,
+    tokens_recoloured,
+    words_recoloured,
+)
+from lilgym_mp.learning.common.recipes import PairRecipe
+from lilgym_mp.learning.common.run_directory import NotFiniteError
+from lilgym_mp.learning.common.words import MAX_WORDS, StatementTokenizer
+from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
+from lilgym_mp.learning.imitation.dataset import DatasetEntry
+from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 
-PARSER = ParserRecipe()  # hyperparameters shared with parse and plan
+PARSER = PairRecipe()  # hyperparameters shared with parse and plan
 GEOMETRY_LEARNING_RATE = 0.01
 BOXES = 128  # per batch
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.learning.recipes import Recipe, setting
+from lilgym_mp.learning.common.recipes import Recipe, setting
 from lilgym_mp.scene.choices import choose
 
 

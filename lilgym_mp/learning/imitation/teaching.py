@@ -13,13 +13,12 @@ from typing import cast
 import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.common.agents import Agent, AgentError, open_agent
+from lilgym_mp.learning.common.boxes import BoxIndex
+from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of
+from lilgym_mp.learning.common.planning import Planner
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, Rng
-from lilgym_mp.learning.reward_model.agent import RewardModelAgent
-from lilgym_mp.learning.reward_model.collection import Collector, Entry, entries_of
-from lilgym_mp.learning.reward_model.features import BoxTable
-from lilgym_mp.learning.reward_model.search import Planner
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock
@@ -35,10 +34,10 @@ STOPS_PER_LABEL = 3  # scenes stopped in for each scene with truth alone that is
 MOST_PLANS = 6  # for a scene, as short as the best and nearly as sure
 
 
-def open_teacher(run: Path) -> RewardModelAgent:
+def open_teacher(run: Path) -> Agent:
     """Raises AgentError if the run is not a reward model's."""
     agent = open_agent(run)
-    if not isinstance(agent, RewardModelAgent):
+    if not agent.teaches:
         raise AgentError(f"{run}: a teacher must be a run of reward-model, not of {agent.description.kind}")
     return agent
 
@@ -50,7 +49,7 @@ class TaughtCollector(DataCollector):
         super().__init__(planner.dynamics, table, rng)
         self._planner = planner
         self._entries = {entry.statement: entry for entry in entries_of(task_sets)}
-        self.played = Collector(planner.dynamics, BoxTable(planner.dynamics.appearance.name), rng)
+        self.played = Collector(planner.dynamics, BoxIndex(planner.dynamics.appearance.name), rng)
 
     def collect(self, entry: DatasetEntry, solved: int, truth_only: int, other_scenes: Sequence[Scene]) -> None:
         known = self._entries[entry.statement]

@@ -19,10 +19,14 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning import timed_run
-from lilgym_mp.learning.agents import scratch_tasks
+from lilgym_mp.learning.common import run
+from lilgym_mp.learning.common.agents import scratch_tasks
+from lilgym_mp.learning.common.model_file import select_device
+from lilgym_mp.learning.common.run import Budget, TimedRun
+from lilgym_mp.learning.common.run_directory import begin_run
+from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
-from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, tune_stop_rule
@@ -30,9 +34,6 @@ from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPr
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.learning.imitation.update import Imitation, StepResult
-from lilgym_mp.learning.model_file import select_device
-from lilgym_mp.learning.timed_run import Budget, TimedRun
-from lilgym_mp.learning.training_run import begin_run
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import make_appearance
 
@@ -209,7 +210,7 @@ class _Run(TimedRun[StepResult]):
         while (done := self.progress() / fraction) < 1:
             recent.append(text.step(done))
             self.counters.updates += 1
-            if self.seconds() - reported > timed_run.REPORT_SECONDS:
+            if self.seconds() - reported > run.REPORT_SECONDS:
                 self._report_progress(text=round(float(np.mean(recent)), 4))
                 recent, reported = [], self.seconds()
         self.save()

@@ -17,12 +17,12 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 from lilgym_mp.learning.imitation.batches import Batch, BatchSampler
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
 from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, action_chooser, play_episodes, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
-from lilgym_mp.learning.training_run import NotFiniteError, TrainingError
 from lilgym_mp.scene import Scene
 
 ENTRIES_PER_COLLECTION = 32

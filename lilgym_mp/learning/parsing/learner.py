@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.options import given_options
 from lilgym_mp.evaluation.terminal import Progress
-from lilgym_mp.learning.commands import add_recipe, interrupted
-from lilgym_mp.learning.learners import Learner
+from lilgym_mp.learning.common.commands import add_recipe, interrupted
+from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 
 if TYPE_CHECKING:
@@ -34,8 +34,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def train(args: argparse.Namespace) -> int:
     import torch
 
+    from lilgym_mp.learning.common.run_directory import resumable_run
     from lilgym_mp.learning.parsing.training import train_parser
-    from lilgym_mp.learning.training_run import resumable_run
 
     options.check_at_least(args, 1, "threads", "save_every")
     torch.set_num_threads(args.threads)

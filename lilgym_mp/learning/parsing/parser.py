@@ -14,9 +14,9 @@ from torch import Tensor
 
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.spelling import corrections
-from lilgym_mp.learning.model_file import check_sizes, torch_threads
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import (
+from lilgym_mp.learning.common.model_file import check_sizes, torch_threads
+from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
+from lilgym_mp.learning.common.program_pairs import (
     TOKENS,
     Slot,
     SymbolTable,

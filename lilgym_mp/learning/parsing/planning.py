@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 from lilgym_mp.envs.rules import Dynamics, Outcome
+from lilgym_mp.learning.common.planning import Plan, Planner
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser, truths
 from lilgym_mp.learning.parsing.recipe import OBJECTIVES
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import STOP, Action, describe
+from lilgym_mp.scene.actions import STOP, describe
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver, WeightedGoal
 from lilgym_mp.solver.solution import edit_cost
@@ -23,21 +23,28 @@ IDENTITY = Calibration()
 MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
 
 
-class Plan(NamedTuple):
+@dataclass(frozen=True)
+class ProgramPlan(Plan):
+    """A plan for the candidate programs of a statement.
+
+    Its probability of success is that of the satisfied goals, calibrated, times the squared share of known words.
+    """
+
     scene: Scene  # the scene in which the plan starts
     parse: Parse
-    goals: tuple[WeightedGoal, ...]  # programs planned for, the most probable first
-    actions: tuple[Action, ...]  # edits, then STOP
-    satisfied: tuple[int, ...]  # indices of the goals that hold in the final scene
-    success_probability: float  # calibrated probability of the satisfied goals times the squared share of known words
+    goals: tuple[WeightedGoal, ...] = ()  # programs planned for, the most probable first
+    satisfied: tuple[int, ...] = ()  # indices of the goals that hold in the final scene
 
     def probabilities(self) -> dict[str, float]:
         """By program planned for: its probability in this scene. All together they have the parse's confidence."""
         return {goal.program: self.parse.confidence * goal.probability for goal in self.goals}
 
+    def notes(self) -> list[str]:
+        return self.parse.notes()
+
 
 @dataclass
-class Planner:
+class ProgramPlanner(Planner):
     """Plans for statements in one configuration."""
 
     parser: Parser
@@ -55,26 +62,19 @@ class Planner:
         choose("objective", self.objective, dict.fromkeys(OBJECTIVES))
         self._edit_cost = edit_cost(self.dynamics) if self.objective == "return" else 0.0
 
-    def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
-        """A plan from the scene; `steps`: actions taken so far in the episode."""
+    def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> ProgramPlan:
         parse = self.parser.parse(statement, self.dynamics.appearance.name, self.beam_width)
         goals = self._goals(parse, scene, target, steps)
         edits_left = self.dynamics.horizon - steps - 1
         if not goals or edits_left < 0:
-            return Plan(scene, parse, goals, (STOP,), (), 0.0)
+            return ProgramPlan((STOP,), 0.0, scene, parse, goals)
         considered = goals if self.votes else goals[:1]
         planned = self._solver.plan_for(considered, scene, edits_left, edit_cost=self._edit_cost)
         mass = sum(goals[index].probability for index in planned.satisfied)
-        return Plan(
-            scene,
-            parse,
-            goals,
-            planned.actions or (STOP,),
-            planned.satisfied,
-            self.calibration(mass) * parse.known_share**2,
-        )
+        probability = self.calibration(mass) * parse.known_share**2
+        return ProgramPlan(planned.actions or (STOP,), probability, scene, parse, goals, planned.satisfied)
 
-    def outcome(self, plan: Plan, task: Task) -> Outcome:
+    def outcome(self, plan: ProgramPlan, task: Task) -> Outcome:
         """The outcome of executing the plan on the task."""
         state = self.dynamics.start(task)
         for action in plan.actions:
@@ -95,7 +95,7 @@ class Planner:
         return tuple(WeightedGoal(program, target, share) for share, program in ranked if share >= MIN_PROBABILITY)
 
 
-def explanation_lines(plan: Plan, planner: Planner, statement: str, target: bool) -> Iterator[str]:
+def explanation_lines(plan: ProgramPlan, planner: ProgramPlanner, statement: str, target: bool) -> Iterator[str]:
     """The plan in text: candidate programs, their truth, and the actions."""
     parse = plan.parse
     appearance = planner.dynamics.appearance.name

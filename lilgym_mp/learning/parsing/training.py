@@ -22,16 +22,16 @@ from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.learning.model_file import ModelDescription, select_device
-from lilgym_mp.learning.parsing import batches
+from lilgym_mp.learning.common import program_batches
+from lilgym_mp.learning.common.model_file import ModelDescription, select_device
+from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
+from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
+from lilgym_mp.learning.common.run import Budget, Every, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run_directory import TrainingRun, begin_run
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes
-from lilgym_mp.learning.parsing.pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
-from lilgym_mp.learning.parsing.planning import Planner
+from lilgym_mp.learning.parsing.planning import ProgramPlanner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.timed_run import Budget, Every, TimedRun, stop_on_signals
-from lilgym_mp.learning.training_run import TrainingRun, begin_run
 
 KIND = "parse-and-plan"
 VERSION = 1
@@ -54,9 +54,9 @@ class Progress(NamedTuple):
 class TrainingData(NamedTuple):
     """Training and held-out data."""
 
-    corpus: batches.ExamplePool
-    generated: batches.ExamplePool
-    held_out: Sequence[batches.Example]
+    corpus: program_batches.ExamplePool
+    generated: program_batches.ExamplePool
+    held_out: Sequence[program_batches.Example]
     vocabulary: SymbolTable
     sha256: str  # checksum of the corpus's statements and programs
     held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
@@ -101,28 +101,28 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    pools = batches.ExamplePool(kept, known), batches.ExamplePool(generated, known)
+    pools = program_batches.ExamplePool(kept, known), program_batches.ExamplePool(generated, known)
     return TrainingData(*pools, held_out, vocabulary, digest, digests_sha256(excluded))
 
 
-def corpus_examples(corpus: str) -> list[batches.Example]:
+def corpus_examples(corpus: str) -> list[program_batches.Example]:
     """The distinct training examples of the corpus."""
-    found: dict[batches.Example, None] = {}
+    found: dict[program_batches.Example, None] = {}
     for tasks in load_all_tasks(corpus, splits=("train",)):
         appearance = tasks.provenance.appearance
-        found |= dict.fromkeys(batches.Example(task.statement, task.program, appearance) for task in tasks)
+        found |= dict.fromkeys(program_batches.Example(task.statement, task.program, appearance) for task in tasks)
     return list(found)
 
 
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
-) -> Iterator[batches.Example]:
-    needed = int(recipe.generated * (1 + batches.FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
+) -> Iterator[program_batches.Example]:
+    needed = int(recipe.generated * (1 + program_batches.FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
         yield from (
-            batches.Example(pair.statement, pair.program, appearance)
+            program_batches.Example(pair.statement, pair.program, appearance)
             for pair in pairs
             if statement_digest(pair.statement) not in excluded
         )
@@ -171,7 +171,9 @@ class _Run(TimedRun[float]):
         """One optimiser step; returns the loss. Raises NotFiniteError."""
         for group in self._optimiser.param_groups:
             group["lr"] = self._recipe.learning_rate * self._schedule()
-        loss = batches.training_step(self._network, next(self._batches), self._optimiser, self._recipe.smoothing)
+        loss = program_batches.training_step(
+            self._network, next(self._batches), self._optimiser, self._recipe.smoothing
+        )
         self.counters.updates += 1
         return loss
 
@@ -180,14 +182,14 @@ class _Run(TimedRun[float]):
         decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
         return decay * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
 
-    def _drawn(self) -> Iterator[batches.Batch]:
+    def _drawn(self) -> Iterator[program_batches.Batch]:
         recipe, data = self._recipe, self._data
         variations = Variations(recipe.shapes, recipe.numbers)
         generated = data.generated if len(data.generated) else None
-        return batches.sample_batches(
+        return program_batches.sample_batches(
             data.corpus,
             generated,
-            lambda: batches.generated_fraction(recipe.generated, self.progress()),
+            lambda: program_batches.generated_fraction(recipe.generated, self.progress()),
             variations,
             self._indices,
             recipe.batch_size,
@@ -243,7 +245,7 @@ class _Run(TimedRun[float]):
 # Calibration on held-out statements
 
 
-def _prediction(parser: Parser, example: batches.Example) -> tuple[list[float], int | None]:
+def _prediction(parser: Parser, example: program_batches.Example) -> tuple[list[float], int | None]:
     """The candidates' probabilities, and the index of the one equivalent to the example's program."""
     candidates = parser.parse(example.statement, example.appearance).candidates
     right = truths(example.program, example.appearance)
@@ -264,7 +266,9 @@ def calibrated_temperature(predictions: Sequence[tuple[list[float], int | None]]
     return max(TEMPERATURES, key=likelihood) if predictions else 1.0
 
 
-def forecasts(parser: Parser, corpus: str, examples: Sequence[batches.Example], objective: str) -> list[Forecast]:
+def forecasts(
+    parser: Parser, corpus: str, examples: Sequence[program_batches.Example], objective: str
+) -> list[Forecast]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []
@@ -274,7 +278,7 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[batches.Example], 
             tasks = settings.make("train").tasks
         except NoTasksError:
             continue
-        planner = Planner(parser, settings.dynamics(), settings.start == FLIPIT, objective=objective)
+        planner = ProgramPlanner(parser, settings.dynamics(), settings.start == FLIPIT, objective=objective)
         planned = Counter[tuple[str, bool]]()
         for task in tasks:
             planned[task.statement, task.target] += (task.statement, appearance) in held_out

@@ -12,20 +12,20 @@ import torch
 
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
-from lilgym_mp.learning.agents import AgentError, check_configuration
-from lilgym_mp.learning.model_file import (
+from lilgym_mp.learning.common.agents import Agent, AgentError, check_configuration
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.model import Model
+from lilgym_mp.learning.common.model_file import (
     ModelDescription,
     check_shapes,
     described_network,
     load_model_of_kind,
     load_weights,
 )
-from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
-from lilgym_mp.learning.ppo.models.factory import make_model
-from lilgym_mp.learning.ppo.models.protocol import Model
+from lilgym_mp.learning.common.states import BoxImageTable
+from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
-from lilgym_mp.learning.ppo.states import BoxImageTable
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
@@ -36,14 +36,13 @@ UNMASKED = "no mask of legal actions"
 MAX_CACHED_BOXES = 50_000
 
 
-class ModelPolicy:
+class ModelPolicy(Policy):
     """A model as a policy for evaluations."""
 
     def __init__(self, model: Model, *, mask: bool, sampled: bool) -> None:
         self.needs_masks = mask
         self._model, self._sampled = model, sampled
         self._table = BoxImageTable()
-        self.stop_probabilities = np.zeros(0)  # (B,) probabilities of STOP in the latest call
         self._latest: tuple[FactoredPolicy, torch.Tensor] | None = None  # and values, of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
@@ -65,7 +64,7 @@ class ModelPolicy:
 
 
 @dataclass(frozen=True)
-class PPOAgent:
+class PPOAgent(Agent):
     """A trained model with its training environment."""
 
     description: ModelDescription

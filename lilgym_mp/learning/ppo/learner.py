@@ -14,8 +14,8 @@ from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import given_options
 from lilgym_mp.evaluation.terminal import Progress
-from lilgym_mp.learning.commands import add_recipe, interrupted, new_run, resumed_run
-from lilgym_mp.learning.learners import Learner
+from lilgym_mp.learning.common.commands import add_recipe, interrupted, new_run, resumed_run
+from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.ppo.recipe import DEFAULT_RECIPE, RECIPES, REPORTED_PARAMETERS, PPORecipe, make_recipe
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.agents import AGENT_FILE
+    from lilgym_mp.learning.common.agents import AGENT_FILE
     from lilgym_mp.learning.ppo.training import train_ppo
 
     options.check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")

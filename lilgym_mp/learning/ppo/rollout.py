@@ -10,11 +10,11 @@ import numpy as np
 import torch
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.ppo.factored_policy import STOP, FactoredPolicy
-from lilgym_mp.learning.ppo.models.protocol import Model
+from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
+from lilgym_mp.learning.common.model import Model, as_numpy
+from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.learning.ppo.states import BoxImageTable, States
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 
@@ -178,7 +178,3 @@ def policy_and_values(model: Model, states: States, legal: BoolArray | None) -> 
     prediction = model(states)
     mask = None if legal is None else torch.from_numpy(legal).to(prediction.types.device)
     return FactoredPolicy(model.factorisation, prediction.types, prediction.heads, mask), prediction.values
-
-
-def as_numpy(tensor: torch.Tensor) -> Float32Array:
-    return tensor.detach().float().cpu().numpy()

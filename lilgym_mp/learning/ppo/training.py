@@ -20,15 +20,13 @@ from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
-from lilgym_mp.learning.model_file import DeviceError, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
-from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
-from lilgym_mp.learning.ppo.models.factory import make_model
-from lilgym_mp.learning.ppo.models.protocol import Model
-from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
-from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT, training_tasks
-from lilgym_mp.learning.ppo.update import (
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.model import Model
+from lilgym_mp.learning.common.model_file import DeviceError, select_device, torch_threads, weights_digest
+from lilgym_mp.learning.common.run import Budget, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run_directory import begin_run
+from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, training_tasks
+from lilgym_mp.learning.common.update import (
     Experience,
     Losses,
     generalised_advantages,
@@ -37,9 +35,11 @@ from lilgym_mp.learning.ppo.update import (
     schedule,
     update,
 )
+from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
+from lilgym_mp.learning.ppo.models import make_model
+from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
-from lilgym_mp.learning.timed_run import Budget, Every, StopRequest, TimedRun, stop_on_signals
-from lilgym_mp.learning.training_run import begin_run
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import Int64Array
 

@@ -16,11 +16,11 @@ from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.learning.common.model import Model
+from lilgym_mp.learning.common.run_directory import TrainingRun
+from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.ppo.agent import ModelPolicy
-from lilgym_mp.learning.ppo.models.protocol import Model
 from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.learning.ppo.tasks import TRAINING_SPLIT
-from lilgym_mp.learning.training_run import TrainingRun
 from lilgym_mp.scene.actions import Stop
 
 SPLIT = "dev"

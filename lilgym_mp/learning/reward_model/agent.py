@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import torch
@@ -14,24 +14,19 @@ from torch import nn
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.envs.proposer_verifier import Partner, PartnerTurn, Role
+from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.partners import encode_answer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
-from lilgym_mp.learning.agents import check_configuration
-from lilgym_mp.learning.model_file import (
-    ModelDescription,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-)
-from lilgym_mp.learning.parsing.agent import ParseAndPlanPolicy
+from lilgym_mp.learning.common.agents import Agent, check_configuration
+from lilgym_mp.learning.common.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Judge, Planner, mean_probabilities
+from lilgym_mp.learning.reward_model.search import Judge, SearchPlanner, mean_probabilities
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array
 
@@ -53,13 +48,14 @@ class Networks(nn.ModuleList):
 
 
 @dataclass(frozen=True)
-class RewardModelAgent:
+class RewardModelAgent(Agent):
     """One model for both starts of an appearance."""
 
     description: ModelDescription
     recipe: RewardModelRecipe
     networks: Networks
     vocabulary: Vocabulary
+    teaches: ClassVar[bool] = True
 
     @property
     def appearance(self) -> str:
@@ -67,18 +63,23 @@ class RewardModelAgent:
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect. Raises AgentError for another configuration."""
-        planner: Any = self.planner(settings)  # makes plans with actions, but no programs
-        return ParseAndPlanPolicy(planner)
+        return PlanPolicy(self.planner(settings))
 
-    def planner(self, settings: Settings) -> Planner:
+    def planner(self, settings: Settings) -> SearchPlanner:
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         is_flipit = settings.start == FLIPIT
-        return Planner(self.networks.members(), self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
+        return SearchPlanner(
+            self.networks.members(), self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit
+        )
 
     def verifier(self) -> Partner:
         """The model as the verifier of the two-agent game."""
         return RewardModelVerifier(self)
+
+    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
+        """A verifier judges claims by their probability; a proposer follows the policy's plans."""
+        return self.verifier() if role is Role.VERIFIER else super().partner(role, game, sampled=sampled)
 
     @torch.inference_mode()
     def probabilities(self, statement: str, scenes: Sequence[Scene]) -> Float64Array:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.learning.imitation.box_features import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
-from lilgym_mp.scene import BOX_SIDE, Colour, Scene, Shape, Size
-from lilgym_mp.scene.appearances.tower import CAPACITY, tower_tables
+from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
+from lilgym_mp.scene import BOX_SIDE, Colour, Shape, Size
+from lilgym_mp.scene.appearances.tower import CAPACITY
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 
 COLOURS, SHAPES, SIZES = len(Colour), len(Shape), len(Size)
@@ -119,7 +119,7 @@ class BoxTable(BoxIndex):
     """A growing table of N distinct boxes, with capacity for I items each."""
 
     def __init__(self, appearance: str) -> None:
-        super().__init__()
+        super().__init__(appearance)
         self.appearance = appearance
         self.item_width = sum(ITEM_PARTS[appearance].values())
         self.box_width = sum(BOX_PARTS[appearance].values())
@@ -128,17 +128,6 @@ class BoxTable(BoxIndex):
         self._updated = 0  # boxes with features
         self._items = np.zeros((0, CAPACITY), np.int64)
         self._box = np.zeros((0, self.box_width), np.uint8)
-        if appearance == "tower":
-            for box in tower_tables().boxes:
-                self.index(box)
-
-    def of(self, scene: Scene) -> tuple[int, int, int]:
-        left, middle, right = scene.boxes
-        return self.index(left), self.index(middle), self.index(right)
-
-    def scene(self, boxes: Sequence[int]) -> Scene:
-        left, middle, right = (self.boxes[index] for index in boxes)
-        return Scene((left, middle, right))
 
     def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
         """Of boxes (...): items (..., I) as indices in `item_features`, of which 0 is none, and features (..., G)."""

@@ -9,8 +9,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
-from lilgym_mp.learning.imitation.batches import StatementTokenizer, pad_rows
-from lilgym_mp.learning.imitation.network import MIN_PADDED_WORDS
+from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
 from lilgym_mp.learning.reward_model.features import BoxTable, exchanges, standard_exchanges
 from lilgym_mp.learning.reward_model.network import BoxFeatures
 from lilgym_mp.scene.arrays import Int64Array

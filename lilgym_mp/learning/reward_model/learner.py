@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.commands import TimedCommand
-from lilgym_mp.learning.learners import Learner
+from lilgym_mp.learning.common.commands import TimedCommand
+from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe, default_recipe
 
 if TYPE_CHECKING:

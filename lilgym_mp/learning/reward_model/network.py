@@ -15,7 +15,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
-from lilgym_mp.learning.imitation.network import Attention, Feedforward, TextEncoder, attention_mask
+from lilgym_mp.learning.common.attention import Attention, Feedforward, TextEncoder, attention_mask
 
 CODE = 8  # values for a count: seven comparisons, and itself
 SPARSE = -1.5  # initial bias of what is counted: few items are

@@ -8,6 +8,7 @@ cause; the best are made by the rules. Progress is measured in logits, the choic
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple, cast
@@ -17,6 +18,8 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.learning.common.boxes import box_distances
+from lilgym_mp.learning.common.planning import Plan, Planner
 from lilgym_mp.learning.reward_model.features import (
     look_counts,
     scatter_box_features,
@@ -43,14 +46,6 @@ FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
 SURE = 0.995  # mean probability with which a search in Scatter ends
 PROPOSED = 8  # plans of each of several networks
 MACRO_PARTS = 10  # best single edits of a scene that are combined to pairs
-
-
-class Plan(NamedTuple):
-    """Edits, then STOP, and the mean probability that it succeeds."""
-
-    actions: tuple[Action, ...]
-    success_probability: float
-    goals: tuple[()] = ()  # no programs
 
 
 class Judge:
@@ -81,7 +76,7 @@ class Judge:
         return sums, self.network.box_values(self.reading, sums, features.looks)
 
 
-class Planner:
+class SearchPlanner(Planner):
     """Plans for statements in one configuration."""
 
     def __init__(
@@ -98,7 +93,6 @@ class Planner:
         self._networks, self._reader, self._is_flipit = networks, reader, is_flipit
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
-        """A plan from the scene, after `steps` actions of the episode."""
         return self.plans(scene, statement, target, steps)[0]
 
     @torch.inference_mode()
@@ -134,19 +128,11 @@ class Planner:
                 goal, _ = self.dynamics.appearance.apply(goal, action, self.dynamics.rules.placement)
             goals.append(goal)
         means = np.mean([mean_probabilities(judge.scene_logits(goals)) for judge in judges], axis=0)
-        found = [plan._replace(success_probability=mean) for plan, mean in zip(plans, means.tolist(), strict=True)]
+        found = [replace(plan, success_probability=mean) for plan, mean in zip(plans, means.tolist(), strict=True)]
         return sorted(found, key=lambda plan: self.recipe.edit_cost * len(plan.actions) - plan.success_probability)
 
 
 # Tower
-
-
-@cache
-def box_distances() -> Int64Array:
-    """(121, 121) edits from one box to another."""
-    colours, heights = tower_tables().colours, tower_tables().heights
-    equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
-    return heights[:, None] + heights[None] - 2 * np.cumprod(equal, axis=2).sum(2)
 
 
 def _box_edits(index: int, before: int, after: int) -> list[Action]:

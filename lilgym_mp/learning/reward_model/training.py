@@ -19,11 +19,8 @@ from lilgym_mp.corpus.held_out import held_out_digests, statement_digest
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.agents import scratch_tasks
-from lilgym_mp.learning.imitation.batches import vocabulary_of
-from lilgym_mp.learning.model_file import select_device
-from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
-from lilgym_mp.learning.reward_model.collection import (
+from lilgym_mp.learning.common.agents import scratch_tasks
+from lilgym_mp.learning.common.labelled_scenes import (
     Collector,
     Entry,
     entries_of,
@@ -32,13 +29,16 @@ from lilgym_mp.learning.reward_model.collection import (
     stored,
     truths_of,
 )
+from lilgym_mp.learning.common.model_file import select_device
+from lilgym_mp.learning.common.run import Budget, TimedRun
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError, begin_run
+from lilgym_mp.learning.common.words import vocabulary_of
+from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Planner
-from lilgym_mp.learning.timed_run import Budget, TimedRun
-from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, begin_run
+from lilgym_mp.learning.reward_model.search import SearchPlanner
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
@@ -263,7 +263,7 @@ class _Run(TimedRun[tuple[float, float]]):
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
         recipe = replace(self._recipe, averaged_exchanges=1)
-        planner = Planner(
+        planner = SearchPlanner(
             [self._random_member()], self._search_reader, self._settings.dynamics(), recipe, is_flipit=False
         )
         target = bool(self._rng.integers(2))

@@ -29,7 +29,9 @@ from lilgym_mp.envs.proposer_verifier import (
     parallel_env,
 )
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.common.run import Budget
+from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, make_network
 from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -37,8 +39,6 @@ from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
 from lilgym_mp.learning.game.training import Progress, Run, saved_arguments, train_game
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
-from lilgym_mp.learning.timed_run import Budget
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(

@@ -9,8 +9,9 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import State, make_dynamics
-from lilgym_mp.learning.imitation.action_heads import COLOUR_ORDERS, action_heads
-from lilgym_mp.learning.imitation.batches import BatchSampler, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.common.words import COLOUR_ORDERS, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.imitation.action_heads import action_heads
+from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.network import Inputs

@@ -8,8 +8,9 @@ import torch
 
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import action_heads
-from lilgym_mp.learning.imitation.batches import DistinctBoxes, StatementTokenizer, box_inputs
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs

@@ -12,7 +12,7 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.envs.rules import make_dynamics
-from lilgym_mp.learning.imitation.batches import StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork

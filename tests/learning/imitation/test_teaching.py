@@ -11,7 +11,7 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import Dynamics, State, Transition, make_dynamics
 from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.teaching import first_edits
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.reward_model.training import train_reward_model

@@ -9,16 +9,15 @@ import torch
 
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning import timed_run
-from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.model_file import ModelFileError, save_model
+from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
 from lilgym_mp.learning.imitation import training, update
 from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.training import train_imitation
-from lilgym_mp.learning.model_file import ModelFileError, save_model
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.scene import Scene
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
@@ -110,7 +109,7 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
         raise KeyboardInterrupt
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(timed_run, "REPORT_SECONDS", 0.0)
+        patch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
         with pytest.raises(KeyboardInterrupt):
             train_imitation(settings, recipe, tmp_path, updates=20, on_progress=killed)
     assert not (tmp_path / AGENT_FILE).exists()
@@ -134,7 +133,7 @@ def test_resume__rejects_another_recipe_and_a_damaged_checkpoint(statements: str
 def test_training__non_finite_loss_raises_and_keeps_the_checkpoint(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(timed_run, "SAVE_SECONDS", 0.0)
+    monkeypatch.setattr("lilgym_mp.learning.common.run.SAVE_SECONDS", 0.0)
     found = update.losses
 
     def broken(outputs: object, batch: object) -> object:

@@ -21,13 +21,11 @@ from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
-from lilgym_mp.learning.agents import AGENT_FILE, AgentError, open_agent
-from lilgym_mp.learning.model_file import ModelFileError, load_model, save_model
-from lilgym_mp.learning.parsing import parser, training
-from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent, ParseAndPlanPolicy
-from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import (
+from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
+from lilgym_mp.learning.common.planning import PlanPolicy
+from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
+from lilgym_mp.learning.common.program_pairs import (
     COLOURS,
     TOKENS,
     Pair,
@@ -38,6 +36,10 @@ from lilgym_mp.learning.parsing.pairs import (
     program_of,
     slots_of,
 )
+from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
+from lilgym_mp.learning.parsing import parser, training
+from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
+from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.parser import (
     UNKNOWN,
     UNKNOWN_FACTOR,
@@ -47,11 +49,10 @@ from lilgym_mp.learning.parsing.parser import (
     ProgramCandidate,
     beam_search,
 )
-from lilgym_mp.learning.parsing.planning import Planner, explanation_lines
+from lilgym_mp.learning.parsing.planning import ProgramPlanner, explanation_lines
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
-from lilgym_mp.learning.training_run import TrainingError, TrainingRunError
 from lilgym_mp.perception import read_scene
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import prefix_tokens
@@ -371,9 +372,9 @@ BLACK = "exist(filter_obj(all_items, lambda x: is_black(x)))"
 EMPTY = "not exist(all_items)"
 
 
-def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch", votes: bool = True) -> Planner:
+def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch", votes: bool = True) -> ProgramPlanner:
     settings = Settings(configuration)
-    return Planner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit", votes=votes)
+    return ProgramPlanner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit", votes=votes)
 
 
 def empty_tower() -> Scene:
@@ -418,7 +419,7 @@ def test_policy__replans_after_an_unexpected_image():
     settings = Settings("TowerScratch")
     env = settings.make("dev")
     observation, _ = env.reset(seed=0)
-    policy = ParseAndPlanPolicy(planner((BLUE, 1.0)))
+    policy = PlanPolicy(planner((BLUE, 1.0)))
 
     def seen(image: np.ndarray, step: int) -> Observations:
         return Observations(image[None], ("any",), np.array([1]), np.array([step]), np.array([0]))
@@ -434,7 +435,7 @@ def test_policy__replans_after_an_unexpected_image():
 
 
 def test_policy__stops_on_an_unreadable_image():
-    policy = ParseAndPlanPolicy(planner((BLUE, 1.0)))
+    policy = PlanPolicy(planner((BLUE, 1.0)))
     noise = np.random.default_rng(0).integers(0, 255, (1, 50, 190, 3), np.uint8)
     observations = Observations(noise, ("any",), np.array([1]), np.array([0]), np.array([0]))
     assert policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0)).tolist() == [0]
@@ -484,7 +485,7 @@ def test_shipped_agent__lists_unknown_and_corrected_words_and_believes_its_parse
     assert plan.success_probability <= (6 / 7) ** 2
     notes = ("read 'bloc' as 'block'", "unknown, 1 of 7 words: 'zorblax'")
     assert tuple(plan.parse.notes()) == notes
-    policy = ParseAndPlanPolicy(planner)
+    policy = PlanPolicy(planner)
     image = draw(empty_tower(), "half")[None]
     observations = Observations(image, ("There is a zorblax on a bloc.",), *(np.array([n]) for n in (1, 0, 0)))
     chosen = policy(observations, np.zeros((1, 0), bool), np.random.default_rng(0))
@@ -517,7 +518,7 @@ def test_shipped_agent__parses_the_same_when_the_language_gains_a_word():
     """
     parse = """
         from lilgym_mp import load_agent
-        from lilgym_mp.learning.parsing.pairs import TOKENS
+        from lilgym_mp.learning.common.program_pairs import TOKENS
         print(load_agent("parse-and-plan", "cpu").parser.parse("There are two blue blocks.", "tower").candidates)
         print(len(TOKENS))
     """

@@ -9,7 +9,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from lilgym_mp.learning.ppo.factored_policy import (
+from lilgym_mp.learning.common.factored_policy import (
     CHUNK,
     FactoredPolicy,
     Factorisation,

@@ -13,15 +13,16 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
+from lilgym_mp.contrib.pretrained import C3, C10
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.learning.agents import open_agent
-from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
-from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
-from lilgym_mp.learning.ppo.models.factory import make_model
-from lilgym_mp.learning.ppo.models.pretrained import C3, C10, WeightsError
+from lilgym_mp.learning.common.agents import open_agent
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
+from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+from lilgym_mp.learning.common.model import WeightsError
+from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe
-from lilgym_mp.learning.ppo.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 
@@ -270,7 +271,7 @@ def test_convolutions__tell_images_apart_before_training(layers: Any):
 def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     from transformers import BertModel
 
-    from lilgym_mp.learning.ppo.models.pretrained import FrozenBert
+    from lilgym_mp.contrib.pretrained import FrozenBert
 
     encoder = FrozenBert(tiny["bert"])
     found = encoder.vectors(["There is a block.", "blue"], torch.device("cpu"))

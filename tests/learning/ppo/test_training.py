@@ -20,15 +20,15 @@ from torch import Tensor
 from lilgym_mp.corpus import CorpusError, Vocabulary, load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
-from lilgym_mp.learning.agents import AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
+from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.agent import describe
-from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
-from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
-from lilgym_mp.learning.training_run import TrainingRunError, begin_run, resumable_run
 from lilgym_mp.scene import Scene, Shape
 from tests.corpora import THREE_STATEMENTS, write_own_corpus
 from tests.learning.conftest import equal, weights
@@ -313,8 +313,8 @@ def test_train__nlvr_reward_drops_tasks_without_a_matching_scene(tmp_path: Path,
 def test_collect__forces_successful_stops_with_the_unforced_policys_probability(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
-    from lilgym_mp.learning.ppo.factored_policy import FactoredPolicy
-    from lilgym_mp.learning.ppo.models.factory import make_model
+    from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+    from lilgym_mp.learning.ppo.models import make_model
     from lilgym_mp.scene.appearances import Tower
 
     tasks = training_tasks(settings, recipe)

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.learning.ppo.update import (
+from lilgym_mp.learning.common.update import (
     Transitions,
     generalised_advantages,
     losses,
@@ -18,6 +17,7 @@ from lilgym_mp.learning.ppo.update import (
     scale_advantages,
     value_loss,
 )
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEP_COST = -0.1

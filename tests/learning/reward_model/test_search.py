@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Outcome, State, make_dynamics
-from lilgym_mp.learning.augmentation import Augmentation
+from lilgym_mp.learning.common.augmentation import Augmentation
+from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
     Exchange,
@@ -22,7 +23,7 @@ from lilgym_mp.learning.reward_model.features import (
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
-from lilgym_mp.learning.reward_model.search import Judge, Plan, Planner, box_distances, mean_probabilities
+from lilgym_mp.learning.reward_model.search import Judge, Plan, SearchPlanner, mean_probabilities
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import make_appearance
@@ -32,7 +33,7 @@ STATEMENT = "there is a black block on the left"
 VOCABULARY = Vocabulary(("a", "black", "blue", "is", "left", "on", "right", "the", "there", "yellow"))
 
 
-def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True, members: int = 1) -> Planner:
+def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True, members: int = 1) -> SearchPlanner:
     table = BoxTable(appearance)
     torch.manual_seed(seed)
     counts = 4 if appearance == "scatter" else 0
@@ -42,7 +43,7 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True, membe
     ]
     reader = InputReader(VOCABULARY, table, torch.device("cpu"))
     dynamics = make_dynamics(make_appearance(appearance))
-    return Planner(networks, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
+    return SearchPlanner(networks, reader, dynamics, RewardModelRecipe(beam=3), is_flipit=is_flipit)
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
@@ -67,7 +68,8 @@ def test_plans__of_several_networks_are_ranked_by_their_mean_probability():
     planner = new_planner("tower", members=3)
     task = load_tasks("builtin", "tower", "flipit", "dev")[0]
     singles = [
-        Planner([one], planner._reader, planner.dynamics, planner.recipe, is_flipit=True) for one in planner._networks
+        SearchPlanner([one], planner._reader, planner.dynamics, planner.recipe, is_flipit=True)
+        for one in planner._networks
     ]
     plan = planner.plan(task.start, task.statement, task.target)
 

@@ -72,10 +72,8 @@ def record(new: NewRecording, services: Services) -> JSON:
 
     Responds with 404 or 422 if it cannot play them, 503 while another agent plays.
     """
-    from lilgym_mp.learning.game.agent import GameAgent
-
     agent = services.trained_partners.agent(new.agent)
-    if isinstance(agent, GameAgent):
+    if agent.game is not None:
         raise http_error(422, "this agent plays the two-agent game; choose another")
     settings = Settings(new.configuration, services.options.corpus)
     if not _PLAYING.acquire(blocking=False):

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.corpus import Vocabulary
-from lilgym_mp.learning.model_file import check_sizes
-from lilgym_mp.learning.ppo.factored_policy import MAX_ACTIONS
-from lilgym_mp.learning.ppo.models.box_transformer import BoxTransformer
-from lilgym_mp.learning.ppo.models.pretrained import WeightsError, model_maker
-from lilgym_mp.learning.ppo.models.protocol import Model, SeparateCritic
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
+from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS
+from lilgym_mp.learning.common.model import Model, SeparateCritic, WeightsError
+from lilgym_mp.learning.common.model_file import check_sizes
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.scene.appearances import Appearance
 
+PRETRAINED = "lilgym_mp.contrib.pretrained"  # module of the paper's models, imported when one is used
 Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
 
 
@@ -36,7 +37,7 @@ def make_model(
             " choose a coarser grid"
         )
     if recipe.model in TRANSFORMERS:
-        make = model_maker(recipe.model, appearance, weights, details)
+        make = import_module(PRETRAINED).model_maker(recipe.model, appearance, weights, details)
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")

@@ -9,8 +9,8 @@ import numpy as np
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.learning.ppo.tasks import TaskSampler, training_tasks
+from lilgym_mp.learning.common.recipes import UpdateRecipe
+from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 
 
 class StatementSampler:

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lilgym_mp.learning.parsing.network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.parsing.pairs import Pair, Variations, normalise_statement, pair_of, slots_of
-from lilgym_mp.learning.training_run import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
+from lilgym_mp.learning.common.program_pairs import Pair, Variations, normalise_statement, pair_of, slots_of
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
 POOL = 16  # batches sampled together and sorted by length

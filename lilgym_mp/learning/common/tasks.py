@@ -14,8 +14,8 @@ from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
-from lilgym_mp.learning.ppo.recipe import UpdateRecipe
+from lilgym_mp.learning.common.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
+from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 

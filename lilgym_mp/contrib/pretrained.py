@@ -18,11 +18,11 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from lilgym_mp.corpus.extras import install
-from lilgym_mp.learning.model_file import weights_digest
-from lilgym_mp.learning.ppo.factored_policy import Factorisation, slot_factorisation
-from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
+from lilgym_mp.learning.common.factored_policy import Factorisation, slot_factorisation
+from lilgym_mp.learning.common.model import Model, Prediction, WeightsError
+from lilgym_mp.learning.common.model_file import weights_digest
+from lilgym_mp.learning.common.states import IMAGE_SHAPE, States
 from lilgym_mp.learning.ppo.recipe import FINE_TUNED
-from lilgym_mp.learning.ppo.states import IMAGE_SHAPE, States
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
 
@@ -38,10 +38,6 @@ CONFIG, TENSORS, INDEX = "config.json", "model.safetensors", "model.safetensors.
 PICKLES = ("*.bin", "*.pt", "*.pth", "*.ckpt", "*.h5", "*.msgpack")
 TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is required
 LARGEST_CONFIG = 1 << 22  # bytes
-
-
-class WeightsError(ValueError):
-    """An unusable directory of weights."""
 
 
 def check_weights(path: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:

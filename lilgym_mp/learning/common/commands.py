@@ -13,12 +13,12 @@ from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.options import CommandError, flag_name, given_options, given_settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress
-from lilgym_mp.learning.learners import AGENT_FILE
-from lilgym_mp.learning.recipes import Recipe
+from lilgym_mp.learning.common.learners import AGENT_FILE
+from lilgym_mp.learning.common.recipes import Recipe
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.training_run import TrainingRun
+    from lilgym_mp.learning.common.run_directory import TrainingRun
 
 
 def add_recipe(parser: argparse.ArgumentParser, recipe: type[Recipe], *, defaults_of: str | None = None) -> None:
@@ -51,7 +51,7 @@ def resumed_run(
 
     `required`: further values its identity must have. Raises CommandError, TrainingRunError.
     """
-    from lilgym_mp.learning.training_run import resumable_run
+    from lilgym_mp.learning.common.run_directory import resumable_run
 
     if args.out is None and args.configuration is None:
         raise CommandError("name what to resume: --out DIR, or a configuration")

@@ -5,37 +5,61 @@ A learner saves its agent as one model file (`model_file`), AGENT_FILE in its ru
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, ClassVar
 
 from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.learners import AGENT_FILE, PACKAGES, shipped_agents
-from lilgym_mp.learning.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.learning.common.learners import AGENT_FILE, PACKAGES, shipped_agents
+from lilgym_mp.learning.common.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.learning.common.planning import Planner
 from lilgym_mp.scene.choices import choose
 
+if TYPE_CHECKING:
+    from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, Role
 
-class Agent(Protocol):
+
+class AgentError(ValueError):
+    """No trained agent at a path, or an agent that does not support a request."""
+
+
+class Agent(ABC):
     """A trained agent."""
 
-    @property
-    def description(self) -> ModelDescription: ...
+    description: ModelDescription
+    chooses_actions: ClassVar[bool] = False  # it decides itself whether `policy` samples, unless requested
+    teaches: ClassVar[bool] = False  # its plans, made from rewards alone, can be imitated
 
+    @property
+    def game(self) -> GameSettings | None:
+        """The two-agent game that it was trained on, if it was."""
+        return None
+
+    @abstractmethod
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """A policy for the configuration that samples actions if `sampled`, else takes the most probable ones.
 
         Raises ValueError for a configuration, grid or rule set that the agent cannot play.
         """
-        ...
 
+    def planner(self, settings: Settings) -> Planner:
+        """Raises AgentError for an agent that makes no plans."""
+        raise AgentError(f"an agent of kind {self.description.kind} makes no plans")
 
-class AgentError(ValueError):
-    """No trained agent at a path, or an agent that does not support a request."""
+    def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
+        """The agent in one seat of the game; None if it did not learn that seat.
+
+        An agent of the single-agent environment proposes its actions, and accepts claims where it would STOP.
+        """
+        from lilgym_mp.evaluation.game_partners import AgentPartner  # imports the game
+
+        return AgentPartner(self.policy(game.single(), sampled=sampled))
 
 
 def agent_file(path: Path) -> Path:

@@ -24,8 +24,8 @@ from torch import Tensor
 
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.learning.agents import AGENT_FILE
-from lilgym_mp.learning.model_file import ModelDescription, save_model
+from lilgym_mp.learning.common.agents import AGENT_FILE
+from lilgym_mp.learning.common.model_file import ModelDescription, save_model
 
 FORMAT = "lilgym_mp-training-run"
 VERSION = 1

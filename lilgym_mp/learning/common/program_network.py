@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lilgym_mp.learning.parsing.recipe import HEADS
+from lilgym_mp.learning.common.recipes import HEADS
 
 PAD = 0
 ROOT = 0  # parent of the first token

@@ -18,10 +18,18 @@ from torch import Tensor, nn
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.learning.imitation import network
-from lilgym_mp.learning.ppo.factored_policy import box_cells, joint_factorisation
-from lilgym_mp.learning.ppo.models.protocol import Model, Prediction
-from lilgym_mp.learning.ppo.states import PATCH_BYTES, PATCHES, States, distinct
+from lilgym_mp.learning.common.attention import (
+    Attention,
+    Feedforward,
+    Packing,
+    StatementEncodings,
+    TextEncoder,
+    attention_mask,
+)
+from lilgym_mp.learning.common.factored_policy import box_cells, joint_factorisation
+from lilgym_mp.learning.common.model import Model, Prediction
+from lilgym_mp.learning.common.states import PATCH_BYTES, PATCHES, States, distinct
+from lilgym_mp.learning.common.words import MAX_WORDS, MIN_PADDED_WORDS
 from lilgym_mp.scene import BOX_COUNT, Colour
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance, Grid
@@ -82,23 +90,23 @@ class BoxTransformer(Model):
         self.sizes = {"width": width, "heads": heads, "text_layers": text_layers, "pair_layers": pair_layers}
         self.factorisation = joint_factorisation(appearance, separators=separators)
         self.restriction = "" if appearance.grid is None or separators else "no actions on separators"
-        self.text = network.TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
+        self.text = TextEncoder(len(vocabulary), width, heads, text_layers, dropout=0.0)
         self.boxes = BoxEncoder(width, CHANNELS)
-        self.readings = nn.ModuleList(network.Attention(width, heads) for _ in range(pair_layers))
-        self.feedforwards = nn.ModuleList(network.Feedforward(width) for _ in range(pair_layers))
+        self.readings = nn.ModuleList(Attention(width, heads) for _ in range(pair_layers))
+        self.feedforwards = nn.ModuleList(Feedforward(width) for _ in range(pair_layers))
         self.part = nn.Linear(width, width)
         self.part_place = nn.Parameter(0.02 * torch.randn(BOX_COUNT, width))
         self.scene_in = nn.Linear(width, width)
-        self.scene_reading = network.Attention(width, heads)
-        self.scene_feedforward = network.Feedforward(width)
+        self.scene_reading = Attention(width, heads)
+        self.scene_feedforward = Feedforward(width)
         self.truth = nn.Linear(width, 1)
         self.target = nn.Embedding(2, width)
-        self.judge = network.Feedforward(width)
+        self.judge = Feedforward(width)
         self.types = nn.Linear(width, len(ActionType))
         self.value = nn.Linear(width, 1)
         self.act_box = nn.Linear(width, width)
         self.act_scene = nn.Linear(width, width)
-        self.act_feedforward = network.Feedforward(width)
+        self.act_feedforward = Feedforward(width)
         cells = self.factorisation.heads[1].size
         grid = appearance.grid
         self.arguments = TowerArguments(width) if grid is None else ScatterArguments(grid, width, cells)
@@ -153,7 +161,7 @@ class BoxTransformer(Model):
         return self.truth(encoded.scenes).squeeze(1) * (2 * encoded.targets - 1)
 
     def _encode_scenes(
-        self, pairs: Tensor, pairs_of: Tensor, statements: network.StatementEncodings, packing: network.Packing
+        self, pairs: Tensor, pairs_of: Tensor, statements: StatementEncodings, packing: Packing
     ) -> Tensor:
         """(N, d) scene vectors from statement-box pairs (R, d) and each scene's three pairs (N, 3)."""
         parts = _gather(self.part(pairs), pairs_of)
@@ -177,7 +185,7 @@ class BoxTransformer(Model):
         columns = zip(*[self._cached_boxes[box_hash] for box_hash in hashes], strict=True)
         return EncodedBoxes(*map(torch.stack, columns))
 
-    def _encode_statements(self, statements: tuple[str, ...]) -> network.StatementEncodings:
+    def _encode_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
         """The statements encoded; without gradients, encodings are cached until `clear_cache`."""
         if torch.is_grad_enabled():
             return self._compute_statements(statements)
@@ -189,21 +197,21 @@ class BoxTransformer(Model):
             for row, statement in enumerate(new):
                 count = int((encodings.mask[row, 0, 0] == 0).sum())
                 self._cached_statements[statement] = [key_value[row, :count] for key_value in encodings.key_values]
-        return network.StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
+        return StatementEncodings.from_cache([self._cached_statements[one] for one in statements])
 
-    def _compute_statements(self, statements: tuple[str, ...]) -> network.StatementEncodings:
-        rows = [self.vocabulary.encode(one, network.MAX_WORDS) for one in statements]
+    def _compute_statements(self, statements: tuple[str, ...]) -> StatementEncodings:
+        rows = [self.vocabulary.encode(one, MAX_WORDS) for one in statements]
         words = np.stack(rows)
-        words = words[:, : max(network.MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
+        words = words[:, : max(MIN_PADDED_WORDS, int((words != 0).sum(1).max()))]
         words[:, 0] = np.maximum(words[:, 0], UNKNOWN)  # an empty statement becomes one unknown word
         indices = torch.from_numpy(words).to(self.value.weight.device)
-        mask = network.attention_mask(indices)
+        mask = attention_mask(indices)
         x = self.text(indices)
         attentions = (*self.readings, self.scene_reading)
-        return network.StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
+        return StatementEncodings(tuple(attention.key_value(x) for attention in attentions), mask)  # pyright: ignore[reportCallIssue, reportAttributeAccessIssue]
 
 
-def _packing(owners: Int64Array, statements: int, device: torch.device) -> network.Packing:
+def _packing(owners: Int64Array, statements: int, device: torch.device) -> Packing:
     """Rows (R,) grouped by the statements that own them, in order, and padded to as many rows of each."""
     rows, order = np.arange(len(owners)), np.argsort(owners, kind="stable")
     counts = np.bincount(owners, minlength=statements)
@@ -213,7 +221,7 @@ def _packing(owners: Int64Array, statements: int, device: torch.device) -> netwo
     padded = np.zeros(statements * most, np.int64)
     padded[positions] = rows
     grouped = torch.from_numpy(padded.reshape(statements, most))
-    return network.Packing(grouped.to(device), torch.from_numpy(positions).to(device))
+    return Packing(grouped.to(device), torch.from_numpy(positions).to(device))
 
 
 def _gather(rows: Tensor, indices: Tensor) -> Tensor:
@@ -229,7 +237,7 @@ class BoxEncoder(nn.Module):
         self.patch = nn.Linear(PATCH_BYTES, channels)
         self.around = nn.Conv2d(channels, channels, 3, padding=1)
         self.whole = nn.Linear(PATCHES**2 * channels, width)
-        self.feedforward = network.Feedforward(width)
+        self.feedforward = Feedforward(width)
 
     def forward(self, patches: Tensor, patches_of: Tensor) -> EncodedBoxes:
         """Encodes U boxes, given as distinct patches (Q, 300) uint8 and patch indices (U, 25)."""

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.learning.ppo.recipe import UpdateRecipe
-from lilgym_mp.learning.training_run import NotFiniteError
+from lilgym_mp.learning.common.recipes import UpdateRecipe
+from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 EPSILON = 1e-8  # added to the standard deviation

@@ -7,8 +7,13 @@ from typing import Any, NamedTuple
 
 from torch import Tensor, nn
 
-from lilgym_mp.learning.ppo.factored_policy import Factorisation
-from lilgym_mp.learning.ppo.states import States
+from lilgym_mp.learning.common.factored_policy import Factorisation
+from lilgym_mp.learning.common.states import States
+from lilgym_mp.scene.arrays import Float32Array
+
+
+class WeightsError(ValueError):
+    """An unusable directory of pretrained weights."""
 
 
 class Prediction(NamedTuple):
@@ -68,3 +73,7 @@ class SeparateCritic(Model):
     @property
     def frozen_parameters(self) -> int:
         return self.actor.frozen_parameters
+
+
+def as_numpy(tensor: Tensor) -> Float32Array:
+    return tensor.detach().float().cpu().numpy()

@@ -11,8 +11,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.learning.reward_model.features import BoxTable
-from lilgym_mp.learning.reward_model.search import box_distances
+from lilgym_mp.learning.common.boxes import BoxIndex, box_distances
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import (
     BOX_COUNT,
@@ -81,7 +80,7 @@ def entries_of(task_sets: Sequence[Sequence[Task]]) -> list[Entry]:
 class Collector:
     """Plays episodes of edits and a STOP, from the starts of an entry's tasks."""
 
-    def __init__(self, dynamics: Dynamics, table: BoxTable, rng: Rng) -> None:
+    def __init__(self, dynamics: Dynamics, table: BoxIndex, rng: Rng) -> None:
         self.dynamics, self.table, self.rng = dynamics, table, rng
         self.stops = self.steps = 0
 
@@ -111,7 +110,7 @@ class Collector:
 
     def _nearest(self, entry: Entry, boxes: Boxes, task_index: int, edits: int) -> tuple[int, int]:
         """In Tower, the task whose start the scene is nearest to, and the edits between them."""
-        if self.table.appearance != "tower":
+        if self.dynamics.appearance.grid is not None:
             return task_index, edits
         if len(entry.starts) != len(entry.tasks):
             entry.starts = np.array([self.table.of(task.start) for task in entry.tasks])
@@ -252,7 +251,7 @@ def truths_of(entry: Entry, indices: Int64Array) -> BoolArray:
     return np.array([entry.known[index].truth for index in indices.tolist()])
 
 
-def stored(entries: Sequence[Entry], table: BoxTable) -> dict[str, Tensor]:
+def stored(entries: Sequence[Entry], table: BoxIndex) -> dict[str, Tensor]:
     """What is known, as tensors for a checkpoint."""
     items = [item for box in table.boxes for item in box.items]
     arrays = {
@@ -266,7 +265,7 @@ def stored(entries: Sequence[Entry], table: BoxTable) -> dict[str, Tensor]:
     return {name: torch.from_numpy(array) for name, array in arrays.items()}
 
 
-def restored(entries: Sequence[Entry], table: BoxTable, data: Mapping[str, Tensor]) -> None:
+def restored(entries: Sequence[Entry], table: BoxIndex, data: Mapping[str, Tensor]) -> None:
     """Inverse of `stored`, into new entries and a new table. Raises KeyError, ValueError or IndexError."""
     items = iter(data["items"].tolist())
     new: list[int] = []

@@ -15,7 +15,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 import torch
 
-from lilgym_mp.learning.training_run import NotFiniteError, TrainingError, TrainingRun, TrainingRunError
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError, TrainingRun, TrainingRunError
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0

@@ -1,0 +1,1 @@
+"""What several learners share; each learner imports this package and no other learner."""

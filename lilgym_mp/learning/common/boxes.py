@@ -1,0 +1,69 @@
+"""Distinct boxes by index, and arrays of their items."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.scene.appearances.tower import tower_tables
+from lilgym_mp.scene.arrays import Int64Array
+
+GAP_BOUNDS = np.array([1, 5, 9, 20, 40, 60])  # bin edges of the gap to a wall, in pixels
+GAP_BINS = len(GAP_BOUNDS) + 1
+
+
+class BoxIndex:
+    """A growing list of distinct boxes; with the appearance "tower" it begins with all of Tower's."""
+
+    def __init__(self, appearance: str | None = None) -> None:
+        self._indices: dict[tuple[Item, ...], int] = {}
+        self.boxes: list[Box] = []
+        if appearance == "tower":
+            for box in tower_tables().boxes:  # so that `box_distances` has their indices
+                self.index(box)
+
+    def __len__(self) -> int:
+        return len(self.boxes)
+
+    def index(self, box: Box) -> int:
+        """The box's index; a new box is appended."""
+        found = self._indices.get(box.items)
+        if found is None:
+            found = self._indices[box.items] = len(self.boxes)
+            self.boxes.append(box)
+        return found
+
+    def of(self, scene: Scene) -> tuple[int, int, int]:
+        """The indices of the scene's boxes."""
+        left, middle, right = scene.boxes
+        return self.index(left), self.index(middle), self.index(right)
+
+    def scene(self, boxes: Sequence[int]) -> Scene:
+        """The scene of three boxes by index."""
+        left, middle, right = (self.boxes[index] for index in boxes)
+        return Scene((left, middle, right))
+
+
+def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:
+    """(N, capacity, 5) the boxes' items, padded with -1."""
+    items = np.full((len(boxes), capacity, len(Item._fields)), -1, np.int64)
+    for row, box in zip(items, boxes, strict=True):
+        if box.items:
+            row[: len(box.items)] = box.items
+    return items
+
+
+def one_hot(values: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
+    return (values[..., None] == np.arange(count)).astype(np.uint8)
+
+
+@cache
+def box_distances() -> Int64Array:
+    """(121, 121) edits from one box to another."""
+    colours, heights = tower_tables().colours, tower_tables().heights
+    equal = (colours[:, None] == colours[None]) & (colours[:, None] >= 0)
+    return heights[:, None] + heights[None] - 2 * np.cumprod(equal, axis=2).sum(2)
