@@ -163,18 +163,15 @@ def test_attributes__are_those_of_single_environments(made: Any, backend: str, w
         ours.env_method("explode")
 
 
-def test_attributes__of_wrappers_can_be_read_and_set_for_all_environments(made: Any) -> None:
+def test_attributes__of_wrappers_can_be_read(made: Any) -> None:
     wrap = lambda envs: vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(envs))  # noqa: E731
     env = made(TOWER, "batched", seed=0, wrap=wrap)
     env.reset()
     env.step(np.ones(COUNT, np.int64))
     assert env.get_attr("gamma") == [0.99] * COUNT
     assert env.get_attr("episode_lengths", indices=[1]) == [1]
-    env.set_attr("gamma", 0.5)
-    assert env.get_attr("gamma") == [0.5] * COUNT
-    for name, indices in {"gamma": [0], "copy": None, "steps": None, "tasks": None}.items():
-        with pytest.raises(AttributeError, match=f"cannot set '{name}': only attributes of wrappers, for all"):
-            env.set_attr(name, False, indices)
+    with pytest.raises(AttributeError, match="cannot set 'gamma' of environments in a batch; pass it when making"):
+        env.set_attr("gamma", 0.5)
 
 
 def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:
@@ -266,9 +263,9 @@ def own_ids(tmp_path: Path) -> str:
     [
         ({"max_episode_steps": 5}, "use horizon=N"),
         ({"env_kwargs": {"split": "dev"}}, "use its entries as keywords"),
-        ({"wrapper_class": StopForcing}, "use wrap=WRAPPER"),
-        ({"vec_env_cls": DummyVecEnv}, "use backend=..."),
-        ({"monitor_dir": "logs"}, r"VecMonitor\(make_vec_env\(...\), ...\)"),
+        ({"wrapper_class": StopForcing}, "wrap=WRAPPER"),
+        ({"vec_env_cls": DummyVecEnv}, 'backend="subproc"'),
+        ({"monitor_dir": "logs"}, "monitor=False"),
         ({"backend": "dummy", "num_workers": 2}, "as it belongs to workers"),
         ({"backend": "dummy", "evaluation": True}, "as it belongs to batches"),
         ({"nonsense": 1}, "choose from corpus, .* sampler, .*, render_mode, copy"),
@@ -387,7 +384,7 @@ def test_evaluation__counts_every_task_once(count: int) -> None:
 
 def test_wrap__a_gymnasium_wrapper_needs_a_backend_of_single_environments(made: Any) -> None:
     wrap = lambda env: gym.wrappers.TransformReward(env, lambda reward: 2 * reward)  # noqa: E731
-    with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers or .*, or backend="subproc" or "dummy"'):
+    with pytest.raises(ValueError, match=r'use a factory of lilgym_mp.wrappers, or backend="subproc" or "dummy"'):
         made(TOWER, "batched", wrap=wrap)
     env = made(TOWER, "dummy", wrap=wrap)
     env.seed(0)

@@ -249,7 +249,7 @@ def _opened(path: Path, args: argparse.Namespace) -> Agent:
     asks = not args.trust and sys.stdin.isatty()
     if not args.trust and not (asks and input(f"{warning}. Load it? [y/N] ").strip().lower() in ("y", "yes")):
         raise CommandError(f"{warning}; if you trust it, add --trust")
-    from lilgym_mp.sb3 import load_agent
+    from lilgym_mp.sb3.policy import load_agent
 
     return load_agent(path)
 

@@ -17,6 +17,10 @@ INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of e
     "num_envs": "gymnasium.make_vec(id, num_envs=N), which makes a batch",
     **dict.fromkeys(("autoreset_mode", "evaluation", "copy"), _OF_BATCHES),
     **dict.fromkeys(("num_workers", "start_method", "timeout_seconds"), _OF_WORKERS),
+    "env_kwargs": "its entries as keywords, such as split=..., horizon=...",
+    "wrapper_class": "lilgym_mp.sb3.make_vec_env(id, wrap=WRAPPER)",
+    "vec_env_cls": 'lilgym_mp.sb3.make_vec_env(id, backend="subproc") or "dummy"',
+    "monitor_dir": "lilgym_mp.sb3.make_vec_env(id, monitor=False) and VecMonitor(env, filename)",
     "render_cells": "gymnasium.make(id, {}=...), as it belongs to single environments",
 }
 

@@ -50,8 +50,11 @@ class SingleConfig(EnvConfig):
             raise ValueError(f"sampler must be a function of a generator and an index, or None, not {self.sampler!r}")
 
     def tasks(self, split: str | None = None) -> TaskSet:
-        """The sampler's own tasks, if it has any, else those of the split."""
-        return getattr(self.sampler, "tasks", None) or super().tasks(split)
+        """The sampler's own tasks, if it has any, else those of the split. Raises ValueError if they are of another."""
+        own: TaskSet | None = getattr(self.sampler, "tasks", None)
+        if own is not None and own.provenance.split != (split := split or self.split):
+            raise ValueError(f"the sampler has its own tasks, of split {own.provenance.split!r}, not {split!r}")
+        return own or super().tasks(split)
 
 
 class SharedInterface:

@@ -1,7 +1,5 @@
 """Training with Stable-Baselines3: environments, a policy, and a recipe."""
 
-from __future__ import annotations
-
 try:
     import sb3_contrib  # noqa: F401
     import stable_baselines3  # noqa: F401
@@ -11,19 +9,8 @@ except ModuleNotFoundError as missing:
     message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
     raise ModuleNotFoundError(message, name=missing.name) from missing
 
-from lilgym_mp.sb3.policy import LilGymPolicy, StatementRolloutBuffer
-from lilgym_mp.sb3.recipe import EntropySchedule, Recipe, agent_of, load_agent, recipe
+from lilgym_mp.sb3.policy import EntropySchedule, LilGymPolicy, Recipe, StatementRolloutBuffer, agent_of, recipe
 from lilgym_mp.sb3.vec_env import BACKENDS, BatchVecEnv, make_vec_env
 
-__all__ = [
-    "BACKENDS",
-    "BatchVecEnv",
-    "EntropySchedule",
-    "LilGymPolicy",
-    "Recipe",
-    "StatementRolloutBuffer",
-    "agent_of",
-    "load_agent",
-    "make_vec_env",
-    "recipe",
-]
+__all__ = ["BACKENDS", "BatchVecEnv", "EntropySchedule", "LilGymPolicy", "Recipe", "StatementRolloutBuffer"]
+__all__ += ["agent_of", "make_vec_env", "recipe"]

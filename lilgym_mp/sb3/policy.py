@@ -1,34 +1,40 @@
-"""The network of `lilgym-mp train ppo` as a policy of SB3's PPO and sb3-contrib's MaskablePPO, and its buffer."""
+"""The network and the recipe of `lilgym-mp train ppo` for SB3's PPO and sb3-contrib's MaskablePPO."""
 
 from __future__ import annotations
 
 from collections.abc import Generator, Mapping, Sequence
-from typing import Any
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
-from gymnasium import spaces
+from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.buffers import MaskableDictRolloutBuffer, MaskableDictRolloutBufferSamples
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.utils import LinearSchedule
 from torch import Tensor
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.comparison import training_statements
+from lilgym_mp.learning.common.agents import AgentError
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.common.states import BoxImageTable, States
+from lilgym_mp.learning.common.update import mini_batches
+from lilgym_mp.learning.ppo.agent import PPOAgent, describe
+from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
 UNKNOWN_WORD = "unknownword"
 MAX_CACHED_BOXES = 100_000
-
-
-def seeded_generator() -> np.random.Generator:
-    """A generator seeded by torch's, which SB3 seeds."""
-    return np.random.default_rng(int(torch.randint(2**62, ())))
 
 
 class LilGymPolicy(MaskableActorCriticPolicy):
@@ -40,40 +46,23 @@ class LilGymPolicy(MaskableActorCriticPolicy):
     """
 
     def __init__(
-        self,
-        observation_space: spaces.Dict,
-        action_space: spaces.Discrete,
-        lr_schedule: Any,
-        *,
-        settings: Mapping[str, Any],
-        words: Sequence[str],
-        optimizer_kwargs: dict[str, Any] | None = None,
-        use_sde: bool = False,
-        **kwargs: Any,
+        self, *args: Any, settings: Mapping[str, Any], words: Sequence[str], use_sde: bool = False, **kwargs: Any
     ) -> None:
         """`settings`: `evaluation.Settings.to_json()` of the environment; `words`: of its vocabulary. `use_sde`: as
         PPO passes it, unused. Raises ValueError if the environment's actions or token ids are others."""
         self.settings, self.vocabulary = Settings.from_json(settings), Vocabulary(tuple(words))
-        appearance = make_appearance(self.settings.appearance, self.settings.grid)
-        found = int(action_space.n), int(observation_space[STATEMENT].high.max()) + 1
-        if found != (appearance.action_count, len(self.vocabulary)):
-            raise ValueError(
-                f"{self.settings.configuration} with these words has {appearance.action_count} actions and"
-                f" {len(self.vocabulary)} token ids, but the environment {found[0]} and {found[1]}"
-            )
         self._table, self._texts = BoxImageTable(), dict[bytes, str]()
-        optimizer_kwargs = {"eps": 1e-5, "fused": True} if optimizer_kwargs is None else optimizer_kwargs
-        super().__init__(observation_space, action_space, lr_schedule, optimizer_kwargs=optimizer_kwargs, **kwargs)
+        super().__init__(*args, **{"optimizer_kwargs": {"eps": 1e-5, "fused": True}, **kwargs})
 
     def _build(self, lr_schedule: Any) -> None:
-        self.network = BoxTransformer(make_appearance(self.settings.appearance, self.settings.grid), self.vocabulary)
+        appearance = make_appearance(self.settings.appearance, self.settings.grid)
+        needed = appearance.action_count, len(self.vocabulary)
+        found = int(self.action_space.n), int(self.observation_space[STATEMENT].high.max()) + 1
+        if needed != found:
+            raise ValueError(f"these settings and words have {needed} actions and token ids, the environment {found}")
+        self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
         self.optimizer = self.optimizer_class(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
-
-    def _get_constructor_parameters(self) -> dict[str, Any]:
-        names = ("observation_space", "action_space", "optimizer_class", "optimizer_kwargs")
-        own = {"settings": self.settings.to_json(), "words": self.vocabulary.words}
-        return {"lr_schedule": self._dummy_schedule, **own} | {name: getattr(self, name) for name in names}
 
     def set_training_mode(self, mode: bool) -> None:
         if mode != self.training:
@@ -91,9 +80,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
             actions = torch.where(obs[FORCED_NOW].flatten() > 0, STOP, actions)
         return actions, values, policy.log_prob(actions)
 
-    def evaluate_actions(
-        self, obs: Any, actions: Tensor, action_masks: Tensor | None = None
-    ) -> tuple[Tensor, Tensor, Tensor]:
+    def evaluate_actions(self, obs: Any, actions: Tensor, action_masks: Any = None) -> tuple[Tensor, Tensor, Tensor]:
         if action_masks is not None and bool(action_masks.all()):  # what buffers hold without masks
             action_masks = None
         self.masked |= action_masks is not None
@@ -114,7 +101,8 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         return policy, values[:, None]
 
     def _chosen(self, policy: FactoredPolicy, deterministic: bool) -> Tensor:
-        return torch.from_numpy(policy.greedy() if deterministic else policy.sample(seeded_generator()))
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))  # SB3 seeds torch
+        return torch.from_numpy(policy.greedy() if deterministic else policy.sample(rng))
 
     def _states(self, observations: Mapping[str, Tensor]) -> States:
         if len(self._table) > MAX_CACHED_BOXES:
@@ -125,27 +113,24 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         else:
             images = arrays[IMAGE].astype(np.uint8, copy=False)
             boxes = self._table.indices(images.transpose(0, 2, 3, 1) if images.shape[1] == 3 else images)
-        texts = [self._text(row) for row in arrays[STATEMENT].astype(np.int64)]
-        return self._table.states_of(texts, boxes, arrays[TARGET].reshape(-1))
+        return self._table.states_of([*map(self._text, arrays[STATEMENT])], boxes, arrays[TARGET].reshape(-1))
 
-    def _text(self, row: Any) -> str:
-        """The statement of token ids (L,)."""
-        key = row.tobytes()
-        if key not in self._texts:
-            self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", UNKNOWN_WORD)
-        return self._texts[key]
+    def _text(self, row: Any) -> str:  # of token ids (L,)
+        if (text := self._texts.get(key := row.tobytes())) is None:
+            text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", UNKNOWN_WORD)
+        return text
 
     def obs_to_tensor(self, observation: Any) -> tuple[dict[str, Tensor], bool]:
         """The tensors of one observation or a batch, and whether it is a batch."""
         scene = ITEMS if ITEMS in observation else IMAGE
-        is_batch, statements = np.ndim(observation[scene]) == 4, observation[STATEMENT]
-        if np.asarray(statements).dtype.kind in "OU":
+        shown, statements = np.asarray(observation[scene]), np.atleast_1d(observation[STATEMENT])
+        if statements.dtype.kind == "U":
             length = self.observation_space[STATEMENT].shape[0]
-            statements = np.stack([self.vocabulary.encode(text, length) for text in np.atleast_1d(statements).tolist()])
-        arrays = [np.asarray(observation[scene]), np.atleast_2d(statements), np.reshape(observation[TARGET], (-1, 1))]
-        arrays[0] = arrays[0] if is_batch else arrays[0][None]
-        named = zip((scene, STATEMENT, TARGET), arrays, strict=True)
-        return {name: torch.as_tensor(array, device=self.device) for name, array in named}, is_batch
+            statements = np.stack([self.vocabulary.encode(text, length) for text in statements.tolist()])
+        is_batch = shown.ndim == 4
+        parts = {scene: shown if is_batch else shown[None], STATEMENT: np.atleast_2d(statements)}
+        parts[TARGET] = np.reshape(observation[TARGET], (-1, 1))
+        return {name: torch.as_tensor(part, device=self.device) for name, part in parts.items()}, is_batch
 
 
 class StatementRolloutBuffer(MaskableDictRolloutBuffer):
@@ -161,11 +146,89 @@ class StatementRolloutBuffer(MaskableDictRolloutBuffer):
 
     def get(self, batch_size: int | None = None) -> Generator[MaskableDictRolloutBufferSamples, None, None]:
         next(super().get(1))  # flattens the arrays
-        count = self.buffer_size * self.n_envs
-        size = batch_size or count
         statements = np.unique(self.observations[STATEMENT], axis=0, return_inverse=True)[1].reshape(-1)
-        rng = seeded_generator()
-        order, ranks = rng.permutation(count), rng.permutation(statements.max() + 1)
-        order = order[np.argsort(ranks[statements[order]], kind="stable")]
-        for start in rng.permutation(np.arange(0, count, size)):
-            yield self._get_samples(order[start : start + size])
+        rng = np.random.default_rng(int(torch.randint(2**62, ())))
+        for rows in mini_batches(statements, batch_size or len(statements), rng, by_statement=True):
+            yield self._get_samples(rows)
+
+
+class EntropySchedule(BaseCallback):
+    """Changes the entropy coefficient linearly from `start` to `end` in the course of training."""
+
+    def __init__(self, start: float, end: float) -> None:
+        super().__init__()
+        self._start, self._end = start, end
+
+    def _on_rollout_start(self) -> None:
+        done = min(1.0, self.num_timesteps / self.model._total_timesteps)  # pyright: ignore[reportPrivateUsage]
+        self.model.ent_coef = self._start + (self._end - self._start) * done  # pyright: ignore[reportAttributeAccessIssue]
+
+    def _on_step(self) -> bool:
+        return True
+
+
+class Recipe(NamedTuple):
+    """Arguments that train as `lilgym-mp train ppo --stop-forcing` does."""
+
+    env: dict[str, Any]  # of `make_vec_env`
+    model: dict[str, Any]  # of `PPO` and `MaskablePPO`
+    callback: EntropySchedule  # of `learn`
+
+
+def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> Recipe:
+    """The recipe for a configuration; `environment`: other fields of `evaluation.Settings`.
+
+    Raises ValueError naming the value and the choices, CorpusError for unusable data.
+    """
+    settings = Settings(configuration, corpus, **environment)
+    ours, words = make_recipe("ours", configuration), Vocabulary.from_statements(training_statements(settings)).words
+    env = {
+        "id": settings.id,
+        "n_envs": ours.envs,
+        "wrap": structured_observation_v0,
+        "vocabulary": Vocabulary(words),
+        "same_statement": ours.same_statement,
+        "recolour": ours.recolour,
+        "empty_starts": ours.empty_starts,
+        "stop_forcing": True,
+        **settings.arguments("train"),
+    }
+    model = {
+        "policy": LilGymPolicy,
+        "policy_kwargs": {"settings": settings.to_json(), "words": words},
+        "rollout_buffer_class": StatementRolloutBuffer,
+        "normalize_advantage": False,
+        "n_steps": ours.rollout // ours.envs,
+        "batch_size": ours.batch_size,
+        "n_epochs": ours.epochs,
+        "learning_rate": LinearSchedule(ours.learning_rate, 0.0, 1.0),
+        "gamma": ours.gamma,
+        "gae_lambda": ours.gae_lambda,
+        "clip_range": ours.clip,
+        "vf_coef": ours.value / 2,  # SB3's loss is the squared error, not half of it
+        "max_grad_norm": ours.gradient_norm,
+    }
+    return Recipe(env, model, EntropySchedule(ours.entropy, ours.final_entropy))
+
+
+def agent_of(model: BaseAlgorithm) -> PPOAgent:
+    """The agent of a model with a `LilGymPolicy`, to evaluate, or to save as a model file. Raises AgentError."""
+    policy = model.policy
+    if not isinstance(policy, LilGymPolicy):
+        raise AgentError(f"only models with a LilGymPolicy are agents, not those with a {type(policy).__name__}")
+    recipe = PPORecipe(mask=bool(policy.masked), seed=model.seed or 0)
+    names, facts = (policy.settings.configuration,), {"steps": model.num_timesteps}
+    description = describe(policy.settings, recipe, "stable-baselines3", names, policy.network, facts)
+    description = replace(description, supervision=f"{description.supervision}; trained by Stable-Baselines3")
+    return PPOAgent(description, policy.settings, policy.network.eval(), recipe.mask)
+
+
+def load_agent(path: Path) -> PPOAgent:
+    """The agent in a file that `model.save` wrote. It contains pickles: load only files that you trust.
+
+    Raises AgentError if it is not such a file.
+    """
+    try:
+        return agent_of(MaskablePPO.load(path, device="cpu"))
+    except Exception as error:
+        raise AgentError(f"{path}: cannot be loaded as a model with a LilGymPolicy: {error}") from error

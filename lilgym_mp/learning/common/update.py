@@ -88,7 +88,8 @@ def update(
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     steps: list[Losses] = []
     for _ in range(recipe.epochs):
-        for rows in mini_batches(experience.statement_of, recipe, rng):
+        grouped = recipe.same_statement > 1
+        for rows in mini_batches(experience.statement_of, recipe.batch_size, rng, by_statement=grouped):
             optimiser.zero_grad()
             parts: list[Losses] = []
             size = recipe.microbatch or len(rows)
@@ -106,16 +107,18 @@ def update(
     return steps
 
 
-def mini_batches(statement_of: Int64Array, recipe: UpdateRecipe, rng: np.random.Generator) -> Iterator[Int64Array]:
-    """All rows in shuffled mini-batches; with grouped environments each has few distinct statements, for speed."""
+def mini_batches(
+    statement_of: Int64Array, batch_size: int, rng: np.random.Generator, *, by_statement: bool
+) -> Iterator[Int64Array]:
+    """All rows in shuffled mini-batches; `by_statement`: each has few distinct statements, for speed."""
     count = len(statement_of)
     order = rng.permutation(count)
-    if recipe.same_statement > 1:
+    if by_statement:
         ranks = rng.permutation(int(statement_of.max()) + 1)
         order = order[np.argsort(ranks[statement_of[order]], kind="stable")]
-    starts = list(range(0, count, recipe.batch_size))
-    for start in rng.permutation(len(starts)).tolist() if recipe.same_statement > 1 else range(len(starts)):
-        yield order[starts[start] : starts[start] + recipe.batch_size]
+    starts = list(range(0, count, batch_size))
+    for start in rng.permutation(len(starts)).tolist() if by_statement else range(len(starts)):
+        yield order[starts[start] : starts[start] + batch_size]
 
 
 def losses(
