@@ -157,7 +157,7 @@ def _check_player(make: Callable[[], _Player], steps: int, *, exact_masks: bool 
         histories = _play(player, 0, steps)
         _check_same_histories(_play(other, 0, steps), histories, "in another environment with the same seed")
         _check_same_histories(_play(player, 0, steps), histories, "before a reset with the same seed")
-        _check_same(np.random.get_state(legacy=False), state, "NumPy's global generator")  # noqa: NPY002
+        assert_same(np.random.get_state(legacy=False), state, "NumPy's global generator")  # noqa: NPY002
         for event in (event for history in histories for event in history):
             player.check(event, exact_masks=exact_masks)
             yield event
@@ -181,7 +181,7 @@ def _play(player: _Player, seed: int | None, steps: int) -> list[list[Event]]:
             histories[env_id] += events
             copies[env_id] += [copy.deepcopy(event.observation) for event in events]
     for history, observations in zip(histories, copies, strict=True):
-        _check_same([event.observation for event in history], observations, "an earlier observation, after more steps")
+        assert_same([event.observation for event in history], observations, "an earlier observation, after more steps")
     return histories
 
 
@@ -454,20 +454,20 @@ def _check_same_histories(ours: list[list[Event]], theirs: list[list[Event]], wh
             for name, value in event._asdict().items():
                 if name != "info" or not (value is None or expected.info is None):
                     what = f"{name} of event {number} of environment {env_id}"
-                    _check_same(value, getattr(expected, name), f"{what}, compared with the one {where}")
+                    assert_same(value, getattr(expected, name), f"{what}, compared with the one {where}")
 
 
-def _check_same(value: Any, expected: Any, what: str) -> None:
-    """Equal in structure, dtype and every value."""
+def assert_same(value: Any, expected: Any, what: str = "the value") -> None:
+    """Raises AssertionError unless both are equal in structure, dtype and every value."""
     if isinstance(expected, Mapping):
         assert isinstance(value, Mapping), f"{what} is a {type(value).__name__}, not a mapping"
         assert value.keys() == expected.keys(), f"{what} has the entries {[*value]}, not {[*expected]}"
         for key in expected:
-            _check_same(value[key], expected[key], f"{key!r} in {what}")
-    elif isinstance(expected, list | tuple):
+            assert_same(value[key], expected[key], f"{key!r} in {what}")
+    elif isinstance(expected, list | tuple) or (isinstance(expected, np.ndarray) and expected.dtype.kind == "O"):
         assert len(value) == len(expected), f"{what} has {len(value)} parts, not {len(expected)}"
         for part, expected_part in zip(value, expected, strict=True):
-            _check_same(part, expected_part, f"a part of {what}")
+            assert_same(part, expected_part, f"a part of {what}")
     else:
         one, other = np.asarray(value), np.asarray(expected)
         assert one.dtype == other.dtype, f"{what} has dtype {one.dtype}, not {other.dtype}"

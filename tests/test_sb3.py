@@ -7,7 +7,6 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +35,7 @@ from stable_baselines3.common.vec_env import (
 from lilgym_mp.corpus import Vocabulary, write_corpus
 from lilgym_mp.envs.preload import VARIABLE
 from lilgym_mp.sb3 import BACKENDS, BatchVecEnv, make_vec_env
+from lilgym_mp.testing import assert_same
 from lilgym_mp.wrappers import (
     ActionMask,
     StopForcing,
@@ -45,15 +45,9 @@ from lilgym_mp.wrappers import (
     stop_forcing_v0,
     structured_observation_v0,
 )
-from tests.envs.alike import assert_same, random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 COUNT = 4
-WRAPS = {
-    "nothing": None,
-    "stop forcing by mask": partial(stop_forcing_v0, mode="mask"),
-    "stop forcing by replacement": partial(stop_forcing_v0, mode="replace"),
-}
 
 SMALL = {"net_arch": [8], "features_extractor_kwargs": {"cnn_output_dim": 8}}
 
@@ -79,49 +73,6 @@ def made() -> Iterator[Any]:
 
 def masks_of(env: VecEnv) -> np.ndarray:
     return np.array(get_action_masks(env))
-
-
-def comparable(info: dict[str, Any]) -> dict[str, Any]:
-    """An info without wall-clock time, and without entries that SB3 reports at every step, not just the last."""
-    info = dict(info)
-    if "episode" in info:
-        info["episode"] = {name: value for name, value in info["episode"].items() if name != "t"}
-        info["episode"]["r"] = round(info["episode"]["r"], 4)
-    if "terminal_observation" not in info:
-        info.pop("TimeLimit.truncated", None)
-    return info
-
-
-@pytest.mark.parametrize(
-    ("backend", "id", "wrap", "rules"),
-    [
-        ("batched", TOWER, "nothing", "paper"),
-        ("batched", SCATTER, "nothing", "release"),
-        ("batched", TOWER, "stop forcing by mask", "release"),
-        ("batched", SCATTER, "stop forcing by mask", "paper"),
-        ("batched", TOWER, "stop forcing by replacement", "paper"),
-        ("batched", SCATTER, "stop forcing by replacement", "release"),
-        ("workers", SCATTER, "nothing", "paper"),
-        ("workers", TOWER, "stop forcing by mask", "paper"),
-        ("workers", SCATTER, "stop forcing by replacement", "release"),
-        ("subproc", TOWER, "stop forcing by mask", "paper"),
-    ],
-)
-def test_backends__equal_dummy_vec_env(made: Any, backend: str, id: str, wrap: str, rules: str) -> None:
-    ours, theirs = (made(id, name, seed=3, wrap=WRAPS[wrap], rules=rules) for name in (backend, "dummy"))
-    assert ours.observation_space == theirs.observation_space
-    assert_same(dict(ours.reset()), dict(theirs.reset()))
-    generator = np.random.default_rng(1)
-    for step in range(40):
-        masks = masks_of(theirs)
-        assert_same(masks_of(ours), masks)
-        actions = random_actions(masks, generator)
-        observations, rewards, dones, infos = theirs.step(actions)
-        our_observations, our_rewards, our_dones, our_infos = ours.step(actions)
-        assert_same(dict(our_observations), dict(observations), f"step {step}")
-        assert_same(np.float32(our_rewards) if backend == "subproc" else our_rewards, rewards)
-        assert_same(our_dones, dones)
-        assert_same(list(map(comparable, our_infos)), list(map(comparable, infos)), f"step {step}: infos")
 
 
 def test_masks__of_a_batch_cost_one_call(made: Any, monkeypatch: pytest.MonkeyPatch) -> None:

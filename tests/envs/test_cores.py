@@ -5,12 +5,13 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from hypothesis import given
 
 from lilgym_mp.corpus import TaskSet
@@ -28,7 +29,7 @@ from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import InvalidReason, Scatter, make_appearance
 from lilgym_mp.scene.appearances.placement import is_free
 from lilgym_mp.scene.render import draw
-from tests.envs.alike import assert_alike
+from lilgym_mp.testing import check_vector_env
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower
 
 ROOT = Path(__file__).parents[2]
@@ -231,12 +232,11 @@ def without_numba(fresh_choice: None, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("without_numba")
 def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
-    env_id = "lilgym_mp/ScatterFlipIt-v0"
+    make = partial(gym.make_vec, "lilgym_mp/ScatterFlipIt-v0")
     with pytest.warns(RuntimeWarning, match="several times slower .* numba cannot be imported"):
-        slow = gym.make_vec(env_id, num_envs=FEWEST_COMPILED)
-    gym.make_vec(env_id, num_envs=FEWEST_COMPILED)  # without a second warning, which would be an error
-    singles = SyncVectorEnv([lambda: gym.make(env_id)] * FEWEST_COMPILED, autoreset_mode=AutoresetMode.NEXT_STEP)
-    assert_alike(slow, singles, steps=14)
+        make(num_envs=FEWEST_COMPILED)  # a second warning would be an error
+    single = lambda: gym.make("lilgym_mp/ScatterFlipIt-v0")  # noqa: E731
+    check_vector_env(make, single, num_envs=FEWEST_COMPILED, modes=[AutoresetMode.NEXT_STEP], steps=14)
 
 
 @pytest.mark.parametrize("core", [ScalarCore, TowerCore])

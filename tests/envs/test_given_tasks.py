@@ -16,13 +16,14 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.testing import assert_same
 from lilgym_mp.wrappers import (
     potential_shaping_v0,
     statement_embedding_v0,
     structured_observation_v0,
     tokenized_statement_v0,
 )
-from tests.envs.alike import assert_same, random_actions
+from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 KINDS = {

@@ -7,11 +7,13 @@ import os
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pytest
 
+from lilgym_mp import testing
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.envs.batched import BatchedEnv
@@ -52,30 +54,10 @@ def corpus(tmp_path: Path) -> str:
 
 
 @pytest.mark.parametrize("start", ["scratch", "flipit"])
-def test_third_appearance__gives_equal_results_single_and_batched(corpus: str, start: str):
-    single = LilGymEnv(appearance=NAME, start=start, corpus=corpus)
-    batch = BatchedEnv(num_envs=16, appearance=NAME, start=start, corpus=corpus)  # so many as are compiled elsewhere
-    rng = np.random.default_rng(0)
-    observations, _ = batch.reset(seed=7)
-    observation, _ = single.reset(seed=7)
-    outcomes: list[str] = []
-    over = False
-    for _ in range(60):
-        assert np.array_equal(observation["image"], observations["image"][0])
-        assert observation["statement"] == observations["statement"][0]
-        masks = batch.action_masks()
-        assert np.array_equal(single.action_masks(), masks[0])
-        actions = np.array([rng.choice(np.flatnonzero(mask)) for mask in masks])
-        observations, rewards, terminated, truncated, _ = batch.step(actions)
-        if over:
-            observation, _ = single.reset()
-            over = False
-            continue
-        observation, reward, *ends, info = single.step(int(actions[0]))
-        assert (reward, *ends) == (rewards[0], terminated[0], truncated[0])
-        over = any(ends)
-        outcomes += [info["outcome"]] if over else []
-    assert "success" in outcomes
+def test_third_appearance__keeps_the_contracts_single_and_batched(corpus: str, start: str):
+    settings: Any = {"appearance": NAME, "start": start, "corpus": corpus}
+    testing.check_env(lambda: LilGymEnv(**settings))
+    testing.check_vector_env(partial(BatchedEnv, **settings), lambda: LilGymEnv(**settings), num_envs=16, steps=20)
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])

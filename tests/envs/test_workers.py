@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -19,7 +20,8 @@ from lilgym_mp.envs import shared_memory
 from lilgym_mp.envs.engine import Engine, ResetRequest
 from lilgym_mp.envs.shared_memory import SharedMemory, SharedMemoryError
 from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv, checked_worker_count, usable_cores
-from tests.envs.alike import assert_alike
+from lilgym_mp.testing import assert_same
+from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 START_METHODS = ("fork", "forkserver", "spawn")
@@ -84,35 +86,21 @@ def workers(compiled: None) -> Iterator[WorkerVectorEnv]:
     env.close()
 
 
-@pytest.mark.parametrize(
-    ("mode", "start_method"),
-    [
-        *((mode, "fork") for mode in AutoresetMode),
-        (AutoresetMode.NEXT_STEP, "forkserver"),
-        (AutoresetMode.SAME_STEP, "spawn"),
-    ],
-)
-def test_workers__equal_one_batch_bit_for_bit(mode: AutoresetMode, start_method: str) -> None:
-    ours = WorkerVectorEnv(SCATTER, 5, 2, start_method=start_method, autoreset_mode=mode)
-    assert_alike(ours, batch(SCATTER, 5, mode), steps=40)
-
-
-@pytest.mark.parametrize(
-    ("id", "rules", "count"),
-    [(TOWER, "paper", 3), (TOWER, "release", 4), (SCATTER, "paper", 4), (SCATTER, "release", 3)],
-)
-def test_workers__equal_one_batch_however_the_environments_divide(id: str, rules: str, count: int) -> None:
-    mode = AutoresetMode.SAME_STEP
-    ours = WorkerVectorEnv(id, 7, count, start_method="fork", autoreset_mode=mode, rules=rules)
-    assert_alike(ours, batch(id, 7, mode, rules=rules), steps=40)
-
-
-def test_workers__equal_one_batch_without_copies_and_alone() -> None:
-    mode = AutoresetMode.NEXT_STEP
-    assert_alike(WorkerVectorEnv(TOWER, 4, 2, start_method="fork", copy=False), batch(TOWER, 4, mode), steps=30)
-    alone = WorkerVectorEnv(TOWER, 4, 1)
-    assert alone.worker_pids == ()
-    assert_alike(alone, batch(TOWER, 4, mode), steps=30)
+@pytest.mark.parametrize("copied", [True, False])
+def test_workers__show_states_tasks_and_masks_as_one_batch_does(copied: bool) -> None:
+    settings: Any = {"autoreset_mode": AutoresetMode.SAME_STEP, "copy": copied}
+    ours = WorkerVectorEnv(SCATTER, 5, 2, start_method="fork", **settings)
+    theirs: Any = gym.make_vec(SCATTER, num_envs=5, **settings)
+    generator = np.random.default_rng(0)
+    assert_same(ours.reset(seed=5), theirs.reset(seed=5))
+    for _ in range(20):
+        actions = random_actions(theirs.action_masks(), generator)
+        assert_same(ours.step(actions), theirs.step(actions))
+        assert ours.states() == theirs.states()
+        for name in ("scene_array", "action_masks", "goal_reached"):
+            assert_same(getattr(ours, name)(), getattr(theirs, name)())
+        assert_same(ours.task_indices, theirs.task_indices)
+    ours.close()
 
 
 def test_copies__any_number_can_be_kept() -> None:

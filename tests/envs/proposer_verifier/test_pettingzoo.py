@@ -109,33 +109,6 @@ def test_seed_tests__pass(protocol: str):
     parallel_seed_test(lambda: parallel_env(protocol=protocol), CYCLES)
 
 
-def rollout(game: Any, seed: int, turns: int) -> list[Any]:
-    """All results of a parallel game over several episodes, with random legal actions."""
-    rng = np.random.default_rng(seed)
-    results: list[Any] = []
-    observations, infos = game.reset(seed=seed)
-    for _ in range(turns):
-        results.append((observations, infos))
-        if not game.agents:
-            observations, infos = game.reset()
-            continue
-        legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
-        actions = {agent: rng.choice(indices) for agent, indices in legal.items()}
-        observations, *rest, infos = game.step(actions)
-        results.append((actions, *rest))
-    return results
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_rollouts__are_reproducible(protocol: str):
-    def make() -> Any:
-        return parallel_env(protocol=protocol, rewards="hidden", reveal_truth=True, views={"history": 3})
-
-    first, second, other = (rollout(make(), seed, 150) for seed in (5, 5, 6))
-    assert data_equivalence(first, second)
-    assert not data_equivalence(first, other)
-
-
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_aec_and_parallel__play_the_same_game(protocol: str):
     turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
