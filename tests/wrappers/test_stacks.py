@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import warnings
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -13,12 +12,11 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium import spaces
-from gymnasium.utils.env_checker import check_env
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.vector import AutoresetMode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp import wrappers
+from lilgym_mp import testing, wrappers
 from lilgym_mp.envs.observation import EMPTY
 from lilgym_mp.wrappers import WrongEnvironment
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
@@ -82,21 +80,21 @@ def stacked(env: gym.Env[Any, Any], stack: Stack) -> gym.Env[Any, Any]:
     return env
 
 
-def check(env: gym.Env[Any, Any]) -> None:
-    with warnings.catch_warnings():
-        # Gymnasium's warnings for any wrapped environment.
-        warnings.filterwarnings("ignore", message=".*is different from the unwrapped version")
-        check_env(env, skip_render_check=True)
-
-
 @pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterScratch"])
 @pytest.mark.parametrize(("wrapper", "arguments"), ALONE, ids=NAMES)
-def test_wrapper__passes_gymnasiums_check(make: Make, configuration: str, wrapper: Any, arguments: dict[str, Any]):
-    check(wrapper(make(configuration), **arguments))
+def test_wrapper__keeps_the_contracts_alone_and_in_batches(
+    corpus: Path, configuration: str, wrapper: Any, arguments: dict[str, Any]
+):
+    make: Any = {"id": f"lilgym_mp/{configuration}-v0", "corpus": str(corpus)}
+    single = lambda: wrapper(gym.make(**make), **arguments)  # noqa: E731
+    testing.check_env(single, exact_masks=wrapper is not wrappers.StopForcing, steps=40)
+    batch = lambda **settings: factory(wrapper)(gym.make_vec(**make, **settings), **arguments)  # noqa: E731
+    modes = (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)
+    testing.check_vector_env(batch, single, num_envs=3, modes=modes, exact_masks=False, steps=15)
 
 
-def test_flat__passes_gymnasiums_check(make: Make):
-    check(wrappers.FlatObservation(wrappers.TokenizedStatement(make("ScatterFlipIt"))))
+def test_flat__keeps_the_contracts(make: Make):
+    testing.check_env(lambda: wrappers.FlatObservation(wrappers.TokenizedStatement(make("ScatterFlipIt"))), steps=20)
 
 
 @pytest.mark.parametrize(("wrapper", "arguments"), ALONE, ids=NAMES)
@@ -211,13 +209,7 @@ class ItemCount(EnvWrapper[CountedItems]):
     transformation_class = CountedItems
 
 
-def test_batch__final_obs_of_a_wrapper_uses_the_final_scene():
-    make = partial(gym.make, "lilgym_mp/TowerScratch-v0", horizon=3)
-    mode = AutoresetMode.SAME_STEP
-    each = SyncVectorEnv([lambda: ItemCount(make())] * 3, autoreset_mode=mode)
-    batch = factory(ItemCount)(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=3, horizon=3, autoreset_mode=mode))
-    for env in (each, batch):
-        env.reset(seed=0)
-        for action in (1, 2, 3):
-            *_, infos = env.step(np.full(3, action))
-        assert np.array_equal(np.stack(infos["final_obs"]), [[3], [3], [3]])
+def test_batch__of_a_transformation_that_is_no_format_keeps_the_contracts():
+    make = partial(gym.make_vec, "lilgym_mp/TowerScratch-v0", horizon=3)
+    single = lambda: ItemCount(gym.make("lilgym_mp/TowerScratch-v0", horizon=3))  # noqa: E731
+    testing.check_vector_env(lambda **settings: factory(ItemCount)(make(**settings)), single, num_envs=3, steps=15)
