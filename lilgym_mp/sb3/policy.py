@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from sb3_contrib import MaskablePPO
 from sb3_contrib.common.maskable.buffers import MaskableDictRolloutBuffer, MaskableDictRolloutBufferSamples
 from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
@@ -33,17 +34,18 @@ from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
-UNKNOWN_WORD = "unknownword"
 MAX_CACHED_BOXES = 100_000
 
 
 class LilGymPolicy(MaskableActorCriticPolicy):
     """Sees the image (of half size) or the item array, the statement as token ids, and the target.
 
-    `predict` also takes the text observations of `gymnasium.make`. With "forced" among the observations
-    (`make_vec_env(..., stop_forcing=True)`) it takes STOP there while it collects rollouts, with the log-probability
-    that it has unforced.
+    `predict` also takes the text observations of `gymnasium.make`. Where an observation's part "forced" is 1
+    (`make_vec_env(..., stop_forcing=True)`), rollouts take STOP, with the log-probability that it has unforced.
     """
+
+    observation_space: spaces.Dict
+    action_space: spaces.Discrete
 
     def __init__(
         self, *args: Any, settings: Mapping[str, Any], words: Sequence[str], use_sde: bool = False, **kwargs: Any
@@ -56,13 +58,14 @@ class LilGymPolicy(MaskableActorCriticPolicy):
 
     def _build(self, lr_schedule: Any) -> None:
         appearance = make_appearance(self.settings.appearance, self.settings.grid)
+        self._ids: Any = self.observation_space[STATEMENT]
         needed = appearance.action_count, len(self.vocabulary)
-        found = int(self.action_space.n), int(self.observation_space[STATEMENT].high.max()) + 1
-        if needed != found:
+        if needed != (found := (int(self.action_space.n), 1 + int(self._ids.high.max()))):
             raise ValueError(f"these settings and words have {needed} actions and token ids, the environment {found}")
         self.network = BoxTransformer(appearance, self.vocabulary)
         self.register_buffer("masked", torch.tensor(False))  # whether it was trained with masks
-        self.optimizer = self.optimizer_class(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        options: dict[str, Any] = {"lr": lr_schedule(1), **self.optimizer_kwargs}
+        self.optimizer = self.optimizer_class(self.network.parameters(), **options)
 
     def set_training_mode(self, mode: bool) -> None:
         if mode != self.training:
@@ -117,7 +120,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
 
     def _text(self, row: Any) -> str:  # of token ids (L,)
         if (text := self._texts.get(key := row.tobytes())) is None:
-            text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", UNKNOWN_WORD)
+            text = self._texts[key] = " ".join(self.vocabulary.decode(row)).replace("?", "unknownword")
         return text
 
     def obs_to_tensor(self, observation: Any) -> tuple[dict[str, Tensor], bool]:
@@ -125,8 +128,8 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         scene = ITEMS if ITEMS in observation else IMAGE
         shown, statements = np.asarray(observation[scene]), np.atleast_1d(observation[STATEMENT])
         if statements.dtype.kind == "U":
-            length = self.observation_space[STATEMENT].shape[0]
-            statements = np.stack([self.vocabulary.encode(text, length) for text in statements.tolist()])
+            rows = [self.vocabulary.encode(text, self._ids.shape[0]) for text in statements.tolist()]
+            statements = np.stack(rows)
         is_batch = shown.ndim == 4
         parts = {scene: shown if is_batch else shown[None], STATEMENT: np.atleast_2d(statements)}
         parts[TARGET] = np.reshape(observation[TARGET], (-1, 1))

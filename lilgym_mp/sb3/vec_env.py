@@ -61,8 +61,7 @@ class BatchVecEnv(VecEnv):
         observations, rewards, terminated, truncated, rows = self._lists.step(self._actions)
         infos = [{name: to_python(value) for name, value in row.items()} for row in rows]
         dones = np.logical_or(terminated, truncated)
-        env_ids = dones.nonzero()[0].tolist()
-        for env_id in env_ids:
+        for env_id in (env_ids := dones.nonzero()[0].tolist()):
             infos[env_id]["terminal_observation"] = _copied(observations, env_id)
             infos[env_id]["TimeLimit.truncated"] = not terminated[env_id]
         if env_ids:
@@ -96,8 +95,7 @@ class BatchVecEnv(VecEnv):
         """What each environment's method returns; "action_masks" and "goal_reached": an array with one row per
         environment. Raises AttributeError naming the methods for others."""
         if method_name not in METHODS:
-            names = ", ".join(METHODS)
-            raise AttributeError(f"environments in a batch have no method {method_name!r}; choose from {names}")
+            raise AttributeError(f"a batch has no method {method_name!r}; choose from {', '.join(METHODS)}")
         result = attribute(self.venv, method_name)(*args, **kwargs)
         if method_name not in METHODS_OF_EACH or result is None:  # None: rendered without a mode
             result = [result] * self.num_envs
