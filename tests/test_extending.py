@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
+import subprocess
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from textwrap import dedent
 from typing import Any
@@ -13,26 +18,71 @@ import pytest
 
 import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.envs.proposer_verifier import protocols
-from lilgym_mp.programs import compile_program, words
-from lilgym_mp.programs.functions import items
+from lilgym_mp.envs.proposer_verifier.rewards import register_reward_term
+from lilgym_mp.envs.registration import register_appearance
 from lilgym_mp.wrappers.gymnasium_adapter import factory
-from tests.scenes import B, scene, tower
 
 ROOT = Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
-WORD, WRAPPER, DECISION, ROW, REWARDS = (
+WORD, WRAPPER, LAMPS, PROTOCOL, TERM, REWARDS = (
     dedent(code) for code in re.findall(r"^ *```python\n(.*?)^ *```", TEXT, re.S | re.M)
 )
+USE = """
+import gymnasium as gym
+import numpy as np
+from lilgym_mp.envs.workers import WorkerVectorEnv
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Scene
+
+if __name__ == "__main__":
+    import sys
+    assert "lamp_world" not in sys.modules
+    assert not compile_program("exist(filter_obj(all_items, is_high))")(Scene.empty())
+    corpus = sys.argv[1]
+    envs = WorkerVectorEnv("lilgym_mp/LampsScratch-v0", 4, 2, start_method="spawn", corpus=corpus)
+    batch = gym.make_vec("lilgym_mp/LampsScratch-v0", num_envs=4, corpus=corpus)
+    assert np.array_equal(envs.reset(seed=0)[0]["image"], batch.reset(seed=0)[0]["image"])
+    envs.close()
+    from lilgym_mp.envs.proposer_verifier import BatchedGames
+    rewards = {"proposer_0": "mdp", "verifier_0": {"cautious": 1.0}}
+    BatchedGames(2, configuration="LampsScratch", corpus=corpus, protocol="claims", rewards=rewards).reset(seed=0)
+    print("used")
+"""
 
 
-def test_recipe_of_a_word__compiles_and_is_true_of_high_items() -> None:
-    exec(WORD, dict(vars(items)))
-    try:
-        program = compile_program("exist(filter_obj(all_items, is_high))")
-        assert program(scene(tower(B, B, B, B), [], []))
-        assert not program(scene(tower(B, B), [], []))
-    finally:
-        del words.WORDS["is_high"]
+def test_recipes__work_from_an_installed_package_that_nobody_imports(tmp_path: Path) -> None:
+    package = tmp_path / "lamp_world"
+    package.mkdir()
+    (package / "__init__.py").write_text("\n".join((WORD, LAMPS, PROTOCOL, TERM.split("game =")[0])))
+    lamps = (ROOT / "tests" / "envs" / "lamps.py").read_text()
+    (package / "lamps.py").write_text(f"{lamps}\n\ndef make_lamps(grid):\n    return Lamps()\n")
+    info = tmp_path / "lamp_world-1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: lamp_world\nVersion: 1\n")
+    (info / "entry_points.txt").write_text("[lilgym_mp]\nlamp_world = lamp_world\n")
+    task = {"id": "2", "appearance": "lamps", "split": "train", "statement": "Exactly two of the lamps shine."}
+    start = {"id": "2-no", "label": False, "scene": [[], [], []]}
+    corpus, script = tmp_path / "lamps.jsonl", tmp_path / "use.py"
+    header = {"format": "lilgym_mp-corpus", "version": 1, "name": "lamps", "licence": "MIT"}
+    lines = [header, {**task, "program": "count(all_items) == 2", "starts": [start]}]
+    corpus.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    script.write_text(USE)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join((str(ROOT), str(tmp_path)))}
+    done = subprocess.run(
+        [sys.executable, script, corpus], capture_output=True, text=True, env=environment, check=False
+    )
+    assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
+
+
+def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
+    taken: list[tuple[Callable[..., object], tuple[Any, ...], str]] = [
+        (register_appearance, ("tower", "module:function"), "appearance 'tower' is already registered"),
+        (protocols.register_protocol, (protocols.PROTOCOLS["veto"],), "protocol 'veto' is already registered"),
+        (register_reward_term, ("brier", float), "reward 'brier' is already registered"),
+    ]
+    for register, arguments, message in taken:
+        with pytest.raises(ValueError, match=message):
+            register(*arguments)
 
 
 def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -> None:
@@ -49,13 +99,12 @@ def test_recipe_of_a_wrapper__counts_items_of_one_environment_and_of_a_batch() -
 
 
 def test_recipe_of_a_protocol__asks_about_stops_only(monkeypatch: pytest.MonkeyPatch) -> None:
-    names = dict(vars(protocols))
-    exec(DECISION, names)
-    added = eval(ROW, names)
-    monkeypatch.setitem(protocols.PROTOCOLS, "claims", added)
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
     from lilgym_mp.envs.proposer_verifier import parallel_env
 
+    monkeypatch.setitem(protocols.PROTOCOLS, "claims", None)
+    del protocols.PROTOCOLS["claims"]
+    exec(PROTOCOL, {})
     game = parallel_env(protocol="claims")
     game.reset(seed=0)
     game.step({"proposer_0": 1, "verifier_0": 0})

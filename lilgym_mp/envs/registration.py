@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import gymnasium as gym
 
-from lilgym_mp.scene.appearances import BUILDERS
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.appearances import BUILDERS, Builder
+from lilgym_mp.scene.choices import choose, load_extensions, register
 
 START_TITLES = {"scratch": "Scratch", "flipit": "FlipIt"}
 
@@ -30,12 +30,24 @@ CONFIGURATIONS = configurations()  # of the package's own appearances
 def read_configuration(name: str) -> tuple[str, str]:
     """Appearance and start of a configuration, by its name or Gymnasium id. Raises ValueError naming the choices."""
     bare = name.removeprefix("lilgym_mp/").removesuffix("-v0") if isinstance(name, str) else name
+    if bare not in configurations():
+        load_extensions()
     return choose("configuration", bare, configurations())
 
 
 def environment_id(appearance: str, start: str) -> str:
     """The Gymnasium id, such as "lilgym_mp/TowerFlipIt-v0"."""
     return f"lilgym_mp/{configuration_name(appearance, start)}-v0"
+
+
+def register_appearance(name: str, build: str | Builder) -> None:
+    """Adds an appearance, its configurations and their Gymnasium ids.
+
+    `build`: a function of the grid that returns an Appearance, or "module:function", imported when first used.
+    Raises ValueError for a name that is taken.
+    """
+    register("appearance", name, build, BUILDERS)
+    register_all()
 
 
 def register_all() -> None:

@@ -18,7 +18,7 @@ from typing import Any, NoReturn, cast, get_args
 from lilgym_mp.programs import functions as _functions
 from lilgym_mp.programs.errors import ProgramError
 from lilgym_mp.programs.values import ENUMS
-from lilgym_mp.programs.words import WORDS, Word
+from lilgym_mp.programs.words import WORDS, Word, known_words
 
 MAX_LENGTH = 5_000  # characters; the longest official program has 816
 MAX_BRACKETS = 60  # nesting depth of brackets
@@ -369,7 +369,7 @@ class _Checker:
             return Variable(name)
         if name in SCENE_NAMES:
             return SceneName(name)
-        if name in WORDS:
+        if name in known_words(name):
             return WordName(WORDS[name])
         if name in ENUMS:
             self.refuse(node, f"{name} needs a member: {_listed(f'{name}.{member}' for member in _members(name))}")
@@ -391,7 +391,7 @@ class _Checker:
         name = node.func.id
         if name in variables or name in SCENE_NAMES or name in ENUMS:
             self.refuse(node.func, f"{name} is not a function")
-        if name not in WORDS:
+        if name not in known_words(name):
             self.refuse(node.func, "unknown function" + _suggestion(name, list(WORDS)))
         called = WORDS[name]
         keywords = {entry.arg: entry.value for entry in node.keywords if entry.arg is not None}

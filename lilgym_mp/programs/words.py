@@ -17,6 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args,
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.values import BoxView, Color, ItemView, Shape, Side, Size
+from lilgym_mp.scene.choices import load_extensions
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Argument = TypeVar("Argument")
@@ -358,6 +359,16 @@ def word(
         return function
 
     return declare
+
+
+def known_words(name: str) -> Mapping[str, Word]:
+    """The words by name, with those of extensions if `name` is not among the others."""
+    if name not in WORDS:
+        load_extensions()
+    return WORDS
+
+
+register_word = word  # called so by other packages
 
 
 def _positional_only(function: Callable[..., Any], parameters: tuple[Parameter, ...]) -> Callable[..., Any]:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from typing import TypeVar
+from collections.abc import Iterable, Iterator, Mapping, MutableMapping
+from typing import Any, TypeVar
+
+EXTENSIONS = "lilgym_mp"  # group of entry points: modules of other packages that register what they add
 
 Value = TypeVar("Value")
 
@@ -11,11 +13,36 @@ Value = TypeVar("Value")
 def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
     """The entry of `table` with this name.
 
-    Raises ValueError naming the value and every choice, sorted.
+    Loads extensions before it raises ValueError naming the value and every choice, sorted.
     """
-    if isinstance(name, str) and name in table:
-        return table[name]
+    if isinstance(name, str):
+        if name not in table:
+            load_extensions()
+        if name in table:
+            return table[name]
     raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}")
+
+
+def register(what: str, name: str, value: Value, table: MutableMapping[str, Value]) -> None:
+    """Adds an entry. Raises ValueError for a name that is taken or is not a string."""
+    if not isinstance(name, str) or name in table:  # pyright: ignore[reportUnnecessaryIsInstance]
+        raise ValueError(f"{what} {name!r} is already registered, or is no text")
+    table[name] = value
+
+
+def load_extensions() -> None:
+    """Imports, once, what installed packages name as entry points of the group `EXTENSIONS`."""
+    for entry_point in _PENDING:
+        entry_point.load()
+
+
+def _entry_points() -> Iterator[Any]:
+    from importlib.metadata import entry_points  # when first needed: finding them takes time
+
+    yield from entry_points(group=EXTENSIONS)
+
+
+_PENDING = _entry_points()  # not yet loaded
 
 
 def listed(names: Iterable[object]) -> str:

@@ -12,6 +12,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.scene.choices import register
 
 AGENTS = ("proposer_0", "verifier_0")  # by Role
 NO_CHOICE = -1  # sentinel for a missing or illegal choice
@@ -191,7 +192,7 @@ def _verdicts(config: ProtocolConfig) -> tuple[str, ...]:
     return tuple(f"holds with probability {_verdict_probability(bins, verdict):.3g}" for verdict in range(bins))
 
 
-PROTOCOLS: Mapping[str, GameProtocol] = {
+PROTOCOLS: dict[str, GameProtocol] = {
     protocol.name: protocol
     for protocol in (
         GameProtocol(
@@ -230,3 +231,8 @@ PROTOCOLS: Mapping[str, GameProtocol] = {
         ),
     )
 }
+
+
+def register_protocol(protocol: GameProtocol) -> None:
+    """Adds a protocol to the game. Raises ValueError for a name that is taken."""
+    register("protocol", protocol.name, protocol, PROTOCOLS)

@@ -9,7 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecision
-from lilgym_mp.scene.choices import choose
+from lilgym_mp.scene.choices import choose, load_extensions, register
 
 ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 
@@ -78,7 +78,7 @@ def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
 MDP = "mdp"  # the MDP's reward
 MDP_IF_HELPFUL = "mdp_if_helpful"  # the MDP's reward in helpful episodes, otherwise 0
 # The other terms are 0 unless a claim is judged.
-JUDGEMENT_TERMS: Mapping[str, Term] = {
+JUDGEMENT_TERMS: dict[str, Term] = {
     "correctness": _correctness,
     "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
     "log": _log,
@@ -172,10 +172,20 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
     return scheme
 
 
+def register_reward_term(name: str, term: Term) -> None:
+    """Adds a term that rewards mappings may name: a pure function of a judgement, the intent and the costs.
+
+    Raises ValueError for a name that is taken.
+    """
+    register("reward", name, term, JUDGEMENT_TERMS)
+
+
 def _weights(terms: AgentRewards) -> Mapping[str, float]:
     weights = {terms: 1.0} if isinstance(terms, str) else dict(terms)
     for term, weight in weights.items():
-        choose("reward", term, dict.fromkeys(TERMS))
+        if term not in (MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS):
+            load_extensions()
+        choose("reward", term, dict.fromkeys((MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS)))
         checked_number(f"the weight of reward {term!r}", weight)
     return weights
 
