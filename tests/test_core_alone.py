@@ -36,14 +36,16 @@ for is_loaded in (False, False, True, True):
 """
 
 
-def run(code: str) -> None:
+def run(code: str) -> str:
+    """What it prints on stderr."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
+    return done.stderr
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
 def test_core__plays_without_numba_and_without_generated_code(configuration: str):
-    run(BLOCKED + PLAY.format(configuration))
+    assert run(BLOCKED + PLAY.format(configuration)).count("RuntimeWarning: programs are evaluated slowly") == 1
 
 
 def test_program__has_code_generated_only_once_it_is_evaluated_often():

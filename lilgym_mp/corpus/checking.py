@@ -18,6 +18,8 @@ from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
 
+NO_ENTRIES = "has no entries"
+
 
 class TaskCount(NamedTuple):
     """The number of valid tasks, and of distinct MDPs, of one configuration and split."""
@@ -81,6 +83,8 @@ def _count(tasks: TaskSet) -> TaskCount:
 def _counts(path: Path, faults: FaultLog) -> Iterator[TaskCount]:
     """The counts of every configuration and split of a corpus file, or of those that a directory has."""
     file = None if path.is_dir() else CorpusFile(path, faults)
+    if file is not None and not (file.entries or faults.found):
+        faults.add(str(path), NO_ENTRIES)
     for appearance in APPEARANCES:
         reader = TaskReader(appearance, faults)
         for start, split in product(STARTS, SPLITS):
@@ -89,7 +93,10 @@ def _counts(path: Path, faults: FaultLog) -> Iterator[TaskCount]:
                 if file is not None:
                     records = file.records(appearance, start, split)
                 elif released.exists():
-                    records = ReleasedFile(released, start).records(faults)
+                    source = ReleasedFile(released, start)
+                    records = source.records(faults)
+                    if not source.content:
+                        faults.add(str(released), NO_ENTRIES)
                 else:
                     continue
             except CorpusError as fault:

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.corpus.notes import printable
+
+Checked = TypeVar("Checked")
 
 
 class CorpusError(ValueError):
@@ -40,3 +43,11 @@ class FaultLog:
         if self.stop_at_first:
             raise CorpusError(str(fault))
         self.found.append(fault)
+
+    def check(self, where: str, function: Callable[..., Checked], *values: Any) -> Checked | None:
+        """What the function returns; None, with a fault in the log, where it raises ValueError."""
+        try:
+            return function(*values)
+        except ValueError as fault:
+            self.add(where, str(fault))
+            return None

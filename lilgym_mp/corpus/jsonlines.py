@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from functools import cache, cached_property
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple, cast
 
 from lilgym_mp.corpus.faults import CorpusError, FaultLog
 from lilgym_mp.corpus.records import (
     SCRATCH,
     SPLITS,
+    TRAIN,
     JSONFault,
     Record,
     as_object,
@@ -21,7 +22,8 @@ from lilgym_mp.corpus.records import (
     read_text,
     shown,
 )
-from lilgym_mp.programs import ProgramError, compile_program
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
 
@@ -34,40 +36,41 @@ SECTIONS = "sections"  # header key of the builtin file: {"tower train": number 
 TAGS = "tags"  # optional entry key
 START_KEYS = frozenset({"id", "label", "scene"})
 CHOICES: dict[str, Collection[str]] = {"appearance": APPEARANCES, "split": SPLITS}
-Checked = TypeVar("Checked")
 
 
 class Start(NamedTuple):
-    """A FlipIt start scene as unparsed JSON, and the statement's truth value in it."""
+    """A FlipIt start scene as unparsed JSON, and the statement's truth value in it; None for what is a fault."""
 
-    id: str
-    label: bool
+    id: str | None
+    label: bool | None
     scene: object
 
 
 class Entry(NamedTuple):
-    """One statement with its program and start scenes: one line of the file."""
+    """One statement with its program and start scenes: one line of the file. What is None is a fault in the log."""
 
     where: str
-    id: str
-    appearance: str
-    split: str
-    statement: str
-    program: str
+    id: str | None
+    appearance: str | None
+    split: str | None
+    statement: str | None
+    program: str | None
     starts: tuple[Start, ...]
     tags: tuple[str, ...] = ()  # annotations of the statement by the corpus's authors
+    is_valid: bool = True  # all but its starts
 
     def task_ids(self, start: str) -> tuple[str, ...]:
-        return (self.id,) if start == SCRATCH else tuple(scene.id for scene in self.starts)
+        ids = (self.id,) if start == SCRATCH else (scene.id for scene in self.starts)
+        return tuple(filter(None, ids))
 
     def records(self, start: str) -> Iterator[Record]:
         """The entry's one Scratch task, or its FlipIt tasks."""
         if start == SCRATCH:
-            yield Record(self.where, self.id, self.statement, self.program)
+            yield Record(self.where, self.id, self.statement, self.program, is_valid=self.is_valid)
             return
         for scene in self.starts:
             where = f"{self.where}, start {scene.id!r}"
-            yield Record(where, scene.id, self.statement, self.program, scene.label, scene.scene)
+            yield Record(where, scene.id, self.statement, self.program, scene.label, scene.scene, True, self.is_valid)
 
 
 class CorpusFile:
@@ -89,14 +92,14 @@ class CorpusFile:
 
     @cached_property
     def entries(self) -> list[Entry]:
-        """All valid entries, in file order."""
+        """All entries that are objects, in file order."""
         return list(self._entries(self._lines[1:]))
 
     def section(self, appearance: str, split: str) -> list[Entry]:
-        """The valid entries of an appearance and split, in file order."""
+        """The entries of an appearance and split, in file order; among those of `train` are faulty ones of no split."""
         if self.is_prevalidated:
             return [_trusted_entry(line) for line in self._section_lines(appearance, split)]
-        return [entry for entry in self.entries if entry.appearance == appearance and entry.split == split]
+        return [each for each in self.entries if (each.appearance, each.split or TRAIN) == (appearance, split)]
 
     def _section_lines(self, appearance: str, split: str) -> list[str]:
         first = 1
@@ -108,7 +111,7 @@ class CorpusFile:
 
     def contents(self, start: str) -> str:
         """The appearances and splits that have tasks with such starts, in words."""
-        found = {f"{entry.appearance} {entry.split}" for entry in self.entries if entry.task_ids(start)}
+        found = {f"{each.appearance} {each.split}" for each in self.entries if each.is_valid and each.task_ids(start)}
         return f"{start} tasks of {', '.join(sorted(found))}" if found else f"no {start} tasks"
 
     def records(self, appearance: str, start: str, split: str) -> Iterator[Record]:
@@ -138,14 +141,14 @@ class CorpusFile:
         return header
 
     def _entries(self, lines: Iterable[tuple[int, str]]) -> Iterator[Entry]:
-        """The well-formed entries. Ids and start ids must be distinct."""
+        """The entries that are objects. Ids and start ids must be distinct."""
         first_seen: dict[str, str] = {}
         for number, line in lines:
             where = self._where(number)
             entry = _entry(where, line, self._faults)
             if entry is None:
                 continue
-            for name in (entry.id, *(start.id for start in entry.starts)):
+            for name in filter(None, (entry.id, *(start.id for start in entry.starts))):
                 if name in first_seen:
                     self._faults.add(entry.where, f"id {name!r} is already used: {first_seen[name]}")
                 first_seen[name] = where
@@ -167,37 +170,36 @@ def _trusted_entry(line: str) -> Entry:
 
 
 def _entry(where: str, line: str, faults: FaultLog) -> Entry | None:
-    """The entry with its well-formed starts; None if it cannot be used. All its faults go to the log."""
-
-    def check(function: Callable[..., Checked], *values: Any) -> Checked | None:
-        try:
-            return function(*values)
-        except (JSONFault, ProgramError) as fault:
-            faults.add(where, str(fault))
-            return None
-
-    record = check(_checked_entry, line)
+    """The entry, with None for what cannot be used; None if it is no object. All its faults go to the log."""
+    record = faults.check(where, lambda: _checked_object("an entry", parse_json(line)))
     if record is None:
         return None
-    where = f"{where}, entry {record['id']!r}" if isinstance(record["id"], str) else where
-    texts = [check(check_text, key, record[key]) for key in ENTRY_TEXTS]
-    named = [check(_choice, key, record[key], choices) for key, choices in CHOICES.items() if record[key] in texts]
-    tags = check(_tags, record.get(TAGS, []))
-    starts = check(_list, "starts", record["starts"]) or []
-    read_starts = [start for value in starts if (start := check(_start, value)) is not None]
-    name, appearance, split, statement, program = map(str, texts)
-    if None not in (*texts, *named, tags):
-        return Entry(where, name, appearance, split, statement, program, tuple(read_starts), tags or ())
-    if texts[-1] is not None:
-        check(compile_program, program)  # would be checked with the entry's tasks otherwise
-    return None
+    where = f"{where}, entry {record['id']!r}" if isinstance(record.get("id"), str) else where
+    has_keys = faults.check(where, _check_keys, "an entry", record, ENTRY_KEYS, TAGS)
+    texts = {key: faults.check(where, check_text, key, record[key]) for key in ENTRY_TEXTS if key in record}
+    for key, choices in CHOICES.items():
+        if texts.get(key) is not None:
+            texts[key] = faults.check(where, _chosen, key, texts[key], choices)
+    tags = faults.check(where, _tags, record.get(TAGS, []))
+    starts = faults.check(where, _list, "starts", record.get("starts", [])) or []
+    read_starts = tuple(start for value in starts if (start := _start(where, value, faults)) is not None)
+    if texts.get("appearance") is None:  # otherwise programs and scenes are checked with the entry's tasks
+        if (program := texts.get("program")) is not None:
+            faults.check(where, compile_program, program)
+        for start in read_starts:
+            faults.check(where, Scene.from_json, start.scene)
+    is_valid = has_keys is not None and tags is not None and None not in texts.values()
+    name, appearance, split, statement, program = map(texts.get, ENTRY_TEXTS)
+    return Entry(where, name, appearance, split, statement, program, read_starts, tags or (), is_valid)
 
 
-def _checked_entry(line: str) -> dict[str, Any]:
-    return _checked_keys("an entry", parse_json(line), ENTRY_KEYS, may_have=TAGS)
+def _checked_object(what: str, value: object) -> dict[str, object]:
+    if (record := as_object(value)) is None:
+        raise JSONFault(f"{what} must be a JSON object, not {shown(value)}")
+    return record
 
 
-def _choice(key: str, value: object, choices: Collection[str]) -> object:
+def _chosen(key: str, value: str, choices: Collection[str]) -> str:
     if value not in choices:
         raise JSONFault(f"unknown {key} {value!r}; choose from {listed(choices)}")
     return value
@@ -216,22 +218,28 @@ def _tags(value: object) -> tuple[str, ...]:
     return tuple(map(str, tags))
 
 
-def _start(value: object) -> Start:
-    record = _checked_keys("a start", value, START_KEYS)
-    name, label = check_text("a start's id", record["id"]), record["label"]
-    if not isinstance(label, bool):
-        raise JSONFault(f"start {name!r}: label must be true or false, not {shown(label)}")
-    return Start(name, label, record["scene"])
-
-
-def _checked_keys(what: str, value: object, keys: frozenset[str], *, may_have: str = "") -> dict[str, object]:
-    record = as_object(value)
+def _start(where: str, value: object, faults: FaultLog) -> Start | None:
+    record = faults.check(where, _checked_object, "a start", value)
     if record is None:
-        raise JSONFault(f"{what} must be a JSON object, not {shown(value)}")
+        return None
+    where = f"{where}, start {record['id']!r}" if isinstance(record.get("id"), str) else where
+    if faults.check(where, _check_keys, "a start", record, START_KEYS) is None:
+        return None
+    name = faults.check(where, check_text, "a start's id", record["id"])
+    return Start(name, faults.check(where, _label, record["label"]), record["scene"])
+
+
+def _label(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise JSONFault(f"label must be true or false, not {shown(value)}")
+    return value
+
+
+def _check_keys(what: str, record: Mapping[str, object], keys: frozenset[str], may_have: str = "") -> bool:
     if set(record) - {may_have} != set(keys):
         also = f", and may have {may_have}" if may_have else ""
         raise JSONFault(f"{what} has keys {listed(record)}; it must have {listed(keys)}{also}")
-    return record
+    return True
 
 
 def _is_text(value: object) -> bool:

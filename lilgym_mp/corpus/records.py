@@ -18,7 +18,8 @@ from lilgym_mp.corpus.faults import CorpusError
 
 SCRATCH, FLIPIT = "scratch", "flipit"
 STARTS = {SCRATCH: SCRATCH, FLIPIT: FLIPIT}
-SPLITS = {split: split for split in ("train", "dev", "test")}
+TRAIN = "train"
+SPLITS = {split: split for split in (TRAIN, "dev", "test")}
 GZIP_MAGIC = b"\x1f\x8b"
 READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
@@ -29,14 +30,16 @@ PROSE = frozenset({"statement", "program", "sentence", "lf"})  # keys of texts w
 
 
 class Record(NamedTuple):
-    """One task as read from a file; `label` and `scene` are None for a Scratch task."""
+    """One task as read from a file. A text that is None, or the label of a FlipIt task, is a fault in the log."""
 
     where: str
-    id: str
-    statement: str
-    program: str
+    id: str | None
+    statement: str | None
+    program: str | None
     label: bool | None = None
     scene: object = None  # the released `structured_rep`
+    is_flipit: bool = False
+    is_valid: bool = True  # whether the rest of its entry is
 
 
 def read_text(path: Path) -> tuple[str, str]:

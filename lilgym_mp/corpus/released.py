@@ -73,26 +73,19 @@ class ReleasedFile:
 
     def records(self, faults: FaultLog) -> Iterator[Record]:
         for name, value in self.content.items():
-            where = f"{self.path}, entry {name!r}"
-            try:
-                yield _record(where, name, value, self.start)
-            except JSONFault as fault:
-                faults.add(where, str(fault))
+            where, entry = f"{self.path}, entry {name!r}", as_object(value)
+            if entry is None:
+                faults.add(where, f"an entry must be a JSON object, not {shown(value)}")
+                continue
+            statement, program = (faults.check(where, check_text, key, entry.get(key)) for key in ("sentence", "lf"))
+            record = Record(where, faults.check(where, check_text, "an id", name), statement, program)
+            if self.start == FLIPIT:
+                label = faults.check(where, _label, entry.get("label"))
+                record = record._replace(label=label, scene=entry.get("structured_rep"), is_flipit=True)
+            yield record
 
 
-def _record(where: str, name: str, value: object, start: str) -> Record:
-    entry = as_object(value)
-    if entry is None:
-        raise JSONFault(f"an entry must be a JSON object, not {shown(value)}")
-    check_text("an id", name)
-    statement, program = _text(entry, "sentence"), _text(entry, "lf")
-    if start != FLIPIT:
-        return Record(where, name, statement, program)
-    label = _text(entry, "label")
-    if label not in LABELS:
-        raise JSONFault(f"unknown label {label!r}; choose from {listed(LABELS)}")
-    return Record(where, name, statement, program, LABELS[label], entry.get("structured_rep"))
-
-
-def _text(entry: dict[str, object], key: str) -> str:
-    return check_text(key, entry.get(key))
+def _label(value: object) -> bool:
+    if check_text("label", value) not in LABELS:
+        raise JSONFault(f"unknown label {value!r}; choose from {listed(LABELS)}")
+    return LABELS[str(value)]

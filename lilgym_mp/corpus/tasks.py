@@ -150,20 +150,24 @@ class TaskReader:
                 yield task
 
     def _task(self, record: Record) -> Task | None:
-        statement, source = record.statement, record.program
+        _, name, statement, source, label, *_ = cast("tuple[Any, ...]", record)
         program = None if self._trusted else self._program(record)
-        start = self._empty if record.label is None else self._scene(record)
+        start = self._scene(record) if record.is_flipit else self._empty
         if start is None:
             return None
         if not self._trusted:
-            if program is None or (record.label is not None and self._truth(record, program, start) != record.label):
+            if program is None or (label is not None and self._truth(record, program, start) != label):
                 return None
-            statement, source = self._texts.setdefault(statement, statement), program.source
-        return Task(record.id, statement, source, not record.label, start)
+            source = program.source
+        if None in (name, statement, source) or not record.is_valid or (record.is_flipit and label is None):
+            return None
+        return Task(name, self._texts.setdefault(statement, statement), source, not label, start)
 
     def _program(self, record: Record) -> Program | None:
         """The compiled program, evaluated once on the empty scene; logs a fault and returns None when it is invalid."""
         source = record.program
+        if source is None:
+            return None
         if source not in self._programs:
             self._programs[source] = None
             try:
@@ -188,7 +192,7 @@ class TaskReader:
             return program.evaluate(scene)
         except ProgramRuntimeError as fault:
             place = "its start scene" if any(scene.items()) else "the empty scene"
-            self._programs[record.program] = None  # failing may be slow, so do not evaluate it on further scenes
+            self._programs[program.source] = None  # failing may be slow, so do not evaluate it on further scenes
             self._faults.add(record.where, f"program {shown(program.source)} has no value on {place}: {fault}")
             return None
 

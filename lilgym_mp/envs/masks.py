@@ -41,18 +41,3 @@ def action_masks(env: AnyEnv) -> BoolArray:
         if hasattr(env.unwrapped, "action_masks"):
             raise
         raise TypeError(f"action_masks needs one of this package's environments, not {env!r}") from None
-
-
-class _Passed:
-    """A method that Gymnasium's vector wrappers pass on to the environment they wrap."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, wrapper: Any, owner: type) -> Any:
-        return self if wrapper is None else getattr(wrapper.env, self._name)
-
-
-for name in ("action_masks", "goal_reached"):  # so that `envs.action_masks()` works under any of Gymnasium's wrappers
-    if not hasattr(VectorWrapper, name):
-        setattr(VectorWrapper, name, _Passed(name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from functools import lru_cache
@@ -85,8 +86,8 @@ class Program:
         module, name = ACCELERATOR
         try:
             self._generated = getattr(import_module(module), name)(self.tree)
-        except ImportError:
-            self._generated = None
+        except ImportError as fault:  # a warning is shown once
+            warnings.warn(f"programs are evaluated slowly, by the reference evaluator: {fault}", RuntimeWarning)  # noqa: B028
         self._generated = self._generated or _always_fall_back
         return self._generated
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -26,6 +27,8 @@ from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.transformation import to_python
 
 OF_STATES = ("state", "scene", "task")
+OF_BATCHES = ("autoreset_mode", "closed", "copy", "np_random", "num_envs", "reset", "states", "step", "unwrapped")
+BATCH_KEYWORDS = {"autoreset_mode", "copy", "evaluation", "num_envs", "vectorization_mode"}  # in the spec of a batch
 METHODS_OF_EACH = ("action_masks", "goal_reached", "render")  # the batch's return one row per environment
 METHODS = (*METHODS_OF_EACH, "encode_action", "decode_action", "evaluation_tasks")
 
@@ -84,9 +87,15 @@ class BatchVecEnv(VecEnv):
             return [states[i] if attr_name == "state" else getattr(states[i], attr_name) for i in env_ids]
         if attr_name in METHODS_OF_EACH:
             return [lambda env_id=env_id: self.env_method(attr_name, indices=env_id)[0] for env_id in env_ids]
+        if attr_name in OF_BATCHES:
+            raise AttributeError(f"environments in a batch have no {attr_name!r} of their own; see venv.{attr_name}")
         value = attribute(self.venv, f"single_{attr_name}" if attr_name.endswith("_space") else attr_name)
+        if attr_name == "spec":
+            kwargs = {name: given for name, given in value.kwargs.items() if name not in BATCH_KEYWORDS}
+            return [replace(value, kwargs=kwargs) for _ in env_ids]
         is_column = attr_name == "np_random_seed" or (isinstance(value, np.ndarray) and len(value) == self.num_envs)
-        return [value[env_id] if is_column else value for env_id in env_ids]
+        values = [value[env_id] if is_column else value for env_id in env_ids]
+        return [each.item() if isinstance(each, np.generic) else each for each in values]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
         raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; pass it when making the batch")

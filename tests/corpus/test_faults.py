@@ -216,24 +216,60 @@ def test_check__every_fault_is_reported_once(entries: Entries, written: Writer):
 
 def test_check__all_faults_of_an_entry_are_reported_at_once(entries: Entries, written: Writer):
     item = entries[2]["starts"][0]["scene"][1][0]
+    entries[2] |= {"statement": " ", "id": 5, "split": "eval", "note": "x"}
     entries[2]["starts"][0]["scene"] = [[], [{**item, "x_loc": 1.5}, {**item, "color": "Red"}], {}]
     entries[0] |= {"appearance": "towers", "split": "eval", "statement": " ", "program": "exist(", "tags": 3}
-    entries[0]["starts"][0]["label"] = "true"
+    entries[0]["starts"][0] |= {"label": "true", "id": " ", "scene": [[], []]}
+    entries[1] |= {"statement": "\x1b"}
+    entries[1]["starts"][0]["label"] ^= True
     path = written(entries)
     header, rest = path.read_text().split("\n", 1)
     path.write_text(json.dumps({**json.loads(header), "licence": 3}) + "\n" + rest)
-    found = "\n".join(map(str, check_corpus(path).faults))
-    said = (
-        "licence must be",
-        "unknown appearance",
-        "unknown split",
-        "statement must",
+    report = check_corpus(path)
+    found = "\n".join(map(str, report.faults))
+    for message in (
+        "line 1: licence must be",
+        "entry 'blue': unknown appearance",
+        "entry 'blue': unknown split",
+        "entry 'blue': statement must",
+        "entry 'blue': tags must",
         "never closed",
-        "tags must",
-        "label",
-    )
-    for message in (*said, "box 1, item 0: x_loc", "box 1, item 1: unknown color", "box 2: a box must be a list"):
+        "start ' ': a start's id must",
+        "start ' ': label must",
+        "a scene has 3 boxes, not 2",
+        f"entry {entries[1]['id']!r}: statement has unprintable",
+        "but the program is",
+        "line 4: id must be a non-blank text, not 5",
+        "line 4: an entry has keys",
+        "line 4: statement must",
+        "line 4: unknown split",
+        "box 1, item 0: x_loc",
+        "box 1, item 1: unknown color",
+        "box 2: a box must be a list",
+    ):
         assert message in found, message
+    assert sum(count.tasks for count in report.counts) == 0
+
+
+def test_check__all_faults_of_a_released_entry_are_reported_at_once(released: Path):
+    path = released / "tower_flipit_test.json"
+    content = json.loads(path.read_text())
+    content["blue-yes"] |= {"sentence": " ", "lf": "exist(", "label": "maybe", "structured_rep": [[], []]}
+    content["blue-no"] = {**content.pop("blue-no"), "sentence": 5, "label": "true"}
+    path.write_text(json.dumps(content))
+    found = "\n".join(map(str, check_corpus(released).faults))
+    for name, messages in {
+        "blue-yes": ("sentence must be", "program 'exist('", "unknown label 'maybe'", "scene: a scene has 3 boxes"),
+        "blue-no": ("sentence must be a non-blank text, not 5", "label is true but"),
+    }.items():
+        for message in messages:
+            assert f"entry {name!r}: {message}" in found
+
+
+def test_check__a_corpus_without_entries_is_a_fault(written: Writer, released: Path):
+    (released / "tower_scratch_train.json").write_text("{}")
+    for path, name in ((written([]), "own.jsonl"), (released, "tower_scratch_train.json")):
+        assert f"{name}: has no entries" in str(check_corpus(path))
 
 
 def test_file__other_white_space_whole_floats_and_a_missing_licence_are_read(entries: Entries, written: Writer):
