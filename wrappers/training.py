@@ -11,8 +11,7 @@ import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.matching import matching_corpus
-from lilgym_mp.corpus.tasks import with_permuted_boxes
+from lilgym_mp.corpus.matching import matching_corpus, with_permuted_boxes
 from lilgym_mp.envs.rules import State, make_dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import Appearance

@@ -243,7 +243,7 @@ def _synthesize(args: argparse.Namespace) -> int:
 
 def _permute(args: argparse.Namespace) -> int:
     from lilgym_mp.corpus.loading import load_all_tasks
-    from lilgym_mp.corpus.tasks import with_permuted_boxes
+    from lilgym_mp.corpus.matching import with_permuted_boxes
     from lilgym_mp.corpus.writing import flipit_entries
 
     entries: list[Mapping[str, object]] = []

@@ -1,17 +1,20 @@
-"""Tasks solved by matching the corpus's own scenes instead of by program. Source: docs/spec.md, "NLVR reward"."""
+"""Changed tasks: solved by matching the corpus's own scenes (docs/spec.md, "NLVR reward"), or with boxes permuted."""
 
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import permutations
 
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Item, Scene
+from lilgym_mp.scene import BOX_COUNT, Item, Scene
 
+BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))  # the identity first
 Content = tuple[tuple[Item, ...], ...]
 
 
@@ -56,3 +59,27 @@ def solvable_matching_corpus(tasks: TaskSet) -> TaskSet:
 def goal_contents(task: Task) -> frozenset[Content]:
     """The contents of the scenes that solve a task of `matching_corpus`."""
     return task.other_goal.contents if isinstance(task.other_goal, SceneGoal) else frozenset()
+
+
+def with_permuted_boxes(tasks: TaskSet, *, distinct: bool = False) -> TaskSet:
+    """Every task with its start scene's boxes in each of the six orders, the original first (docs/spec.md, "Tasks").
+
+    Task "7" yields "7", "7@021" .. "7@210"; digit k is the old index of the new box k. Orders that change the truth
+    value are omitted, because the statement refers to the order. `distinct` also omits orders that yield a duplicate
+    start scene; otherwise all orders are equally likely in a uniform draw.
+    """
+    variants = [(task, variant) for task in tasks for variant in _variants(task, distinct=distinct)]
+    tags = {variant.id: tasks.tags(task.id) for task, variant in variants}
+    return TaskSet((variant for _, variant in variants), tasks.provenance, tags)
+
+
+def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:
+    truth = task.truth(task.start)
+    seen = {task.start}
+    yield task
+    for order in BOX_ORDERS[1:]:
+        start = task.start.permuted(order)
+        if (distinct and start in seen) or task.truth(start) != truth:
+            continue
+        seen.add(start)
+        yield replace(task, id=f"{task.id}@{''.join(map(str, order))}", start=start)

@@ -5,20 +5,18 @@ from __future__ import annotations
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
-from itertools import permutations
 from typing import Any, cast, overload
 
 from lilgym_mp.corpus.faults import FaultLog
 from lilgym_mp.corpus.records import Record, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene, SceneError
+from lilgym_mp.scene import Box, Item, Scene, SceneError
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.arrays import BOOLEANS
 
-BOX_ORDERS = tuple(permutations(range(BOX_COUNT)))  # the identity first
 MAX_ID_SEARCHED = 200  # characters of an unknown id that are compared with existing ids
 
 
@@ -102,30 +100,6 @@ class TaskSet(Sequence[Task]):
 def contexts(tasks: Iterable[Task]) -> int:
     """The number of contexts (MDPs) among the tasks: distinct pairs of statement and target (docs/spec.md, "Tasks")."""
     return len({(task.statement, task.target) for task in tasks})
-
-
-def with_permuted_boxes(tasks: TaskSet, *, distinct: bool = False) -> TaskSet:
-    """Every task with its start scene's boxes in each of the six orders, the original first (docs/spec.md, "Tasks").
-
-    Task "7" yields "7", "7@021" .. "7@210"; digit k is the old index of the new box k. Orders that change the truth
-    value are omitted, because the statement refers to the order. `distinct` also omits orders that yield a duplicate
-    start scene; otherwise all orders are equally likely in a uniform draw.
-    """
-    variants = [(task, variant) for task in tasks for variant in _variants(task, distinct=distinct)]
-    tags = {variant.id: tasks.tags(task.id) for task, variant in variants}
-    return TaskSet((variant for _, variant in variants), tasks.provenance, tags)
-
-
-def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:
-    truth = task.truth(task.start)
-    seen = {task.start}
-    yield task
-    for order in BOX_ORDERS[1:]:
-        start = task.start.permuted(order)
-        if (distinct and start in seen) or task.truth(start) != truth:
-            continue
-        seen.add(start)
-        yield replace(task, id=f"{task.id}@{''.join(map(str, order))}", start=start)
 
 
 class TaskReader:

@@ -11,8 +11,7 @@ import gymnasium as gym
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
-from lilgym_mp.corpus.matching import goal_contents, matching_corpus
-from lilgym_mp.corpus.tasks import with_permuted_boxes
+from lilgym_mp.corpus.matching import goal_contents, matching_corpus, with_permuted_boxes
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import (

@@ -10,9 +10,8 @@ from zlib import crc32
 import numpy as np
 
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_tasks
-from lilgym_mp.corpus.matching import solvable_matching_corpus
+from lilgym_mp.corpus.matching import solvable_matching_corpus, with_permuted_boxes
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
-from lilgym_mp.corpus.tasks import with_permuted_boxes
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
 from lilgym_mp.learning.common.recipes import UpdateRecipe
