@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
-from lilgym_mp.evaluation.episodes import SUFFIX
+from lilgym_mp.evaluation.files import SUFFIX
 
 
 def digest(directory: Path) -> str:

@@ -10,7 +10,8 @@ USES = {
     "tower": ENV.format("TowerFlipIt"),
     "scatter": ENV.format("ScatterFlipIt"),
     "ppo": "import tempfile; from lilgym_mp.cli import main; folder = tempfile.TemporaryDirectory();"
-    " main(['train', 'ppo', 'TowerFlipIt', '--steps', '4096', '--out', folder.name])",
+    " main('train ppo TowerFlipIt --steps 64 --envs 8 --same-statement 8 --rollout 64 --batch-size 64'.split()"
+    " + ['--out', folder.name])",
 }
 COUNT = """
 import sys

@@ -56,3 +56,8 @@ def test_program__has_code_generated_only_once_it_is_evaluated_often():
 def test_environment__loads_few_lines_of_the_package(use: str):
     lines, _ = load_script("print_closures").closure(use)
     assert lines <= 6_000
+
+
+def test_train_ppo__loads_no_solver_and_no_other_learner():
+    lines, _ = load_script("print_closures").closure("ppo")
+    assert lines <= 16_500

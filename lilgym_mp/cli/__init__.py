@@ -65,20 +65,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def parse_args(argv: Sequence[str]) -> argparse.Namespace:
     """The parsed command line, which also holds the unparsed `argv`."""
-    return make_parser().parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
+    words = argv[:2] if argv and argv[0] in COMMANDS else ()
+    return make_parser(*words).parse_args(argv or ["--help"], argparse.Namespace(argv=tuple(argv)))
 
 
 @cache
-def make_parser() -> argparse.ArgumentParser:
-    """The parser, with every subcommand."""
+def make_parser(only: str | None = None, learner: str | None = None) -> argparse.ArgumentParser:
+    """The parser, with every subcommand; or with one, and of `train` with one learner, to import no more than these."""
     parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS:
+    for name in COMMANDS if only is None else (only,):
         module = import_module(f"{__name__}.{name.replace('-', '_')}")
         command = subparsers.add_parser(name, **help_of(module.__name__))
         command.set_defaults(run=getattr(module, "run", None))
-        module.add_options(command)
+        module.add_options(command, *([learner] if name == "train" else []))
     return parser
 
 

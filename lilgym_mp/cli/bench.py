@@ -26,7 +26,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import lilgym_mp.wrappers as wrappers
-from lilgym_mp.envs.workers import WorkerVectorEnv, usable_cores
+from lilgym_mp.envs.machine import usable_cores
+from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_corpus
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table

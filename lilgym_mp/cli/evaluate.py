@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
-from lilgym_mp.evaluation.episodes import AS_TRAINED, GREEDY, SAMPLED
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.options import (
     CONFIGURATIONS_HELP,
@@ -32,8 +31,11 @@ from lilgym_mp.evaluation.options import (
     given_environment,
 )
 from lilgym_mp.evaluation.policies import (
+    AS_TRAINED,
     BASELINES,
     BUILT_IN_POLICIES,
+    GREEDY,
+    SAMPLED,
     NamedPolicy,
     Policy,
     WithoutMask,

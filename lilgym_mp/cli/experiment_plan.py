@@ -11,9 +11,8 @@ from typing import Any, NamedTuple
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import CommandError, flag_name
-from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES
+from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES, GREEDY, SAMPLED
 from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())

@@ -19,7 +19,7 @@ from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS, read_text
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.options import CommandError, add_device, add_settings, given_environment
-from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.runs import scenes
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import hanging, shows_colours
 from lilgym_mp.programs.task import Task

@@ -13,7 +13,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from lilgym_mp.evaluation.episodes import SUFFIX, read_episodes, read_header
+from lilgym_mp.evaluation.episodes import read_episodes, read_header
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.options import CommandError, add_split
 from lilgym_mp.learning.common.learners import AGENT_FILE
 

@@ -11,10 +11,11 @@ from lilgym_mp.evaluation.options import help_of
 from lilgym_mp.learning.common.learners import PACKAGES, find_learner
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
+def add_options(parser: argparse.ArgumentParser, only: str | None = None) -> None:
+    """A command for each learner, or for `only` one."""
     commands = parser.add_subparsers(dest="learner", metavar="LEARNER", required=True)
-    for name, package in PACKAGES.items():
+    for name in [only] if only in PACKAGES else PACKAGES:
         learner = find_learner(name)
-        command = commands.add_parser(name, **help_of(f"{package}.learner"))
+        command = commands.add_parser(name, **help_of(f"{PACKAGES[name]}.learner"))
         learner.add_options(command)
         command.set_defaults(run=learner.train)

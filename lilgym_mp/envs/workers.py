@@ -38,6 +38,7 @@ from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buf
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.keywords import refuse_old_id
+from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.shared_memory import SharedMemory
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose
@@ -487,11 +488,6 @@ def _interrupts_blocked(context: Any) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def usable_cores() -> int:
-    """CPU cores available to this process."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def checked_worker_count(num_workers: int | str, num_envs: int) -> int:

@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import Any, Self, cast
 
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.files import write_atomically
+from lilgym_mp.evaluation.files import EpisodesError, write_atomically
+from lilgym_mp.evaluation.policies import ACTION_MODES
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene, SceneError
@@ -23,14 +24,8 @@ from lilgym_mp.scene.appearances import InvalidReason
 
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2
-SUFFIX = ".episodes.jsonl.gz"
-GREEDY, SAMPLED, AS_TRAINED = ACTION_MODES = "greedy", "sampled", "as-trained"
 MAX_NUMBER = 1e15
 MAX_LINE_LENGTH = 1 << 20  # characters
-
-
-class EpisodesError(ValueError):
-    """A file does not contain recorded episodes, or is damaged."""
 
 
 @dataclass(frozen=True)

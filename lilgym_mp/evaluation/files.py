@@ -8,6 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+SUFFIX = ".episodes.jsonl.gz"  # of files of recorded episodes
+
+
+class EpisodesError(ValueError):
+    """A file does not contain recorded episodes, or is damaged."""
+
 
 class OutputError(ValueError):
     """Results cannot be written to a path."""

@@ -16,6 +16,8 @@ from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 
+GREEDY, SAMPLED, AS_TRAINED = ACTION_MODES = "greedy", "sampled", "as-trained"
+
 
 class Observations(NamedTuple):
     """Observations of B environments."""

@@ -15,23 +15,15 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.comparison import Result, training_statements
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import (
-    GREEDY,
-    SUFFIX,
-    EpisodesError,
-    Header,
-    RecordedEpisode,
-    Recording,
-    write_episodes,
-)
-from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.evaluation.policies import NamedPolicy
-from lilgym_mp.evaluation.report import software
-from lilgym_mp.evaluation.runs import Episode
+from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording, write_episodes
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, writable_directory
+from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy
+from lilgym_mp.evaluation.recording_metadata import software
+from lilgym_mp.evaluation.runs import Episode, scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, ActionError, Stop
+from lilgym_mp.scene.actions import Action, ActionError
 from lilgym_mp.solver import Solver
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
@@ -180,17 +172,6 @@ def rewards(dynamics: Dynamics, episode: Episode) -> tuple[float, ...]:
     signals = dynamics.rules.signals
     before = (signals[Outcome.CONTINUES].reward,) * (len(episode.actions) - 1)
     return (*before, signals[Outcome(episode.outcome)].reward)
-
-
-def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
-    """The start scene and the scene after each action; STOP and invalid actions do not change it."""
-    visited = [start]
-    for action in actions:
-        if isinstance(action, Stop):
-            visited.append(visited[-1])
-        else:
-            visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
-    return visited
 
 
 def check_recording(recording: Recording) -> None:

@@ -12,16 +12,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Self
 
-from lilgym_mp.envs.workers import usable_cores
-from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
-from lilgym_mp.evaluation.files import write_json
-from lilgym_mp.evaluation.report import software
+from lilgym_mp.envs.machine import usable_cores
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, write_json
 
 METADATA_SUFFIX = ".metadata.json"
 MAX_BYTES = 1 << 20  # bytes
+DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
 
 
@@ -100,3 +100,14 @@ def cpu_model() -> str:
 def machine() -> str:
     """The CPU model and how many of its cores this process may use."""
     return f"{cpu_model()}, {usable_cores()} cores"
+
+
+def software() -> dict[str, str]:
+    """Versions of Python, the operating system and the installed packages among DISTRIBUTIONS."""
+    found = {"python": platform.python_version(), "system": platform.platform()}
+    for name in DISTRIBUTIONS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import platform
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
 
 from lilgym_mp.evaluation.comparison import Result
+from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, SuccessCount
 from lilgym_mp.evaluation.terminal import NUMBER
 from lilgym_mp.evaluation.terminal import table as aligned
@@ -19,7 +18,6 @@ from lilgym_mp.evaluation.terminal import table as aligned
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
 LONG_BLOCK = 24
-DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
 SEEN_LEGEND = (
     " seen, unseen: accuracy and number of episodes with statements that occur, or do not occur, verbatim in the"
@@ -153,14 +151,3 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
             for result in results
         ],
     }
-
-
-def software() -> dict[str, str]:
-    """Versions of Python, the operating system and the installed packages among DISTRIBUTIONS."""
-    found = {"python": platform.python_version(), "system": platform.platform()}
-    for name in DISTRIBUTIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            continue
-    return found

@@ -12,10 +12,12 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action, Stop
 
 FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 BATCH_SIZE = 64  # environments
@@ -142,6 +144,17 @@ def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: fl
         tuple(actions),
         None if reasons is None else reasons[env_index],
     )
+
+
+def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
+    """The start scene and the scene after each action; STOP and invalid actions do not change it."""
+    visited = [start]
+    for action in actions:
+        if isinstance(action, Stop):
+            visited.append(visited[-1])
+        else:
+            visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
+    return visited
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,8 @@ from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_ray import pack, run_on_ray, unpack
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts
-from lilgym_mp.evaluation.episodes import SUFFIX, read_header
+from lilgym_mp.evaluation.episodes import read_header
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.options import CommandError
 
 NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'

@@ -48,7 +48,7 @@ def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str)
 def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted() -> None:
+    def interrupted(*words: str) -> None:
         try:
             raise KeyboardInterrupt
         except KeyboardInterrupt as interrupt:

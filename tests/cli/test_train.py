@@ -279,7 +279,8 @@ def test_demo__uses_a_new_directory_each_time(tmp_path: Path):
 def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):
     """The included network for Tower samples in FlipIt, as that did better on statements held out of training."""
     from lilgym_mp import load_agent
-    from lilgym_mp.evaluation.episodes import AS_TRAINED, SAMPLED, read_episodes
+    from lilgym_mp.evaluation.episodes import read_episodes
+    from lilgym_mp.evaluation.policies import AS_TRAINED, SAMPLED
 
     assert load_agent("imitation-tower", "cpu").description.details["stop_rules"]["TowerFlipIt"]["sampled"]
     command = ["evaluate", "imitation-tower", "--alone", "--configuration", "TowerFlipIt", "--corpus", str(own)]

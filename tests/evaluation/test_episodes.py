@@ -16,7 +16,8 @@ from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
-from lilgym_mp.evaluation.episodes import EpisodesError, Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.files import EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.scene import Colour

@@ -10,7 +10,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.evaluation import recording_metadata
-from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 
 

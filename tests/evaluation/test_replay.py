@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.recording import check_recording
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.scene.actions import STOP, RemoveBlock, RemoveItem

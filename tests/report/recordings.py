@@ -15,7 +15,8 @@ from matplotlib.colors import to_hex
 from lilgym_mp.contrib.report.html_report import chapters
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import load_report_data
-from lilgym_mp.evaluation.episodes import SUFFIX, Header, RecordedEpisode, write_episodes
+from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import Scene

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli import main as run_command
-from lilgym_mp.evaluation.episodes import SUFFIX
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 
 EPISODES = 8

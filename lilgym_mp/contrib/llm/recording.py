@@ -17,8 +17,7 @@ from lilgym_mp.contrib.llm.summary import Episode, Turn
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
 from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, decisions, one_hot
-from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
-from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES, NO_SUPERVISION, NamedPolicy, Policy
+from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES, GREEDY, NO_SUPERVISION, SAMPLED, NamedPolicy, Policy
 from lilgym_mp.evaluation.recording import Recorder
 from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
 from lilgym_mp.evaluation.runs import summarise

@@ -12,7 +12,7 @@ from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import accuracy_panels
 from lilgym_mp.evaluation.episodes import RecordedEpisode
-from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.runs import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.programs import compile_program
 

@@ -10,7 +10,7 @@ from lilgym_mp.contrib.report.charts import FilmStrip, film_strips
 from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
 from lilgym_mp.contrib.report.report_data import EXPERT, ReportData
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
-from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.runs import scenes
 from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.render import draw

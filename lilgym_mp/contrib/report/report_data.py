@@ -14,7 +14,8 @@ from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import MAX_NUMBER, SUFFIX, Header, RecordedEpisode, Recording, read_episodes
+from lilgym_mp.evaluation.episodes import MAX_NUMBER, Header, RecordedEpisode, Recording, read_episodes
+from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.learning.common.learners import find_learner
 

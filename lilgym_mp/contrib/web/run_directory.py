@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.evaluation.episodes import SUFFIX, EpisodesError, Header, Recording, read_episodes, read_header
+from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.learning.common.learners import AGENT_FILE
 
 MAX_FILES = 2_000  # listed per kind

@@ -18,11 +18,11 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.learners import AGENT_FILE, PACKAGES, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, ModelFileError, read_description
-from lilgym_mp.learning.common.planning import Planner
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, Role
+    from lilgym_mp.learning.common.planning import Planner
 
 
 class AgentError(ValueError):

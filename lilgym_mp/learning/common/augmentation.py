@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from lilgym_mp.corpus import words
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.perception import image_size_of, read_scene
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.syntax import Call, Member, Node, Slice, Subscript, WordName, children
 from lilgym_mp.programs.task import Task
@@ -175,6 +174,8 @@ class Augmentation:
 
         The scene is reconstructed and redrawn. Raises PerceptionError for an image that shows no scene.
         """
+        from lilgym_mp.perception import image_size_of, read_scene
+
         return draw(self.scene(read_scene(image, "scatter")), image_size_of(image))
 
     # Actions

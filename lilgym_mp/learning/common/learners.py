@@ -15,7 +15,7 @@ from importlib import import_module
 from importlib.resources import files
 from typing import Any
 
-from lilgym_mp.evaluation.episodes import GREEDY
+from lilgym_mp.evaluation.policies import GREEDY
 from lilgym_mp.scene.choices import choose
 
 PACKAGES: dict[str, str] = {  # by name, which is also the kind of its model files

@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation import options
-from lilgym_mp.evaluation.episodes import GREEDY, SAMPLED
 from lilgym_mp.evaluation.options import given_options
+from lilgym_mp.evaluation.policies import GREEDY, SAMPLED
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.commands import add_recipe, interrupted, new_run, resumed_run
 from lilgym_mp.learning.common.learners import Learner

@@ -15,7 +15,7 @@ from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_corpus
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
-from lilgym_mp.evaluation.recording import scenes
+from lilgym_mp.evaluation.runs import scenes
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.run_directory import TrainingRun
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT

@@ -21,10 +21,10 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import AS_TRAINED, Header, RecordedEpisode, Recording
-from lilgym_mp.evaluation.policies import NamedPolicy
-from lilgym_mp.evaluation.recording import Recorder, scenes
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
+from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
+from lilgym_mp.evaluation.recording import Recorder
+from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, scenes
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
