@@ -28,7 +28,7 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import save_model
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.sb3 import EntropySchedule, StatementRolloutBuffer, agent_of, make_vec_env, recipe
-from tests.envs.alike import assert_same
+from lilgym_mp.testing import assert_same
 
 SCRATCH, FLIPIT = "lilgym_mp/TowerScratch-v0", "lilgym_mp/TowerFlipIt-v0"
 COUNT = 8
