@@ -18,7 +18,7 @@ from random import Random
 from typing import Any
 
 from lilgym_mp.contrib.web.app import ServeOptions, create_app
-from lilgym_mp.contrib.web.visitors import VISITOR_COOKIE
+from lilgym_mp.contrib.web.security import VISITOR_COOKIE
 
 METHODS = ("get", "post", "put", "delete", "patch")
 HOSTILE_VALUES: tuple[Any, ...] = (

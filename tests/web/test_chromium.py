@@ -255,7 +255,7 @@ def test_watch__plays_pauses_and_steps_by_key_and_empties_for_no_match(browser: 
         page.wait_for_selector("#viewer", state="hidden")
 
 
-def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_path: Path):
+def test_game__key_1_accepts_and_the_end_reveals_the_task(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _), watched_page(browser) as watched:
         page = watched.page
         page.goto(f"{url}/game")
@@ -272,7 +272,7 @@ def test_game__key_1_accepts_and_the_end_says_what_each_knew(browser: Any, tmp_p
             page.press("#seat-title", "1")
             page.wait_for_selector("#board:not([aria-busy])")
         assert "The game is over: the goal was " in page.inner_text("#turn")
-        assert "The verifier saw everything" in page.inner_text("#end-lines")
+        assert "The proposer was " in page.inner_text("#end-line")
         page.click("#again")
         page.wait_for_selector("#turn:text-matches('your turn')")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,9 +11,7 @@ import pytest
 from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.actions import STOP
 from lilgym_mp.solver import Solver
 from tests.web.web_app import Browser, server
 
@@ -75,29 +72,6 @@ def test_statement__has_its_scenes_solutions_and_parts(browser: Browser):
         assert scene["parts"][0]["value"] == str(scene["truth"])
     assert browser.get(f"/explore/tower/dev/{statement_id}").status_code == 200
     assert browser.get(f"/explore/tower/dev/{body['scenes'][-1]['task_id']}").status_code == 200
-
-
-def test_statement__lists_outcomes_of_recorded_runs(tmp_path: Path):
-    runs = tmp_path / "runs"
-    runs.mkdir()
-    tasks = load_tasks("builtin", "tower", "scratch", "dev")
-    task = tasks[0]
-    counts = {"seed": 0, "training_seed": None, "passes": 1, "episodes": 1, "start_scenes": 1, "contexts": 1}
-    names = {"package": "0", "split": "dev", "agent": "stops at once", "supervision": "none", "actions": "greedy"}
-    flags = {"mask": False, "stop_forcing": False, "expert": False, "corpus": "builtin", "tasks_sha256": ""}
-    header = Header(settings=Settings("TowerScratch"), **counts, **names, **flags)
-    told_of = {"statement_seen": False, "form_seen": False, "tags": ()}
-    came = {"outcome": "wrong_stop", "invalid_reason": None, "actions": (STOP,), "rewards": (-1.0,)}
-    of_task = {"statement": task.statement, "program": task.program, "target": task.target, "start": task.start}
-    episode = RecordedEpisode(task=task.id, **of_task, **told_of, **came)
-    write_episodes(runs / "some.episodes.jsonl.gz", header, [episode])
-    (runs / "broken.episodes.jsonl.gz").write_bytes(b"no recording")
-    with server(tmp_path, runs=runs) as app:
-        body = Browser(app).get(f"{API}/statement", params={"statement_id": task.id}).json()
-    assert [run["task_id"] for run in body["runs"]] == [task.id]
-    assert (body["runs"][0]["agent"], body["runs"][0]["outcome"]) == ("stops at once", "wrong_stop")
-    assert "broken" in body["unreadable"][0]
-    assert str(tmp_path) not in str(body)
 
 
 @pytest.mark.parametrize(

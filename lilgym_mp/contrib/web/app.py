@@ -11,9 +11,9 @@ from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
 from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
-from lilgym_mp.contrib.web.errors import ERROR_RESPONSES, add_error_handlers
+from lilgym_mp.contrib.web.errors import add_error_handlers
 from lilgym_mp.contrib.web.routes import ROUTERS
-from lilgym_mp.contrib.web.security import Guard
+from lilgym_mp.contrib.web.security import CurrentVisitor, Guard
 
 ASSETS = Path(__file__).parent / "assets"
 
@@ -35,11 +35,20 @@ def create_app(options: ServeOptions) -> FastAPI:
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
-        responses=ERROR_RESPONSES,
     )
     app.state.services = services
     for router in ROUTERS:
         app.include_router(router)
+
+    @app.get("/healthz", include_in_schema=False)
+    async def health() -> dict[str, str]:  # async: needs no thread, so a busy thread pool does not delay it
+        return {"status": "ok"}
+
+    @app.get("/api/session")
+    def session(visitor: CurrentVisitor) -> dict[str, str]:
+        """This browser's CSRF token, which state-changing requests need."""
+        return {"csrf_token": visitor.csrf_token}
+
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
     app.add_middleware(Guard, options)

@@ -39,13 +39,8 @@ def parts_body(source: str, scene: Scene, step_limit: int | None = None) -> list
 def png(scene: Scene) -> bytes:
     """The scene at twice its native size, antialiased, with the look of the films, as a PNG file."""
     buffer = io.BytesIO()
-    Image.fromarray(smooth_picture(scene, SCALE, light=True)).save(buffer, "PNG", compress_level=COMPRESSION)
+    Image.fromarray(smooth_picture(scene, SCALE)).save(buffer, "PNG", compress_level=COMPRESSION)
     return buffer.getvalue()
-
-
-@lru_cache(IMAGE_CACHE_SIZE)
-def data_url(scene: Scene) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png(scene)).decode()}"
 
 
 def scene_body(scene: Scene) -> JSON:
@@ -59,7 +54,11 @@ def scene_body(scene: Scene) -> JSON:
         f"{title} box: {', '.join(item['description'] for item in items if item['box'] == box) or 'empty'}"
         for box, title in enumerate(BOX_TITLES)
     ]
-    return {"picture": data_url(scene), "items": items, "description": "; ".join(boxes)}
+    return {
+        "picture": f"data:image/png;base64,{base64.b64encode(png(scene)).decode()}",
+        "items": items,
+        "description": "; ".join(boxes),
+    }
 
 
 def _item_body(box: int, index: int, item: Item) -> JSON:

@@ -13,7 +13,6 @@ from typing import Any
 
 SCHEMA_VERSION = 1  # kept in the file's header as `user_version`; increase it when a table changes
 LOCK_SECONDS = 5.0  # a write waits this long for another one, then fails
-EPISODES, ANNOTATIONS = "played_episodes", "annotations"
 
 
 class DatabaseError(ValueError):
@@ -51,8 +50,8 @@ ANNOTATION_COLUMNS = (
     *("accepted", "comment", "created"),  # accepted: agrees with all labels, those of the hidden scenes included
 )
 _TABLES = {
-    EPISODES: ["id PRIMARY KEY", *(column.name for column in fields(PlayedEpisode)[1:])],
-    ANNOTATIONS: ["id INTEGER PRIMARY KEY", *ANNOTATION_COLUMNS],
+    "played_episodes": ["id PRIMARY KEY", *(column.name for column in fields(PlayedEpisode)[1:])],
+    "annotations": ["id INTEGER PRIMARY KEY", *ANNOTATION_COLUMNS],
 }
 
 
@@ -95,12 +94,16 @@ class Database:
 
 def save_episode(connection: sqlite3.Connection, episode: PlayedEpisode) -> None:
     """Adds the episode, or replaces that with its id."""
-    _insert(connection, EPISODES, {**asdict(episode), "actions": json.dumps(episode.actions), "changed": now()})
+    _insert(
+        connection, "played_episodes", {**asdict(episode), "actions": json.dumps(episode.actions), "changed": now()}
+    )
 
 
 def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) -> PlayedEpisode | None:
     """The visitor's episode with that id, if there is one."""
-    found = connection.execute(f"SELECT * FROM {EPISODES} WHERE id=? AND visitor=?", (episode_id, visitor)).fetchone()
+    found = connection.execute(
+        "SELECT * FROM played_episodes WHERE id=? AND visitor=?", (episode_id, visitor)
+    ).fetchone()
     if found is None:
         return None
     flags = {name: bool(found[name]) for name in ("strict", "shown_solution")}
@@ -109,7 +112,7 @@ def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) 
 
 def save_annotation(connection: sqlite3.Connection, annotation: Mapping[str, Any]) -> None:
     """Adds a program that somebody submitted for a statement; `created` is set here, the other columns are given."""
-    _insert(connection, ANNOTATIONS, {**annotation, "created": now()})
+    _insert(connection, "annotations", {**annotation, "created": now()})
 
 
 def _insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:

@@ -7,29 +7,21 @@ import sqlite3
 from http import HTTPStatus
 from typing import Any
 
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, HTTPException, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse
-from pydantic import BaseModel
-from starlette.exceptions import HTTPException
+from starlette.exceptions import HTTPException as FrameworkException
 
 from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.solver.solver import UnsupportedAppearance
 
 LOGGER = logging.getLogger(__name__)
+STATUSES = {ActionError: 422, ProgramError: 422, CorpusError: 404, UnsupportedAppearance: 404}
+"""Exceptions that routes let pass, with the status of the response; the message is theirs."""
 MAX_FIELD_ERRORS = 10  # validation errors reported in one response
-
-
-class ErrorBody(BaseModel):
-    """Body of every response under /api with a status of 400 or more."""
-
-    status: int
-    message: str
-
-
-ERROR_RESPONSES: dict[int | str, dict[str, Any]] = {
-    status: {"model": ErrorBody, "description": HTTPStatus(status).phrase}
-    for status in (400, 401, 403, 404, 405, 409, 413, 422, 503)
-}
 
 
 def http_error(status: int, message: str) -> HTTPException:
@@ -40,29 +32,34 @@ def http_error(status: int, message: str) -> HTTPException:
 def error_response(request: Request, status: int, message: str) -> Response:
     """A JSON or HTML error response, depending on the request's path."""
     if request.url.path.startswith("/api/") or request.url.path == "/openapi.json":
-        body = ErrorBody(status=status, message=message)
-        return JSONResponse(body.model_dump(), status)
+        return JSONResponse({"status": status, "message": message}, status)
     title = HTTPStatus(status).phrase
-    return render_page(request, "error.html", status=status, title=title, message=message, status_code=status)
+    return render_page(request, "error.html", status_code=status, title=title, message=message)
 
 
 def add_error_handlers(app: FastAPI) -> None:
-    app.add_exception_handler(HTTPException, _handle_http_exception)
+    app.add_exception_handler(FrameworkException, _handle_http_exception)
+    for kind in STATUSES:
+        app.add_exception_handler(kind, _handle_refusal)
     app.add_exception_handler(RequestValidationError, _handle_validation_error)
     app.add_exception_handler(sqlite3.OperationalError, _handle_database_error)
     app.add_exception_handler(Exception, _handle_unexpected_error)
 
 
 def _handle_http_exception(request: Request, fault: Any) -> Response:
-    message = str(fault.detail)
-    if message == HTTPStatus(fault.status_code).phrase:  # the framework's default message
-        message = {
-            HTTPStatus.NOT_FOUND: f"there is nothing at {request.url.path}",
-            HTTPStatus.METHOD_NOT_ALLOWED: f"{request.url.path} does not accept {request.method} requests",
-        }.get(HTTPStatus(fault.status_code), message)
+    message, path = str(fault.detail), request.url.path
+    if message == HTTPStatus.NOT_FOUND.phrase:  # the framework's default message
+        message = f"there is nothing at {path}"
+    elif message == HTTPStatus.METHOD_NOT_ALLOWED.phrase:
+        message = f"{path} does not accept {request.method} requests"
     response = error_response(request, fault.status_code, message)
     response.headers.update(fault.headers or {})
     return response
+
+
+def _handle_refusal(request: Request, fault: Exception) -> Response:
+    status = next(status for kind, status in STATUSES.items() if isinstance(fault, kind))
+    return error_response(request, status, str(fault))
 
 
 def _handle_validation_error(request: Request, fault: Any) -> Response:

@@ -20,7 +20,6 @@ def storable(text: str) -> str:
 
 
 Name = Annotated[str, StringConstraints(max_length=200), AfterValidator(storable)]
-ShortText = Annotated[str, StringConstraints(max_length=2_000), AfterValidator(storable)]
 RandomId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 if TYPE_CHECKING:  # type checkers know no literals made of tables

@@ -29,7 +29,6 @@ class LiveGame:
     visitor: str  # who started it
     configuration: str
     engine: GameEngine
-    views: tuple[str, str]  # names
     partners: tuple[Partner | None, Partner | None]  # None: a person
     opposite: tuple[str, str]  # name of the other seat's player
     rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(secrets.randbits(64)))
@@ -76,18 +75,18 @@ class LiveGames:
 
     def __init__(self) -> None:
         self._seats: dict[str, tuple[LiveGame, Role]] = {}
-        self._games: dict[LiveGame, None] = {}  # the least recently used first
+        self.games: dict[LiveGame, None] = {}  # the least recently used first
         self._lock = threading.Lock()
 
     def add(self, game: LiveGame, roles: Iterable[Role]) -> dict[Role, str]:
         """Adds a game, dropping old ones beyond the limits; returns a new key for each of the roles."""
         keys = {role: secrets.token_urlsafe(18) for role in roles}
         with self._lock:
-            self._games[game] = None
-            own = [other for other in self._games if other.visitor == game.visitor]
-            for dropped in {*own[:-MAX_GAMES_PER_VISITOR], *list(self._games)[:-MAX_GAMES]}:
-                del self._games[dropped]
-            kept = {key: seat for key, seat in self._seats.items() if seat[0] in self._games}
+            self.games[game] = None
+            own = [other for other in self.games if other.visitor == game.visitor]
+            for dropped in {*own[:-MAX_GAMES_PER_VISITOR], *list(self.games)[:-MAX_GAMES]}:
+                del self.games[dropped]
+            kept = {key: seat for key, seat in self._seats.items() if seat[0] in self.games}
             self._seats = kept | {key: (game, role) for role, key in keys.items()}
         return keys
 
@@ -97,9 +96,5 @@ class LiveGames:
             if key not in self._seats:
                 raise http_error(404, "there is no such seat: its game is too old, or the server was restarted")
             game = self._seats[key][0]
-            self._games[game] = self._games.pop(game)
+            self.games[game] = self.games.pop(game)
             return self._seats[key]
-
-    def __len__(self) -> int:
-        """The number of games, not of seats."""
-        return len(self._games)

@@ -24,10 +24,6 @@ MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
 
 
-class UnreadableRecording(ValueError):
-    """A recording that is damaged or too large; the message contains its listed name, not its path."""
-
-
 class FoundFile(NamedTuple):
     """A recording, or the agent of a run."""
 
@@ -69,10 +65,13 @@ class RunDirectory:
         file = self._find(f"*{SUFFIX}").get(recording_id)
         if file is None:
             raise http_error(404, "there is no such recording; it may have been moved: reload the list")
+        if file.stamp[1] > MAX_BYTES:
+            size = f"larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file"
+            raise http_error(422, f"{file.name} is {size}")
         try:
-            return read_recording(file)
-        except UnreadableRecording as fault:
-            raise http_error(422, str(fault)) from None
+            return _read(file)
+        except EpisodesError as fault:
+            raise http_error(422, _without_path(fault, file)) from None
 
     def _find(self, pattern: str) -> dict[str, FoundFile]:
         """Files by id; requested recordings first, the latest at the top."""
@@ -103,14 +102,8 @@ def _described(file: FoundFile) -> RecordingFile:
 
 
 @lru_cache(maxsize=RECORDING_CACHE_SIZE)
-def read_recording(file: FoundFile) -> Recording:
-    """Raises UnreadableRecording."""
-    if file.stamp[1] > MAX_BYTES:
-        raise UnreadableRecording(f"{file.name} is larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file")
-    try:
-        return read_episodes(file.path)
-    except EpisodesError as fault:
-        raise UnreadableRecording(_without_path(fault, file)) from None
+def _read(file: FoundFile) -> Recording:
+    return read_episodes(file.path)
 
 
 def _without_path(fault: EpisodesError, file: FoundFile) -> str:

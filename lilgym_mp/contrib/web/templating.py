@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 from fastapi import Request
 from fastapi.responses import HTMLResponse
@@ -12,24 +12,15 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from lilgym_mp import __version__
 from lilgym_mp.scene import Colour, Shape, Size
 
-
-class NavigationEntry(NamedTuple):
-    """An entry of the navigation bar and the start page."""
-
-    path: str
-    title: str
-    description: str
-    in_bar: bool = True
-
-
+# Path, title, description, and whether it is in the bar of every page or on the start page alone.
 NAVIGATION = [
-    NavigationEntry("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it."),
-    NavigationEntry("/watch", "Watch", "Step through recorded episodes: what agents did, and what they predicted."),
-    NavigationEntry("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner."),
-    NavigationEntry("/annotate", "Annotate", "Write programs that capture what statements mean."),
-    NavigationEntry("/explore", "Explore", "Search the corpus: statements, scenes, programs and agents' results."),
-    NavigationEntry("/beat", "Beat the agent", "Play ten tasks against a trained agent.", in_bar=False),
-    NavigationEntry("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", in_bar=False),
+    ("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it.", True),
+    ("/watch", "Watch", "Step through episodes: what agents did, and what they predicted.", True),
+    ("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner.", True),
+    ("/annotate", "Annotate", "Write programs that capture what statements mean.", True),
+    ("/explore", "Explore", "Search the corpus: statements, scenes and programs.", True),
+    ("/beat", "Beat the agent", "Play ten tasks against a trained agent.", False),
+    ("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", False),
 ]
 
 

@@ -47,7 +47,6 @@ async function open() {
   ));
   agreeing = null;
   byId("result").replaceChildren();
-  byId("comment").value = "";
   editor.value = keep(draftKey());
   updateSubmit();
   history.replaceState(null, "", `?${query()}`);
@@ -72,7 +71,7 @@ async function run() {
 async function submit() {
   if (!choice.name.reportValidity()) return;
   await attempt(async () => {
-    const body = { program: editor.value, name: choice.name.value, comment: byId("comment").value };
+    const body = { program: editor.value, name: choice.name.value };
     const { accepted, message } = await request("POST", `/api/annotate/annotations?${query()}`, body);
     if (accepted) await list(choice.statement.value);
     const next = lines.find((line) => !line.done);
@@ -90,9 +89,8 @@ choice.addEventListener("submit", (event) => event.preventDefault());
 for (const name of ["appearance", "split", "name"]) {
   choice[name].addEventListener("change", () => attempt(async () => {
     keep("annotator", choice.name.value);
-    const before = `${query()}`;
     await list(choice.statement.value);
-    if (`${query()}` !== before || name !== "name") await open();
+    if (name !== "name") await open();
   }, byId("work")));
 }
 choice.statement.addEventListener("change", () => openStatement(choice.statement.value));

@@ -1,6 +1,18 @@
 "use strict";
 // Shared by /play, /beat and /game: a scene whose grid cells are buttons.
 
+/** Takes an action in an episode or seat and shows the new state; after a conflict, the current one. */
+async function actOn(path, body, show) {
+  await attempt(async () => {
+    try {
+      await show(await request("POST", `${path}/actions`, body));
+    } catch (fault) {
+      if (fault.status === 409) await show(await request("GET", path));
+      throw fault;
+    }
+  }, byId("board"));
+}
+
 const BOXES = ["LEFT", "MIDDLE", "RIGHT"];
 
 /** A scene with a button on each cell, and the selected action kind and item type.

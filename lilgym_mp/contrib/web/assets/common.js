@@ -3,14 +3,10 @@
 
 const csrfToken = document.querySelector('meta[name="csrf-token"]').content;
 
-class RequestError extends Error {
-  constructor(status, message) {
-    super(message);
-    this.status = status;
-  }
-}
+/** An error with a message to display. */
+const requestError = (status, message) => Object.assign(new Error(message), { status });
 
-/** Sends a request and returns the JSON response; throws RequestError with a message to display. */
+/** Sends a request and returns the JSON response; throws a requestError. */
 async function request(method, path, body) {
   const headers = { Accept: "application/json" };
   if (method !== "GET") headers["X-CSRF-Token"] = csrfToken;
@@ -19,16 +15,16 @@ async function request(method, path, body) {
   try {
     response = await fetch(path, { method, headers, body: body === undefined ? body : JSON.stringify(body) });
   } catch {
-    throw new RequestError(0, "the server cannot be reached; your input is kept here: try again");
+    throw requestError(0, "the server cannot be reached; your input is kept here: try again");
   }
   const text = await response.text();
   let data = null;
   try {
     data = text ? JSON.parse(text) : null;
   } catch {
-    throw new RequestError(response.status, "the server's response cannot be read");
+    throw requestError(response.status, "the server's response cannot be read");
   }
-  if (!response.ok) throw new RequestError(response.status, (data && data.message) || response.statusText);
+  if (!response.ok) throw requestError(response.status, (data && data.message) || response.statusText);
   return data;
 }
 
@@ -51,14 +47,14 @@ function showMessage(message, kind = "") {
   if (message) region.scrollIntoView({ block: "nearest" });
 }
 
-/** Runs a user's action, marking the element `busy` meanwhile; shows a RequestError as a message. */
+/** Runs a user's action, marking the element `busy` meanwhile; shows a requestError as a message. */
 async function attempt(action, busy = null) {
   if (busy) busy.setAttribute("aria-busy", "true");
   try {
     showMessage("");
     return await action();
   } catch (fault) {
-    if (!(fault instanceof RequestError)) throw fault;
+    if (fault.status === undefined) throw fault;
     showMessage(fault.message, "error");
     return undefined;
   } finally {

@@ -1,5 +1,5 @@
 "use strict";
-// Program editor: completions, signatures, documentation and syntax errors, all from the server's language tables.
+// Program editor: completions with their documentation, and syntax errors, all from the server's language tables.
 
 const CHECK_DELAY = 200; // milliseconds after the last keystroke
 
@@ -16,18 +16,13 @@ class Editor {
     this.checkCount = 0; // identifies the latest syntax check
     this.text.addEventListener("input", () => this.changed());
     this.text.addEventListener("keydown", (event) => this.key(event));
-    this.text.addEventListener("keyup", () => this.showSignature());
-    this.text.addEventListener("click", () => { this.close(); this.showSignature(); });
+    this.text.addEventListener("click", () => this.close());
     this.text.addEventListener("blur", () => setTimeout(() => this.close(), 150));
     this.text.addEventListener("scroll", () => { this.marks.scrollTop = this.text.scrollTop; });
-    on("word-search", "input", () => this.showWords());
   }
 
   async start() {
-    const language = await request("GET", "/api/annotate/language");
-    this.groups = language.groups;
-    this.words = language.words;
-    this.showWords();
+    this.words = await request("GET", "/api/annotate/language");
   }
 
   get value() { return this.text.value; }
@@ -39,7 +34,6 @@ class Editor {
 
   changed() {
     this.offer();
-    this.showSignature();
     this.mark(0, 0);
     clearTimeout(this.checkTimer);
     this.checkTimer = setTimeout(() => this.check(), CHECK_DELAY);
@@ -92,8 +86,7 @@ class Editor {
     const prefix = (member ? typed.slice(dot) : typed).toLowerCase();
     this.prefixLength = prefix.length;
     const starts = (word) => word.name.toLowerCase().startsWith(prefix);
-    const contains = (word) => !member && prefix.length > 2 && word.name.toLowerCase().includes(prefix) && !starts(word);
-    const found = prefix.length ? [...this.words.filter(starts), ...this.words.filter(contains)] : [];
+    const found = prefix.length ? this.words.filter(starts) : [];
     this.completions = found.filter((word) => word.name.toLowerCase() !== prefix).slice(0, 12);
     this.chosen = 0;
     this.showCompletions();
@@ -151,35 +144,5 @@ class Editor {
       event.preventDefault();
       this.close();
     }
-  }
-
-  /** Shows the signature of the innermost call around the cursor. */
-  showSignature() {
-    const before = this.value.slice(0, this.text.selectionStart);
-    let depth = 0;
-    let name = null;
-    for (let at = before.length - 1; at >= 0 && name === null; at -= 1) {
-      if (before[at] === ")") depth += 1;
-      else if (before[at] === "(" && depth) depth -= 1;
-      else if (before[at] === "(") {
-        const called = /(\w+)$/.exec(before.slice(0, at))?.[1];
-        if (this.words.some((word) => word.is_function && word.name === called)) name = called;
-      }
-    }
-    const word = this.words.find((each) => each.is_function && each.name === name);
-    byId("signature").hidden = !word;
-    if (word) byId("signature").replaceChildren(element("code", {}, word.signature), element("br"), word.meaning);
-  }
-
-  showWords() {
-    const query = byId("word-search").value.toLowerCase();
-    const parts = [];
-    for (const group of this.groups) {
-      const found = this.words.filter((word) => word.group === group && `${word.name} ${word.meaning}`.toLowerCase().includes(query));
-      if (!found.length) continue;
-      parts.push(element("h3", {}, group));
-      parts.push(element("dl", {}, ...found.flatMap((word) => [element("dt", {}, element("code", {}, word.signature)), element("dd", { class: "meaning" }, word.meaning)])));
-    }
-    byId("words").replaceChildren(...(parts.length ? parts : [element("p", { class: "empty" }, "No matching word.")]));
   }
 }

@@ -61,7 +61,7 @@ async function show(view) {
   byId("seat-title").textContent = `You are the ${seat.role}, playing with ${seat.opposite === "person" ? "a person" : seat.opposite.replace(/^\w+:/, "").replaceAll("_", " ")}`;
   byId("other-seat").hidden = !otherKey;
   byId("link").textContent = byId("link").href = `${location.origin}/game#${otherKey}`;
-  byId("statement").textContent = seat.statement === null ? "You do not see the statement." : seat.statement;
+  byId("statement").textContent = seat.statement;
   byId("task-line").textContent = taskLine();
   byId("turn").className = "notice";
   byId("turn").textContent = turnLine();
@@ -80,7 +80,7 @@ async function show(view) {
 }
 
 function taskLine() {
-  const parts = [seat.target === null ? "You do not see the target." : `Make it ${seat.target}.`];
+  const parts = [`Make it ${seat.target}.`];
   if (seat.intent) parts.push(seat.intent === "sneaky" ? "You are sneaky: get a false claim accepted." : "You are helpful: get a true claim accepted.");
   if (seat.message) parts.push(`The other player's last message: ${seat.message}.`);
   parts.push(seat.over ? `${seat.protocol}, ${seat.configuration}.` : `Round ${seat.round} of ${seat.horizon}. ${seat.protocol}, ${seat.configuration}.`);
@@ -97,28 +97,17 @@ function showEnd() {
   byId("end").hidden = !seat.over;
   if (!seat.over) return;
   byId("turn").className = `notice ${seat.end.reached ? "success" : "error"}`;
-  const { statement, value, target, intent, views } = seat.end;
-  const knew = (role) => `The ${role} saw ${views[role]}${role === "proposer" ? ` and was ${intent}` : ""}.`;
-  byId("end-lines").replaceChildren(
-    element("p", {}, `“${statement}” is ${value} in the last scene; the target was ${target}.`),
-    element("p", {}, `${knew("proposer")} ${knew("verifier")}`),
-  );
+  const { statement, value, target, intent } = seat.end;
+  byId("end-line").textContent = `“${statement}” is ${value} in the last scene; the target was ${target}. The proposer was ${intent}.`;
 }
 
 function showScene() {
-  const { root, image } = board.view;
-  root.classList.toggle("unseen", seat.scene === null);
   board.removable = seat.removable;
+  board.view.show(seat.scene);
   board.proposed.className = "";
-  if (seat.scene) {
-    board.view.show(seat.scene);
-    if (seat.proposed_item) {
-      drawGhost(board.proposed, seat.proposed_item, seat.proposal.startsWith("REMOVE"));
-      board.proposed.classList.add("proposed");
-    }
-  } else {
-    image.removeAttribute("src");
-    image.alt = "You do not see the scene.";
+  if (seat.proposed_item) {
+    drawGhost(board.proposed, seat.proposed_item, seat.proposal.startsWith("REMOVE"));
+    board.proposed.classList.add("proposed");
   }
   if (seat.role === "proposer" && !board.cells.firstChild) board.makeCells(seat.grid);
   board.enable(seat.your_turn);
@@ -151,14 +140,7 @@ async function legal() {
 
 async function act(action) {
   if (!seat || !seat.your_turn) return;
-  await attempt(async () => {
-    try {
-      await show(await request("POST", `/api/game/seats/${key}/actions`, { action, own_actions: seat.own_actions.length }));
-    } catch (fault) {
-      if (fault.status === 409) await refresh();
-      throw fault;
-    }
-  }, byId("board"));
+  await actOn(`/api/game/seats/${key}`, { action, own_actions: seat.own_actions.length }, show);
 }
 
 const proposing = (key) => () => seat.role === "proposer" && board.keys[key]();

@@ -20,7 +20,7 @@ const page = {
 
 /** Fills the form's split menu with those of the selected configuration. */
 function fillSplits(form) {
-  const sizes = JSON.parse(form.configuration.selectedOptions[0].dataset.splits);
+  const sizes = JSON.parse(form.dataset.sizes)[form.configuration.value];
   const previous = form.split.value || "dev";
   form.split.replaceChildren(
     ...Object.entries(sizes).map(([split, count]) => element("option", { value: split }, `${split} (${count})`)),
@@ -73,15 +73,7 @@ async function legal() {
 
 async function act(action) {
   if (!episode || episode.over) return;
-  await attempt(async () => {
-    const path = `/api/play/episodes/${episode.id}`;
-    try {
-      await show(await request("POST", `${path}/actions`, { action, steps: episode.steps }));
-    } catch (fault) {
-      if (fault.status === 409) await show(await request("GET", path));
-      throw fault;
-    }
-  }, byId("board"));
+  await actOn(`/api/play/episodes/${episode.id}`, { action, steps: episode.steps }, show);
 }
 
 async function showEnd() {
@@ -137,7 +129,7 @@ function choose({ configuration, split }) {
 }
 
 const press = (id) => () => byId(id)?.checkVisibility() && byId(id).click();
-const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution"), p: () => board.focus() };
+const keys = { t: press("stop"), n: press("next"), r: press("again"), e: press("solution") };
 onKeys(byId("episode"), { ...board.keys, ...keys });
 on("setup", "submit", (event) => {
   event.preventDefault();

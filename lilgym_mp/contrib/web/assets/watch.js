@@ -11,17 +11,10 @@ let step = 0;
 let showsHeat = true;
 let openCount = 0; // identifies the latest request for an episode, so that a late response is dropped
 
-/** Options for recordings: short names with what distinguishes them, and the file where that is not enough. */
+/** Options for recordings, with the file, as several may have the same agent and tasks. */
 function recordingOptions(recordings) {
-  const titles = recordings.map((line) => {
-    const seed = line.training_seed === null ? "" : `, seed ${line.training_seed}`;
-    return `${line.agent}${seed} · ${line.configuration}, ${line.split}${line.actions === "sampled" ? ", sampled" : ""}`;
-  });
-  const isUnique = (title) => titles.indexOf(title) === titles.lastIndexOf(title);
-  return recordings.map((line, index) => {
-    const title = isUnique(titles[index]) ? titles[index] : `${titles[index]} · ${line.name}`;
-    return element("option", { value: line.id }, title);
-  });
+  const title = (line) => `${line.agent}: ${line.configuration}, ${line.split} · ${line.name}`;
+  return recordings.map((line) => element("option", { value: line.id }, title(line)));
 }
 
 function svg(tag, attributes = {}, ...children) {
@@ -116,7 +109,8 @@ class Side {
 
   /** The agent's predictions before the action. */
   decision({ action, decision }) {
-    if (!decision) return [element("p", { class: "notice" }, "The agent's predictions were not recorded.")];
+    const command = element("code", {}, "lilgym-mp evaluate AGENT --record DIR --record-decisions");
+    if (!decision) return [element("p", { class: "notice" }, "The agent's predictions were not recorded. Record them with ", command)];
     const kinds = ["STOP", "ADD", "REMOVE"].map((kind) => bar(kind, decision[kind.toLowerCase()], action.startsWith(kind)));
     const likeliest = Object.entries(decision.likeliest).map(([name, share]) => bar(name, share, name === action));
     const parts = [barList("Type of action", kinds), barList("Likeliest actions", likeliest)];
@@ -182,8 +176,8 @@ function showStep(wanted) {
   step = Math.max(0, Math.min(longest, wanted));
   for (const side of sides) side.show(step);
   byId("step-line").textContent = step === longest ? `End, after ${plural(longest, "step")}` : `Step ${step + 1} of ${longest}`;
-  byId("first").disabled = byId("back").disabled = step === 0;
-  byId("last").disabled = byId("forth").disabled = step === longest;
+  byId("back").disabled = step === 0;
+  byId("forth").disabled = step === longest;
 }
 
 /** Stores the values in the URL's query, so that the view can be reloaded and shared; "" removes a value. */
@@ -203,7 +197,6 @@ async function openRecording(id) {
   byId("about-line").textContent =
     `${successes} of ${episodes} episodes succeeded (${share}): ${ends}. Corpus ${recording.corpus}, split ${split}, rules ${rules}, ` +
     `actions ${recording.actions}, ${mask ? "with" : "without"} action mask. Trained from: ${recording.supervision}.`;
-  byId("no-decisions").hidden = recording.has_decisions;
   byId("beside").replaceChildren(element("option", { value: "" }, "nothing"), ...recordingOptions(recording.comparable));
   remember({ recording: id });
 }
@@ -293,6 +286,7 @@ async function start(id = null) {
   byId("choose").hidden = !readable.length;
   if (!readable.length) return;
   byId("recording").replaceChildren(...recordingOptions(readable));
+  filters.text.value = new URLSearchParams(location.search).get("text") || filters.text.value;
   const query = new URLSearchParams(id ? "" : location.search);
   const asked = id || query.get("recording");
   await openRecording(readable.some((line) => line.id === asked) ? asked : readable[0].id);
@@ -322,10 +316,8 @@ on("filters", "input", () => attempt(openFirst, byId("episodes")));
 on("filters", "submit", (event) => event.preventDefault());
 const controls = {
   play: togglePlay,
-  first: () => showStep(0),
   back: () => showStep(step - 1),
   forth: () => showStep(step + 1),
-  last: () => showStep(Infinity),
   heat: () => {
     showsHeat = !showsHeat;
     byId("heat").setAttribute("aria-pressed", String(showsHeat));
@@ -335,10 +327,10 @@ const controls = {
 for (const [id, action] of Object.entries(controls)) on(id, "click", action);
 onKeys(byId("viewer"), {
   " ": controls.play,
-  Home: controls.first,
+  Home: () => showStep(0),
   ArrowLeft: controls.back,
   ArrowRight: controls.forth,
-  End: controls.last,
+  End: () => showStep(Infinity),
   h: controls.heat,
   j: () => attempt(() => nextEpisode(1), byId("viewer")),
   k: () => attempt(() => nextEpisode(-1), byId("viewer")),

@@ -1,6 +1,6 @@
 """One module per page, with its HTML and JSON routes."""
 
-from lilgym_mp.contrib.web.routes import annotate, beat, explore, game, home, play, sentence, watch
+from lilgym_mp.contrib.web.routes import annotate, beat, explore, game, play, sentence, watch
 
-PAGES = (home, play, beat, watch, game, annotate, explore, sentence)
+PAGES = (play, beat, watch, game, annotate, explore, sentence)
 ROUTERS = [router for page in PAGES for router in (page.router, page.api)]

@@ -15,14 +15,14 @@ from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, scene_body
 from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, save_annotation
 from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import AppearanceName, Name, ShortText, SplitName, storable
-from lilgym_mp.contrib.web.language import language
+from lilgym_mp.contrib.web.field_types import AppearanceName, Name, SplitName, storable
 from lilgym_mp.contrib.web.routes.explore import find_statement, list_statements
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.compiler import Program
 from lilgym_mp.programs.syntax import MAX_LENGTH, parse
+from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
 
@@ -45,7 +45,6 @@ class ProgramBody(BaseModel):
 
 class NewAnnotation(ProgramBody):
     name: Annotator
-    comment: ShortText = ""
 
 
 class AnnotatedStatement(NamedTuple):
@@ -79,13 +78,13 @@ CurrentStatement = Annotated[AnnotatedStatement, Depends(get_statement)]
 
 @router.get("/annotate", include_in_schema=False)
 def annotate_page(request: Request) -> Response:
-    return render_page(request, "annotate.html", appearances=list(APPEARANCES))
+    return render_page(request, "annotate.html", appearances=list(APPEARANCES), words=vocabulary())
 
 
 @api.get("/language")
-def words() -> JSON:
+def words() -> list[JSON]:
     """All words of the program language, with signatures and documentation."""
-    return language()
+    return [word._asdict() for word in vocabulary()]
 
 
 @api.post("/check")
@@ -124,7 +123,7 @@ def statement(found: CurrentStatement) -> JSON:
 @api.post("/run")
 def run(found: CurrentStatement, written: ProgramBody) -> list[JSON]:
     """A program's value on each shown scene, part by part; null where it has none, with the error in `fault`."""
-    program = _parsed(written.program)
+    program = Program(written.program)
     return [
         {**_value(program, scene), "label": label, "parts": parts_body(program.source, scene, STEP_LIMIT)}
         for scene, label in found.shown
@@ -137,7 +136,7 @@ def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> J
 
     Responds with 409 if it disagrees with a shown scene, or has no value on the empty scene, as every program must.
     """
-    program = _parsed(new.program)
+    program = Program(new.program)
     shown, hidden = (
         all(_value(program, scene)["truth"] is label for scene, label in scenes)
         for scenes in (found.shown, found.hidden)
@@ -146,7 +145,7 @@ def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> J
         raise http_error(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
     if fault := _value(program, Scene.empty())["fault"]:
         raise http_error(409, f"the program fails on a scene without items ({fault}); it must have a value everywhere")
-    about = {"corpus": services.catalogue.corpus, "statement_id": found.id, "statement": found.text}
+    about = {"corpus": services.catalogue.corpus, "statement_id": found.id, "statement": found.text, "comment": ""}
     row = {**new.model_dump(), **about, **pick(found, "appearance", "split"), "accepted": hidden}
     with services.database.write() as connection:
         save_annotation(connection, row)
@@ -161,14 +160,6 @@ def download(services: Services) -> Response:
         rows = [{**dict(row), "accepted": bool(row["accepted"])} for row in found]
     text = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
     return Response(text, media_type="application/jsonl", headers=DOWNLOAD_HEADERS)
-
-
-def _parsed(source: str) -> Program:
-    """Responds with 422 for an invalid program."""
-    try:
-        return Program(source)
-    except ProgramError as fault:
-        raise http_error(422, str(fault)) from None
 
 
 def _value(program: Program, scene: Scene) -> JSON:

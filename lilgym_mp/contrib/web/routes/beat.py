@@ -9,20 +9,18 @@ from random import Random
 from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Query, Request, Response
-from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import ConfigurationName, RandomId, SplitName
-from lilgym_mp.contrib.web.routes.play import LoadedEpisode, find_tasks, load_episode
+from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
+from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.contrib.web.trained_partners import PARSER
-from lilgym_mp.contrib.web.visitors import CurrentVisitor
 from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.evaluation.film import wrap_text
+from lilgym_mp.evaluation.film import ScoreLine, score_picture
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.render.frames import INK_RGB, MARK_RGB, PAPER_RGB, smooth_picture
 from lilgym_mp.solver.solver import UnsupportedAppearance
 
 router = APIRouter()
@@ -30,9 +28,6 @@ api = APIRouter(prefix="/api/beat", tags=["beat"])
 
 TASKS = 10
 AGENT_NAME = PARSER.partition(":")[2]
-PLAYERS = {"player": (0, 114, 178), AGENT_NAME: (213, 94, 0), "shortest": (140, 140, 140)}  # colours on the picture
-WIDTH, HEAD, ROW, MARGIN = 1000, 120, 68, 24  # of the picture, in pixels
-TEXT_LEFT, TEXT_WIDTH, BARS_LEFT, ACTION_WIDTH = 232, 440, 700, 16
 Episodes = Annotated[list[RandomId], Query(min_length=1, max_length=TASKS)]
 
 
@@ -61,7 +56,7 @@ def tasks(
     seed: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> JSON:
     """The ids of ten tasks; the same ones for the same arguments."""
-    ids = find_tasks(services.catalogue, configuration, split).ids
+    ids = services.catalogue.tasks(configuration, split).ids
     return {"tasks": Random(seed).sample(ids, min(TASKS, len(ids)))}
 
 
@@ -81,8 +76,13 @@ def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> R
     if not rows:
         raise http_error(409, "no episode is over yet")
     title = load_episode(services, visitor.id, episode[0]).row.configuration
+    verdict, summary = _told(rows, "Player")
+    lines = [
+        ScoreLine(f"Make it {str(row.target).lower()}: {row.statement}", row.scene, (row.you, row.agent, row.shortest))
+        for row in rows
+    ]
     buffer = io.BytesIO()
-    _drawn(rows, title).save(buffer, "PNG")
+    score_picture([f"{title}: {verdict}", summary], ["player", AGENT_NAME, "shortest"], lines).save(buffer, "PNG")
     return Response(buffer.getvalue(), media_type="image/png")
 
 
@@ -124,28 +124,3 @@ def _told(rows: Sequence[Row], player: str = "You") -> tuple[str, str]:
     theirs = f"{AGENT_NAME} {len(agents)} in {sum(agents)}"
     shortest = f"The shortest solutions of all take {sum(row.shortest or 0 for row in rows)}."
     return verdict, f"{player} solved {len(own)} of {len(rows)} in {sum(own)} actions, {theirs}. {shortest}"
-
-
-def _drawn(rows: Sequence[Row], configuration: str) -> Image.Image:
-    """The score as a picture: each task with its last scene, and bars as long as the actions taken."""
-    image = Image.new("RGB", (WIDTH, HEAD + ROW * len(rows) + MARGIN), PAPER_RGB)
-    pen = ImageDraw.Draw(image)
-    large, medium, small = (ImageFont.load_default(pixels) for pixels in (30, 17, 13))
-    verdict, summary = _told(rows, "Player")
-    pen.text((MARGIN, 18), f"{configuration}: {verdict}", INK_RGB, large)
-    pen.text((MARGIN, 62), summary, INK_RGB, medium)
-    for index, (player, rgb) in enumerate(PLAYERS.items()):
-        left = BARS_LEFT + (0, 60, 190)[index]
-        pen.rectangle((left, 97, left + 10, 107), rgb)
-        pen.text((left + 16, 94), player, INK_RGB, small)
-    for top, row in zip(range(HEAD, image.height, ROW), rows, strict=False):
-        scene = Image.fromarray(smooth_picture(row.scene, 1, light=True)).resize((190, 50), Image.Resampling.LANCZOS)
-        image.paste(scene, (MARGIN, top))
-        sentence = f"Make it {str(row.target).lower()}: {row.statement}"
-        for line, text in enumerate(wrap_text(sentence, TEXT_WIDTH, pen, small)[:3]):
-            pen.text((TEXT_LEFT, top + 17 * line), text, INK_RGB, small)
-        for index, (count, rgb) in enumerate(zip((row.you, row.agent, row.shortest), PLAYERS.values(), strict=True)):
-            y, length = top + 17 * index, ACTION_WIDTH * (count or 0)
-            pen.rectangle((BARS_LEFT, y + 2, BARS_LEFT + length, y + 12), rgb)
-            pen.text((BARS_LEFT + length + 6, y), "not solved" if count is None else str(count), MARK_RGB, small)
-    return image

@@ -8,18 +8,15 @@ from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
 
-from lilgym_mp.contrib.report.phenomena import phenomena, syntactic_phenomena
+from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.contrib.web.app_services import Catalogue, Services
 from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, png, scene_body
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import AppearanceName, Name, SplitName
-from lilgym_mp.contrib.web.run_directory import FoundFile, RunDirectory, UnreadableRecording, read_recording
 from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.corpus import NoTasksError, statement_form, words
+from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.programs.canonical import canonical_form
-from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import Call, WordName, parse, walk
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -31,7 +28,6 @@ api = APIRouter(prefix="/api/explore", tags=["explore"])
 
 PAGE_SIZE = 30  # statements
 STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
-MAX_RECORDINGS = 200  # searched for outcomes
 MAX_SCENES = 12  # per statement
 CONFIGURATION_NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
 """Configurations by (appearance, start)."""
@@ -67,8 +63,8 @@ def explore_page(
         "explore.html",
         appearances=list(APPEARANCES),
         query={"appearance": appearance, "split": split, "text": text, "phenomenon": phenomenon, "word": word},
-        phenomena=kinds,
-        words=used,
+        phenomena={name: f"{name} ({count})" for name, count in sorted(kinds.items())},
+        words={name: f"{name} ({count})" for name, count in sorted(used.items())},
         found=found[first : first + PAGE_SIZE],
         total=len(found),
         first=first,
@@ -92,21 +88,14 @@ def statement(
     appearance: AppearanceName = "tower",
     split: SplitName = "dev",
 ) -> JSON:
-    """A statement with its program, scenes, solutions and outcomes of recorded episodes."""
+    """A statement with its program, scenes and solutions."""
     found = find_statement(services.catalogue, appearance, split, statement_id)
-    runs, unreadable = _recorded_outcomes(services.run_directory, found.statement)
     return {
         **pick(found, "id", "statement", "program", "phenomena"),
-        "form": statement_form(found.statement),
-        "canonical": source_of(canonical_form(parse(found.program))),
-        "words": sorted(found.words),
-        "syntax": sorted(map(str, syntactic_phenomena(found.statement))),
         "scenes": [
             _scene(services.catalogue, CONFIGURATION_NAMES[appearance, start], task)
             for start, task in found.tasks[:MAX_SCENES]
         ],
-        "runs": runs,
-        "unreadable": unreadable,
     }
 
 
@@ -178,40 +167,3 @@ def _scene(catalogue: Catalogue, configuration: str, task: Task) -> JSON:
         "optimal_first": len(best.actions),
         "parts": parts_body(task.program, task.start),
     }
-
-
-def _recorded_outcomes(run_directory: RunDirectory, statement: str) -> tuple[list[JSON], list[str]]:
-    """The statement's outcomes in all recordings, and error messages for unreadable recordings."""
-    outcomes: list[JSON] = []
-    unreadable: list[str] = []
-    for file, _, fault in run_directory.recordings()[:MAX_RECORDINGS]:
-        if fault is not None:
-            unreadable.append(f"{file.name}: {fault}")
-            continue
-        try:
-            outcomes += _outcomes_by_statement(file).get(statement, ())
-        except UnreadableRecording as error:
-            unreadable.append(str(error))
-    return outcomes, unreadable
-
-
-@lru_cache(MAX_RECORDINGS)
-def _outcomes_by_statement(file: FoundFile) -> dict[str, list[JSON]]:
-    """Raises UnreadableRecording."""
-    recording = read_recording(file)
-    configuration = recording.header.settings.configuration
-    index: dict[str, list[JSON]] = {}
-    for number, episode in enumerate(recording.episodes):
-        outcome = {
-            "recording": file.name,
-            "recording_id": file.id,
-            "episode": number,  # its index in the recording
-            "agent": recording.header.agent,
-            "configuration": configuration,
-            "task_id": episode.task,
-            "outcome": episode.outcome,
-            "actions": len(episode.actions),
-            "reward": round(episode.reward, 6),
-        }
-        index.setdefault(episode.statement, []).append(outcome)
-    return index

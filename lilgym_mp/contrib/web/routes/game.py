@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Mapping
-from dataclasses import replace
 from functools import lru_cache
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Request, Response
@@ -28,9 +27,9 @@ from lilgym_mp.contrib.web.field_types import (
     RandomId,
 )
 from lilgym_mp.contrib.web.live_games import LiveGame
+from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.contrib.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
-from lilgym_mp.contrib.web.visitors import CurrentVisitor
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
@@ -48,7 +47,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_A
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
-from lilgym_mp.scene.actions import ActionError, describe, named
+from lilgym_mp.scene.actions import describe, named
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
@@ -65,15 +64,7 @@ SCRIPTED_PARTNERS = {  # by the seat they can take
     Role.PROPOSER: (EXPERT, "helpful", "sneaky", "by_intent", "random"),
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
-FULL_VIEW = "everything"
-_ALL = View(scene="image", statement="text", target=True, proposal=True, history=6)
-VIEWS: Mapping[str, View] = {
-    FULL_VIEW: _ALL,
-    "no picture": replace(_ALL, scene="none"),
-    "no statement": replace(_ALL, statement="none"),
-    "no target": replace(_ALL, target=False),
-}
-ViewName = Literal["everything", "no picture", "no statement", "no target"]
+VIEW = View(scene="image", statement="text", target=True, proposal=True, history=6)
 VERDICT_BINS = {"brier": 5, "log": 5}  # probabilities to choose from, by rewards; others have two answers
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
 
@@ -86,8 +77,6 @@ class NewGame(BaseModel):
     rewards: PresetName = "common"
     proposer: PartnerName = PERSON
     verifier: PartnerName = "oracle"
-    proposer_view: ViewName = "everything"
-    verifier_view: ViewName = "everything"
 
 
 class SeatAction(BaseModel):
@@ -102,34 +91,36 @@ def game_page(request: Request, services: Services) -> Response:
     return render_page(
         request,
         "game.html",
-        sizes=services.catalogue.sizes(),
+        configurations=list(services.catalogue.sizes()),
         protocols=list(PROTOCOLS),
         protocol_rules=list(PROTOCOLS.values()),
         rewards=list(PRESETS),
-        views=list(VIEWS),
-        proposers=SCRIPTED_PARTNERS[Role.PROPOSER],
-        verifiers=SCRIPTED_PARTNERS[Role.VERIFIER],
-        titles=PARTNER_TITLES,
-        trained=services.trained_partners.names(),
+        proposers=_players(services, Role.PROPOSER),
+        verifiers=_players(services, Role.VERIFIER),
     )
+
+
+def _players(services: AppServices, role: Role) -> dict[str, str]:
+    """Titles of those who can take the seat."""
+    scripted = {name: PARTNER_TITLES.get(name, name.replace("_", " ")) for name in SCRIPTED_PARTNERS[role]}
+    return {PERSON: "a person", **scripted, **services.trained_partners.names()}
 
 
 @api.post("/games", status_code=201)
 def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
     """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
-    names, views = (new.proposer, new.verifier), (new.proposer_view, new.verifier_view)
-    if PERSON not in names:
+    if PERSON not in (new.proposer, new.verifier):
         raise http_error(422, "at least one of the seats must be taken by a person")
     partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
     try:
-        setup = _game_setup(services.options.corpus, new.configuration, views, new.protocol, new.rewards)
-    except CorpusError as fault:
-        raise http_error(404, str(fault)) from None
+        setup = _game_setup(services.options.corpus, new.configuration, new.protocol, new.rewards)
+    except CorpusError:
+        raise
     except ValueError as fault:
         raise http_error(422, str(fault)) from None
     engine = GameEngine(setup)
     engine.reset(secrets.randbelow(2**31), None)
-    game = LiveGame(visitor.id, new.configuration, engine, views, partners, (new.verifier, new.proposer))
+    game = LiveGame(visitor.id, new.configuration, engine, partners, (new.verifier, new.proposer))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
@@ -137,12 +128,10 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
 
 def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
     """The partner in that seat; None for a person. Responds with 404 or 422 if it cannot take it."""
-    name, view = (new.proposer, new.proposer_view) if role is Role.PROPOSER else (new.verifier, new.verifier_view)
+    name = new.proposer if role is Role.PROPOSER else new.verifier
     if name == PERSON:
         return None
     if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
-        if view != FULL_VIEW:
-            raise http_error(422, f"a trained agent must see {FULL_VIEW}; its view is {view!r}")
         settings = Settings(new.configuration, services.options.corpus)
         return services.trained_partners.partner(name, settings, role, new.protocol)
     known = SCRIPTED_PARTNERS[role]
@@ -157,7 +146,7 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
 
 
 @lru_cache(maxsize=64)
-def _game_setup(corpus: str, configuration: str, views: tuple[str, str], protocol: str, rewards: str) -> GameSetup:
+def _game_setup(corpus: str, configuration: str, protocol: str, rewards: str) -> GameSetup:
     """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
     return GameSettings(
         configuration,
@@ -166,7 +155,7 @@ def _game_setup(corpus: str, configuration: str, views: tuple[str, str], protoco
         protocol=protocol,
         rewards=rewards,
         verdict_bins=VERDICT_BINS.get(rewards),
-        views={agent: VIEWS[view] for agent, view in zip(AGENTS, views, strict=True)},
+        views=dict.fromkeys(AGENTS, VIEW),
         image_size="native",
     ).setup()
 
@@ -225,10 +214,7 @@ def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> in
         if name not in answers:
             raise http_error(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
         return answers[name]
-    try:
-        return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
-    except ActionError as fault:
-        raise http_error(422, str(fault)) from None
+    return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
 
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:
@@ -236,17 +222,15 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
     game = live.engine.game
     observation = live.engine.observe(role)["observation"]
     legal = live.legal(role)
-    target, intent, message = (observation.get(name) for name in ("target", "intent", "message"))
+    intent, message = observation.get("intent"), observation.get("message")
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
     dynamics, scene = game.config.dynamics, live.engine.state.mdp.scene
-    sees_scene = "image" in observation
     return {
         "role": role.name.lower(),
         "protocol": game.protocol.name,
         "configuration": live.configuration,
         "horizon": dynamics.horizon,
         "opposite": live.opposite[role],  # "person" or the partner's name
-        "view": live.views[role],
         "end": _end_body(live) if live.over else None,
         "over": live.over,
         "round": live.engine.state.mdp.steps + 1,
@@ -255,13 +239,13 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
         "own_actions": live.own_actions[role],
         "reward": round(live.rewards[role], 6) if live.over else None,
         "grid": dynamics.appearance.grid,  # columns, rows; null in Tower
-        "scene": scene_body(scene) if sees_scene else None,
-        "statement": read_text(observation["statement"]) if "statement" in observation else None,
-        "target": None if target is None else bool(target),
+        "scene": scene_body(scene),
+        "statement": read_text(observation["statement"]),
+        "target": bool(observation["target"]),
         "intent": None if intent is None else Intent(int(intent)).name.lower(),
         "proposal": _proposal(live, observation.get("proposal")),
-        "proposed_item": _proposed_item(live, observation) if sees_scene else None,
-        "removable": removable_items(dynamics, scene) if sees_scene and legal and role is Role.PROPOSER else {},
+        "proposed_item": _proposed_item(live, observation),
+        "removable": removable_items(dynamics, scene) if legal and role is Role.PROPOSER else {},
         "message": None if message is None else int(message),
         "history": [_past_turn(live, row) for row in observation.get("history", ())],
         "answers": [game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
@@ -278,7 +262,6 @@ def _end_body(live: LiveGame) -> JSON:
         "reached": value is task.target,
         "value": value,
         "intent": state.intent.name.lower(),
-        "views": {role.name.lower(): live.views[role] for role in Role},
     }
 
 

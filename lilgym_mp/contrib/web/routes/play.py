@@ -18,14 +18,12 @@ from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, removable_items
 from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import ConfigurationName, Name, RandomId, SplitName
+from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.contrib.web.visitors import CurrentVisitor
-from lilgym_mp.corpus import CorpusError, TaskSet
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene.actions import Action, ActionError, describe, named
-from lilgym_mp.scene.appearances import Appearance, InvalidReason
-from lilgym_mp.solver.solver import UnsupportedAppearance
+from lilgym_mp.scene.actions import describe, named
+from lilgym_mp.scene.appearances import InvalidReason
 
 router = APIRouter()
 api = APIRouter(prefix="/api/play", tags=["play"])
@@ -63,9 +61,12 @@ class ActionTaken(BaseModel):
     steps: int = Field(ge=0, le=1_000)
 
 
+@router.get("/", include_in_schema=False)
 @router.get("/play", include_in_schema=False)
 def play_page(request: Request, services: Services) -> Response:
-    return render_page(request, "play.html", sizes=services.catalogue.sizes())
+    """The start page offers a task to play, too."""
+    values = {"sizes": services.catalogue.sizes(), "corpus": services.options.corpus}
+    return render_page(request, "play.html", is_home=request.url.path == "/", **values)
 
 
 @api.post("/episodes", status_code=201)
@@ -96,7 +97,8 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: C
             raise http_error(409, "this episode is over; start a new one")
         if taken.steps != loaded.state.steps:
             raise http_error(409, f"this episode is already at step {loaded.state.steps}; reload it")
-        action, index = _parse_action(dynamics.appearance, taken.action)
+        action = named(taken.action)
+        index = dynamics.appearance.encode(action)
         transition = dynamics.step(loaded.state, action)
         if transition.invalid is not None and not row.strict:
             raise http_error(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
@@ -141,17 +143,9 @@ class LoadedEpisode:
         return self.row.outcome is not None
 
 
-def find_tasks(catalogue: Catalogue, configuration: str, split: str) -> TaskSet:
-    """Responds with 404 if there are none."""
-    try:
-        return catalogue.tasks(configuration, split)
-    except (ValueError, CorpusError) as fault:
-        raise http_error(404, str(fault)) from None
-
-
 def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:
     """The task with that id, or a random one for None. Responds with 404 if there is none."""
-    tasks = find_tasks(catalogue, configuration, split)
+    tasks = catalogue.tasks(configuration, split)
     try:
         return tasks[secrets.randbelow(len(tasks))] if task_id is None else tasks.by_id(task_id)
     except ValueError as fault:
@@ -182,15 +176,6 @@ def _find_episode(
         last = dynamics.step(state, dynamics.appearance.decode(index))
         state = last.state
     return LoadedEpisode(row, task, dynamics, state, last)
-
-
-def _parse_action(appearance: Appearance, name: str) -> tuple[Action, int]:
-    """The action with that name, and its index. Responds with 422 if this appearance has none."""
-    try:
-        action = named(name)
-        return action, appearance.encode(action)
-    except ActionError as fault:
-        raise http_error(422, str(fault)) from None
 
 
 def _episode_body(loaded: LoadedEpisode) -> JSON:
@@ -224,11 +209,7 @@ def _end_body(loaded: LoadedEpisode) -> JSON:
 
 
 def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> JSON:
-    """Responds with 404 if there is no expert for the appearance."""
-    try:
-        solved = catalogue.solver(loaded.row.configuration).solve(loaded.task)
-    except UnsupportedAppearance as fault:
-        raise http_error(404, str(fault)) from None
+    solved = catalogue.solver(loaded.row.configuration).solve(loaded.task)
     state, steps = loaded.dynamics.start(loaded.task), []
     for action in solved.actions:
         state = loaded.dynamics.step(state, action).state

@@ -6,12 +6,12 @@ from threading import Lock
 from typing import Annotated
 
 from fastapi import APIRouter, Request, Response
-from pydantic import AfterValidator, BaseModel, StringConstraints
+from pydantic import BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, scene_body
 from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import AppearanceName, storable
+from lilgym_mp.contrib.web.field_types import AppearanceName, Name
 from lilgym_mp.contrib.web.routes.explore import CONFIGURATION_NAMES
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.contrib.web.trained_partners import PARSER
@@ -26,11 +26,10 @@ api = APIRouter(prefix="/api/sentence", tags=["sentence"])
 
 PLANNING_SECONDS = 20  # a request waits this long for those of others
 _PLANNING = Lock()  # one sentence at a time, so that planning occupies one core
-_TEXT = StringConstraints(strip_whitespace=True, min_length=1, max_length=200)
 
 
 class NewSentence(BaseModel):
-    sentence: Annotated[str, _TEXT, AfterValidator(storable)]
+    sentence: Annotated[Name, StringConstraints(strip_whitespace=True, min_length=1)]
     appearance: AppearanceName = "tower"
     target: bool = True
 

@@ -30,7 +30,6 @@ from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
 from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import ActionType, describe
-from lilgym_mp.scene.appearances import Appearance
 
 router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
@@ -106,7 +105,6 @@ def recording(recording_id: RecordingId, services: Services) -> JSON:
         "supervision": header.supervision,
         "successes": sum(episode.is_success for episode in episodes),
         "outcomes": dict(Counter(episode.outcome for episode in episodes).most_common()),
-        "has_decisions": any(episode.decisions for episode in episodes),
         "played": [_episode_summary(index, episode) for index, episode in enumerate(episodes)],
         "comparable": [_summary(one) for one in others if one.header and _task_set(one.header) == _task_set(header)],
     }
@@ -126,7 +124,7 @@ def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
         **_episode_summary(index, episode),
         **pick(episode, "program", "tags", "form_seen", "optimal_actions"),
         "total": round(episode.reward, 6),
-        "grid": _grid(dynamics.appearance),
+        "grid": dynamics.appearance.grid or (BOX_COUNT, 1),
         "steps": steps,
     }
 
@@ -165,11 +163,6 @@ def _task_set(header: Header) -> tuple[str, str, str]:
     return header.settings.configuration, header.split, header.tasks_sha256
 
 
-def _grid(appearance: Appearance) -> tuple[int, int]:
-    """Columns and rows."""
-    return appearance.grid or (BOX_COUNT, 1)
-
-
 def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
     """Scenes with the actions taken in them; the last scene has no action."""
     for action in episode.actions:
@@ -178,7 +171,7 @@ def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
     if episode.outcome == "horizon" and not dynamics.rules.applies_edit_at_horizon:
         visited[-1] = visited[-2]
     decisions = episode.decisions or (None,) * len(episode.actions)
-    rows = _grid(dynamics.appearance)[1]
+    _, rows = dynamics.appearance.grid or (BOX_COUNT, 1)
     steps = [
         {
             "scene": scene_body(scene),

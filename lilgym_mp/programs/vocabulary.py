@@ -1,11 +1,11 @@
-"""The words of the program language, for the editor's completions and list, from the language's own tables."""
+"""All words of the language with their meanings, for editors and lists."""
 
 from __future__ import annotations
 
 import inspect
 from functools import cache
+from typing import NamedTuple
 
-from lilgym_mp.contrib.web.bodies import JSON, pick
 from lilgym_mp.programs.syntax import ATTRIBUTES, METHODS
 from lilgym_mp.programs.values import ENUMS, BoxView
 from lilgym_mp.programs.words import GROUPS, WORDS
@@ -20,13 +20,22 @@ OTHERS = {
 }
 
 
+class Entry(NamedTuple):
+    """A word, or a name or member that programs can use."""
+
+    name: str
+    group: str
+    signature: str
+    meaning: str  # in one line
+    is_function: bool
+
+
 @cache
-def language() -> JSON:
-    """All words with their group, signature and meaning."""
-    words = [{**pick(word, "name", "group", "signature", "meaning"), "is_function": True} for word in WORDS.values()]
-    for group, others in OTHERS.items():
-        for name, meaning in others.items():
-            words.append({"name": name, "group": group, "signature": name, "meaning": meaning, "is_function": False})
-    for word in words:
-        word["meaning"] = " ".join(word["meaning"].replace("`", "").split())
-    return {"groups": [*GROUPS, *OTHERS], "words": words}
+def vocabulary() -> tuple[Entry, ...]:
+    """Every word, group by group."""
+    words = [Entry(word.name, word.group, word.signature, word.meaning, True) for word in WORDS.values()]
+    words.sort(key=lambda word: list(GROUPS).index(word.group))
+    others = [Entry(name, group, name, text, False) for group, found in OTHERS.items() for name, text in found.items()]
+    return tuple(
+        entry._replace(meaning=" ".join(entry.meaning.replace("`", "").split())) for entry in (*words, *others)
+    )
