@@ -32,7 +32,7 @@ def main() -> None:
     env = gym.make(args.id)
     unwrapped: Any = env.unwrapped
     observation, _ = env.reset(seed=args.seed)
-    task = f"{observation['statement']}  Make it {bool(observation['target'])}."
+    task = f"{observation['statement']}  Make it {str(bool(observation['target'])).lower()}."
     legal = lilgym_mp.action_masks(env)
     print(f"lilgym_mp {lilgym_mp.__version__}: {legal.sum()} of {unwrapped.action_space.n} actions are legal")
     print(task)

@@ -22,7 +22,7 @@ def caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | Non
     and transition."""
     lines = [
         state.task.statement,
-        f"Make it {state.task.target}.  Action {state.steps} of {dynamics.horizon}.",
+        f"Make it {str(state.task.target).lower()}.  Action {state.steps} of {dynamics.horizon}.",
     ]
     if last is not None:
         action, transition = last

@@ -426,16 +426,16 @@ def test_observations__are_copies(own_corpus: Path):
 def test_render__text_shows_statement_target_and_last_outcome(own_corpus: Path):
     env = make(TOWER, corpus=own_corpus, render_mode="ansi")
     env.reset(seed=0)
-    assert env.render().splitlines()[-2:] == ["Blue is here.", "Make it True.  Action 0 of 12."]
+    assert env.render().splitlines()[-2:] == ["Blue is here.", "Make it true.  Action 0 of 12."]
     env.step(3)
     assert env.render().splitlines()[-2:] == [
-        "Make it True.  Action 1 of 12.",
+        "Make it true.  Action 1 of 12.",
         "ADD(LEFT, BLUE): continues, reward -0.1",
     ]
     env.step(12)
     assert env.render().splitlines()[-1] == "REMOVE(RIGHT): invalid_action (empty_tower), reward -1.0"
     env.reset()
-    assert env.render().splitlines()[-1] == "Make it True.  Action 0 of 12."
+    assert env.render().splitlines()[-1] == "Make it true.  Action 0 of 12."
 
 
 def test_render__picture_shows_scene_and_caption(own_corpus: Path):

@@ -34,8 +34,8 @@ UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (ST
 
 def test_episode_frames__show_the_start_and_each_action():
     start, added, stopped = episode_frames(TOWER.make("dev"), SEEN)
-    assert np.array_equal(start.picture, smooth_picture(scene(), 1, light=True))
-    assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1, light=True))
+    assert np.array_equal(start.picture, smooth_picture(scene(), 1))
+    assert np.array_equal(added.picture, smooth_picture(scene(tower(B)), 1))
     assert added.caption == "1. ADD(LEFT, BLUE)"
     assert [(frame.truth, frame.target) for frame in (start, added, stopped)] == [
         (False, True),

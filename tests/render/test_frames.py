@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from lilgym_mp.scene import Box, Scene
 from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
-from lilgym_mp.scene.render import draw
-from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB
+from lilgym_mp.scene.render import draw, drawing
+from lilgym_mp.scene.render.drawing import COLOUR_RGB
 from lilgym_mp.scene.render.frames import (
+    BOX_RGB,
     CELL_RGB,
     FRAME_SHAPE,
     MARGIN,
@@ -60,7 +61,11 @@ def test_scene_picture__differs_from_the_observation_only_at_edges(shown: Scene)
 
 
 def _enlarged(shown: Scene) -> UInt8Array:
-    return draw(shown).repeat(SCALE, axis=0).repeat(SCALE, axis=1)
+    """The observation's image on the lighter ground."""
+    image = draw(shown)
+    for rgb, lighter in ((drawing.BOX_RGB, BOX_RGB), (drawing.SEPARATOR_RGB, PAPER_RGB)):
+        image[(image == rgb).all(axis=2)] = lighter
+    return image.repeat(SCALE, axis=0).repeat(SCALE, axis=1)
 
 
 def _edges(image: UInt8Array) -> BoolArray:

@@ -191,7 +191,7 @@ class GameEngine:
         horizon = self.game.config.dynamics.horizon
         lines = [
             mdp.task.statement,
-            f"Make it {mdp.task.target}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
+            f"Make it {str(mdp.task.target).lower()}.  Round {mdp.steps} of {horizon}.  {self._last_actions}",
         ]
         return self._renderer.render(mdp.scene, [*lines, self._last_result] if self._last_result else lines)
 

@@ -12,7 +12,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_
 from lilgym_mp.scene.actions import BOX_NAMES
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB
+from lilgym_mp.scene.render.drawing import COLOUR_RGB
 
 Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 RGB = tuple[int, int, int]
@@ -29,7 +29,7 @@ MARK_SPACING = 16  # minimum pixels between two numbers; on finer grids only som
 LINE_PIXELS = FONT_PIXELS + 8
 PAPER_RGB, INK_RGB, MARK_RGB = (255, 255, 255), (30, 30, 30), (90, 90, 90)
 OUTLINE_RGB = (80, 80, 80)
-LIGHT: tuple[RGB, RGB] = (PAPER_RGB, (240, 240, 236))  # separators and boxes of light pictures
+BOX_RGB = (240, 240, 236)  # lighter than in observations; nothing is drawn between boxes
 CELL_RGB = (180, 180, 180)
 
 
@@ -63,12 +63,9 @@ def caption_font() -> Font:
     return ImageFont.load_default(FONT_PIXELS)
 
 
-def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None, *, light: bool = False) -> UInt8Array:
-    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines.
-
-    `light`: in boxes of a lighter grey than those of observations, with nothing between them.
-    """
-    image = _drawn(scene, scale * SUPERSAMPLING, grid, LIGHT if light else (SEPARATOR_RGB, BOX_RGB))
+def smooth_picture(scene: Scene, scale: int, grid: tuple[int, int] | None = None) -> UInt8Array:
+    """(100 scale, 380 scale, 3) the antialiased scene, with outlines around the boxes and, with `grid`, cell lines."""
+    image = _drawn(scene, scale * SUPERSAMPLING, grid)
     image = image.reduce(SUPERSAMPLING)
     _outline_boxes(ImageDraw.Draw(image), scale, 0)
     return np.asarray(image)
@@ -81,14 +78,12 @@ def _outline_boxes(pen: ImageDraw.ImageDraw, scale: int, margin: int) -> None:
         pen.rectangle((left - 1, margin - 1, left + scale * BOX_SIDE, margin + scale * BOX_SIDE), outline=OUTLINE_RGB)
 
 
-def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None, ground: tuple[RGB, RGB]) -> Image.Image:
-    """`ground`: the colours of separators and boxes."""
-    separator, empty = ground
-    image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), separator)
+def _drawn(scene: Scene, scale: int, grid: tuple[int, int] | None) -> Image.Image:
+    image = Image.new("RGB", (IMAGE_WIDTH * scale, IMAGE_HEIGHT * scale), PAPER_RGB)
     pen = ImageDraw.Draw(image)
     for index, box in enumerate(scene.boxes):
         left = index * BOX_PITCH
-        pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=empty)
+        pen.rectangle(_square(left, 0, BOX_SIDE, scale), fill=BOX_RGB)
         if grid is not None:
             for line in _cell_lines(left, grid):
                 pen.line([coordinate * scale for coordinate in line], fill=CELL_RGB, width=SUPERSAMPLING)
@@ -153,9 +148,8 @@ def _mark(pen: ImageDraw.ImageDraw, appearance: Appearance) -> None:
             position = MARGIN + SCALE * x + SCALE * width // 2, MARGIN // 2
             pen.text(position, str(x // width), fill=MARK_RGB, font=font, anchor="mm")
         for y in range(0, BOX_SIDE, height * _steps(height)):
-            ink = MARK_RGB if box == 0 else PAPER_RGB  # on the separators
             position = MARGIN + SCALE * left - 3, MARGIN + SCALE * y + SCALE * height // 2
-            pen.text(position, str(y // height), fill=ink, font=font, anchor="rm")
+            pen.text(position, str(y // height), fill=MARK_RGB, font=font, anchor="rm")
 
 
 def _fitted(line: str, width: int, pen: ImageDraw.ImageDraw, font: Font) -> str:
