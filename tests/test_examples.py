@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import os
 import re
@@ -11,8 +12,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from PIL import Image
 
 from lilgym_mp.cli import main
 from tests.documents import code_blocks
@@ -88,6 +92,29 @@ def test_train_masked_ppo__evaluates_the_model_that_it_saves(run: Run, tmp_path:
     written = json.loads((tmp_path / "results.json").read_text())
     assert [(row["actions"], row["split"]) for row in written["results"]] == [("greedy", "test"), ("sampled", "test")]
     assert (tmp_path / "masked_ppo.zip").exists()
+
+
+@pytest.mark.long
+def test_tour__runs_and_shows_scenes_a_film_and_a_chart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    _needs("tour.ipynb", "torch", "train")
+    _needs("tour.ipynb", "matplotlib", "report")
+    shown: list[Any] = []
+    display = SimpleNamespace(display=shown.append, Image=lambda name: Image.open(io.BytesIO(Path(name).read_bytes())))
+    notebook = SimpleNamespace(version_info=(9, 0), get_ipython=lambda: None, display=display)  # without Jupyter
+    monkeypatch.setitem(sys.modules, "IPython", notebook)
+    monkeypatch.setitem(sys.modules, "IPython.display", display)
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for cell in json.loads((EXAMPLES / "tour.ipynb").read_text())["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    *scenes, film, chart = shown
+    assert [scene.size for scene in scenes] == [(784, 304)] * 2
+    assert film.n_frames > 2
+    assert chart.width > 300
+    assert "| parse-and-plan  | TowerScratch" in capsys.readouterr().out
 
 
 def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
