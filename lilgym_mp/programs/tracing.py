@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from typing import Any, NamedTuple, cast
 
@@ -47,7 +47,7 @@ class _Budget:
         self._scene, self._steps = scene, steps
 
     @contextmanager
-    def evaluation(self, node: syntax.Node) -> Iterator[Evaluation]:
+    def evaluation(self, node: syntax.Node) -> Generator[Evaluation]:
         """For one evaluation of the node."""
         evaluation = Evaluation(self._scene, self._steps)
         try:

@@ -34,7 +34,8 @@ class Entry(NamedTuple):
 def vocabulary() -> tuple[Entry, ...]:
     """Every word, group by group."""
     words = [Entry(word.name, word.group, word.signature, word.meaning, True) for word in WORDS.values()]
-    words.sort(key=lambda word: list(GROUPS).index(word.group))
+    order: list[str] = list(GROUPS)
+    words.sort(key=lambda word: order.index(word.group))
     others = [Entry(name, group, name, text, False) for group, found in OTHERS.items() for name, text in found.items()]
     return tuple(
         entry._replace(meaning=" ".join(entry.meaning.replace("`", "").split())) for entry in (*words, *others)

@@ -53,14 +53,14 @@ router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
 
 PERSON, EXPERT = "person", "expert"
-PARTNER_TITLES = {
+PARTNER_TITLES: dict[str, str] = {
     EXPERT: "expert: edits towards its goal",
     "helpful": "helpful: edits at random, claims if true",
     "sneaky": "sneaky: edits at random, claims if false",
     "by_intent": "helpful or sneaky, as the game's intent",
     "oracle": "oracle: knows the truth",
 }
-SCRIPTED_PARTNERS = {  # by the seat they can take
+SCRIPTED_PARTNERS: dict[Role, tuple[str, ...]] = {  # by the seat they can take
     Role.PROPOSER: (EXPERT, "helpful", "sneaky", "by_intent", "random"),
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
