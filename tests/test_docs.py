@@ -17,8 +17,7 @@ from tests.documents import run_document
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "README.md",
-    *(f"docs/{name}.md" for name in ("fidelity", "perception", "augmentation", "vectorised", "stable_baselines3")),
-    "docs/language_models.md",
+    *(f"docs/{name}.md" for name in ("fidelity", "perception", "vectorised", "stable_baselines3")),
     *(f"docs/{name}.md" for name in ("corpus", "training", "api/index", "environments/tower_flipit")),
 )
 
@@ -68,7 +67,7 @@ SHORTER = {  # long-running parts of tutorial commands, and their replacements i
     "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
     "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
 }
-TOLD_AS_TUTORIALS = ("index", "troubleshooting", "own_statements", "language_model_training")
+TOLD_AS_TUTORIALS = ("index", "troubleshooting", "own_statements", "language_models")
 LONG = ("imitation", "train_and_evaluate")  # tutorials that train and evaluate agents
 NEEDS = {  # optional modules that each document needs
     "train_and_evaluate.md": ("stable_baselines3",),

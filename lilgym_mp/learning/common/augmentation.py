@@ -1,7 +1,7 @@
 """Data augmentation by symmetry: permutes colours, shapes, boxes, and left and right.
 
 An `Augmentation` applies the same permutation to statements, programs, scenes, images, actions and tasks.
-docs/augmentation.md says which permutations commute with the rules and when one is refused.
+docs/perception.md says which permutations commute with the rules and when one is refused.
 """
 
 from __future__ import annotations
