@@ -37,7 +37,7 @@ def test_single(id: str, rules: str) -> None:
         (TOWER_FLIPIT, 1, {"split": "dev"}),
         (SCATTER, COMPILED, {"horizon": 3, "rules": "release"}),
         (SCATTER, SCALAR, {"grid": (38, 10)}),
-        (SCATTER_FLIPIT, 24, {"observation": "arrays"}),
+        (SCATTER_FLIPIT, 16, {"observation": "arrays"}),
         (SCATTER_FLIPIT, SCALAR, {"rules": "release", "image_size": "native", "split": "dev"}),
         (SCATTER_FLIPIT, COMPILED, {"grid": (38, 10)}),
     ],

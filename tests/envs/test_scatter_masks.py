@@ -78,10 +78,10 @@ def test_masks__ignore_items_outside_the_box() -> None:
 
 @BY_RULES
 def test_action_masks__of_a_batch_are_exact_throughout_long_random_play(rules: str) -> None:
-    env: Any = gym.make_vec("lilgym_mp/ScatterFlipIt-v0", num_envs=64, rules=rules)
+    env: Any = gym.make_vec("lilgym_mp/ScatterFlipIt-v0", num_envs=32, rules=rules)
     env.reset(seed=0)
     generator = np.random.default_rng(0)
-    for step in range(150):
+    for step in range(100):
         masks = env.action_masks()
         if step % 10 == 9:
             for mask, state in zip(masks, env.states(), strict=True):

@@ -13,8 +13,6 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from lilgym_mp import testing, wrappers
 from lilgym_mp.envs.observation import EMPTY
@@ -56,22 +54,6 @@ NAMES = [
 ]
 
 # Any selection is valid in this order of layers, in any order within a layer.
-LAYERS: list[Stack] = [
-    [(wrappers.BoxPermutation, {}), (wrappers.NLVRReward, {})],
-    [
-        (wrappers.StopForcing, {"mode": "replace"}),
-        (wrappers.StopForcing, {"mode": "mask"}),
-        (wrappers.ActionMask, {}),
-        (wrappers.StepsLeft, {}),
-        (wrappers.GridPlanes, {"keep_image": True}),
-        (wrappers.StructuredObservation, {"keep_image": True}),
-        (wrappers.TokenizedStatement, {}),
-        (wrappers.StatementEmbedding, {"encoder": letters}),
-        (wrappers.NativeImage, {}),
-    ],
-    [(wrappers.ChannelsFirst, {}), (wrappers.ActionMask, {})],
-    [(wrappers.MultiDiscreteActions, {}), (wrappers.StepsLeft, {})],
-]
 
 
 def stacked(env: gym.Env[Any, Any], stack: Stack) -> gym.Env[Any, Any]:
@@ -137,35 +119,6 @@ def test_stack__can_be_pickled_in_mid_episode(make: Make):
     env.step(1)
     copy = pickle.loads(pickle.dumps(env))
     assert equal(env.step(2), copy.step(2))
-
-
-@st.composite
-def stacks(draw: st.DrawFn) -> Stack:
-    return [
-        entry
-        for layer in LAYERS
-        for entry in draw(st.lists(st.sampled_from(layer), unique_by=lambda entry: entry[0].__name__, max_size=4))
-    ]
-
-
-@settings(max_examples=40)
-@given(stack=stacks(), appearance=st.sampled_from(["Tower", "Scatter"]), seed=st.integers(0, 1000))
-def test_random_stack__stays_within_its_spaces(corpus: Path, stack: Stack, appearance: str, seed: int):
-    env = stacked(gym.make(f"lilgym_mp/{appearance}Scratch-v0", corpus=str(corpus)), stack)
-    env.action_space.seed(seed)
-    observation, _ = env.reset(seed=seed)
-    assert observation in env.observation_space
-    ended = False
-    while not ended:
-        action = env.action_space.sample()
-        assert action in env.action_space
-        observation, reward, terminated, truncated, _ = env.step(action)
-        assert observation in env.observation_space
-        assert isinstance(reward, float)
-        ended = terminated or truncated
-    masks = env.get_wrapper_attr("action_masks")()
-    assert masks[0]
-    assert masks.dtype == np.bool_
 
 
 FACTORIES = {name: getattr(wrappers, name) for name in wrappers.__all__ if name.endswith("_v0")}

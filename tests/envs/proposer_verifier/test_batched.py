@@ -75,18 +75,6 @@ def test_infos__describe_each_games_turn(settings: dict[str, Any]):
                 seen[index], _ = single.reset()
 
 
-@pytest.mark.parametrize("rewards", ["common", "hidden"])
-def test_reset__without_a_seed_continues_the_generators_as_single_games_do(rewards: str):
-    batch = BatchedGames(GAMES, rewards=rewards)
-    singles = [parallel_env(rewards=rewards) for _ in range(GAMES)]
-    batch.reset(seed=SEED)
-    for index, single in enumerate(singles):
-        single.reset(seed=SEED + index)
-    observations, _ = batch.reset()
-    for index, single in enumerate(singles):
-        assert data_equivalence(row(observations, index), single.reset()[0])
-
-
 def test_own_turn_rewards__of_a_hand_worked_veto_game():
     """A rejected and an accepted edit, then a rejected and an accepted STOP, of the task "Some block is blue."."""
     games = BatchedGames(1, tasks=TASKS, protocol="veto")
