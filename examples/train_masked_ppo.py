@@ -31,5 +31,5 @@ model = MaskablePPO(env=envs, seed=args.seed, verbose=1, **settings.model)  # te
 model.learn(args.steps, settings.callback, log_interval=25, use_masking=False)
 envs.close()
 model.save(args.model)
-results = ["--json", args.json, "--force"] if args.json else []
+results = ["--out", args.json, "--force"] if args.json else []
 main(["evaluate", args.model, "--trust", "--alone", "--corpus", args.corpus, "--split", args.split, *results])

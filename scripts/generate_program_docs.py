@@ -27,7 +27,7 @@ program.evaluate(scene)  # the same, but raises ProgramRuntimeError where the pr
 program.errors  # Counter of the error messages; program(scene) is False on an error
 ```
 
-`lilgym-mp program check "..."` explains what is wrong with a program, or lists the words it uses.
+`lilgym-mp explain --program "..."` explains what is wrong with a program, or lists the words it uses.
 
 ## Scenes
 

@@ -12,20 +12,31 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
 from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.corpus.notes import printable
-from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, help_of
+from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_commands
 
 # Modules of this package, in the order of --help.
 COMMANDS = (
-    *("demo", "play", "play-game", "train", "evaluate", "evaluate-game", "report", "experiment"),
-    *("explain", "solve", "demos", "data", "program", "llm", "prompts", "score", "bench", "serve"),
+    *("demo", "play", "train", "evaluate", "report", "experiment"),
+    *("explain", "solve", "data", "demos", "llm", "bench", "serve"),
 )
+RENAMED = {  # commands and options of earlier versions, and what replaces them
+    "play-game": "play --protocol NAME",
+    "evaluate-game": "evaluate",
+    "program": "explain --program",
+    "prompts": "llm prompts",
+    "score": "llm score",
+    "--gif": "--film",
+    "--json": "--out",
+    "--output": "--out",
+    "--configurations": "--configuration",
+}
 
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
@@ -75,11 +86,8 @@ def make_parser(only: str | None = None, learner: str | None = None) -> argparse
     parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)
-    for name in COMMANDS if only is None else (only,):
-        module = import_module(f"{__name__}.{name.replace('-', '_')}")
-        command = subparsers.add_parser(name, **help_of(module.__name__))
-        command.set_defaults(run=getattr(module, "run", None))
-        module.add_options(command, *([learner] if name == "train" else []))
+    names = COMMANDS if only is None else (only,)
+    add_commands(subparsers, {name: f"{__name__}.{name}" for name in names}, {"train": [learner]})
     return parser
 
 
@@ -93,8 +101,30 @@ class _Parser(argparse.ArgumentParser):
         super().__init__(*args, **settings)
         self.register("action", None, _Store)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+        """Refuses what this parser does not know, whereas argparse leaves it to the command that has this command."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            known = [option for action in self._actions for option in action.option_strings]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_did_you_mean(unknown[0].split('=')[0], known)}")
+        return parsed, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            message = f"invalid choice: {value!r} (choose from {', '.join(choices)})"
+            raise argparse.ArgumentError(action, message + _did_you_mean(str(value), choices))
+
     def error(self, message: str) -> NoReturn:
-        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
+        see = " See" if message.endswith("?") else "; see"
+        raise CommandError(f"{self.prog}: {message}{see} {self.prog} --help")
+
+
+def _did_you_mean(word: str, known: Sequence[str]) -> str:
+    """A question about the known word that is closest, or has replaced the given one; empty if there is none."""
+    replaced = RENAMED.get(word)
+    close = [replaced] if replaced and replaced.split()[0] in known else get_close_matches(word, known, 1)
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 class _Store(argparse.Action):

@@ -28,7 +28,7 @@ from gymnasium.vector import AutoresetMode
 import lilgym_mp.wrappers as wrappers
 from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_corpus
+from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
@@ -223,16 +223,18 @@ GROUPS = list(dict.fromkeys(case.group for case in cases([1]) if case.group != C
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    names, all_names = " and ".join(QUICK), list(CONFIGURATIONS)
+    names = " and ".join(QUICK)
     parser.add_argument("--only", nargs="+", choices=GROUPS, default=GROUPS, help="what to measure (default: all)")
-    parser.add_argument("--configurations", nargs="+", choices=all_names, help="where (default: everywhere)")
-    parser.add_argument("--num-envs", nargs="+", type=int, default=[64], metavar="N", help="in a batch (default: 64)")
+    add_configuration(parser, several=True)
+    parser.add_argument(
+        "--num-envs", nargs="+", type=argument_type(int), default=[64], metavar="N", help="in a batch (default: 64)"
+    )
     parser.add_argument("--quick", action="store_true", help=f"measure less, and by default only {names}")
     add_corpus(parser)
 
 
 def run(args: argparse.Namespace) -> int:
-    names = args.configurations or (QUICK if args.quick else CONFIGURATIONS)
+    names = args.configuration or (QUICK if args.quick else CONFIGURATIONS)
     if min(args.num_envs) < 1:
         raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")
     rounds, seconds, actions = (3, 0.01, 550) if args.quick else (9, 0.1, 4_400)

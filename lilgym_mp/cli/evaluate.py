@@ -2,13 +2,17 @@
 
 Plays every task of a split once per pass, without stop forcing; only agents trained with a mask of legal actions get
 one. Random policies are evaluated too, for comparison, unless --policy or --alone is given.
+
+Runs of `train game` play the two-agent game instead, once with each pair: a run's proposer with its own verifier, an
+oracle and a verifier that looks at the target alone; its verifier also with an expert that tells the truth and one that
+lies. With --protocol, single agents take both seats, and without runs scripted partners play each other.
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from itertools import product
 from pathlib import Path
@@ -16,6 +20,9 @@ from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.options import (
@@ -27,6 +34,7 @@ from lilgym_mp.evaluation.options import (
     add_seed,
     add_settings,
     add_split,
+    argument_type,
     check_at_least,
     given_environment,
 )
@@ -44,7 +52,6 @@ from lilgym_mp.evaluation.policies import (
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import results_json, shown_results
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner
@@ -110,7 +117,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--optimal", action="store_true", help="with --record: also record the length of the expert's solution"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the results to FILE as JSON")
     parser.add_argument(
         "--parses",
         action="store_true",
@@ -118,24 +125,45 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--alone", action="store_true", help="do not evaluate random policies for comparison")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
+    game = parser.add_argument_group("two-agent game")
+    game.add_argument(
+        "--protocol",
+        nargs="+",
+        choices=list(PROTOCOLS),
+        help="play this game, with runs of single agents or scripted partners (default configuration: TowerFlipIt)",
+    )
+    game.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
+    game.add_argument(
+        "--best-response",
+        type=argument_type(int),
+        metavar="STEPS",
+        help="train a sneaky proposer against each run's verifier for this many turns, and report the share of"
+        " games in which it gets a false claim accepted",
+    )
     add_device(parser)
     add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     check_at_least(args, 0, "seed")
-    check_at_least(args, 1, "passes", "threads")
+    check_at_least(args, 1, "passes", "threads", "best_response")
     if args.record is None and (args.optimal or args.record_decisions):
         raise CommandError(f"{'--optimal' if args.optimal else '--record-decisions'} needs --record DIR")
     if args.judge_decisions and not args.record_decisions:
         raise CommandError("--judge-decisions needs --record-decisions")
-    if not args.agents and not args.policy:
-        raise CommandError("name run directories of trained agents, or policies with --policy")
-    if args.json is not None:
-        fresh_file(args.json, force=args.force)
+    plays_game = bool(args.protocol or args.cross_play or args.best_response)
+    if not (args.agents or args.policy or plays_game):
+        raise CommandError("name run directories of trained agents, policies with --policy, or a game with --protocol")
+    if args.out is not None:
+        fresh_file(args.out, force=args.force)
+    opened = {path: _opened(path, args) for path in args.agents}
     if args.parses:
-        return _score_parses(args)
-    agents = [named for run in args.agents for named in agent_policies(run, args)]
+        return _score_parses(args, opened)
+    if plays_game or any(agent.game for agent in opened.values()):
+        from lilgym_mp.cli.evaluate_game import evaluate_games
+
+        return evaluate_games(args, opened)
+    agents = [named for path, agent in opened.items() for named in agent_policies(path, agent, args)]
     policies = [built_in_policy(name) for name in args.policy] or (list(BASELINES) if agents and not args.alone else [])
     named = [*agents, *policies]
     plans = [
@@ -154,27 +182,22 @@ def run(args: argparse.Namespace) -> int:
     print(f"\n{shown_results(results)}")
     for warning in warnings(results):
         print(warning)
-    if args.json is not None:
-        write_json(args.json, results_json(results))
-        print(f"results: {args.json}")
+    if args.out is not None:
+        write_json(args.out, results_json(results))
+        print(f"results: {args.out}")
     return 0
 
 
-def _score_parses(args: argparse.Namespace) -> int:
+def _score_parses(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
     """Prints the accuracy of the agents' parsers on the split's statements, in percent."""
-    import torch
-
-    from lilgym_mp.learning.common.agents import open_agent
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.scoring import ParseScore, parse_scores
 
     if args.policy or args.record is not None or args.configuration:
         raise CommandError("--parses needs agents, and neither --policy, --record nor --configuration")
-    torch.set_num_threads(args.threads)
     corpus = given_environment(args).get("corpus", "builtin")
     found: dict[str, list[ParseScore]] = {}
-    for run in args.agents:
-        agent = open_agent(run, args.device)
+    for run, agent in agents.items():
         if not isinstance(agent, ParseAndPlanAgent):
             raise CommandError(f"{run} is of kind {agent.description.kind}, which has no parser")
         sets = load_all_tasks(corpus, starts=[SCRATCH], splits=[args.split])
@@ -184,9 +207,9 @@ def _score_parses(args: argparse.Namespace) -> int:
     rows = [[run, *score[:3], *(100 * share for share in score[3:])] for run in found for score in found[run]]
     print(f"parsers on corpus {corpus}, split {args.split}, in percent of statements")
     print(text_table(["agent", *(name.replace("_", " ") for name in ParseScore._fields)], rows))
-    if args.json is not None:
-        write_json(args.json, {run: [score._asdict() for score in scores] for run, scores in found.items()})
-        print(f"results: {args.json}")
+    if args.out is not None:
+        write_json(args.out, {run: [score._asdict() for score in scores] for run, scores in found.items()})
+        print(f"results: {args.out}")
     return 0
 
 
@@ -208,12 +231,8 @@ def _played(
         yield result
 
 
-def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
+def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[NamedPolicy]:
     """The agent saved at `path`, once for each combination of action mode and mask to evaluate."""
-    import torch
-
-    torch.set_num_threads(args.threads)
-    agent = _opened(path, args)
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
     masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
@@ -242,8 +261,11 @@ def agent_policies(path: Path, args: argparse.Namespace) -> list[NamedPolicy]:
 
 
 def _opened(path: Path, args: argparse.Namespace) -> Agent:
+    import torch
+
     from lilgym_mp.learning.common.agents import agent_file, open_agent
 
+    torch.set_num_threads(args.threads)
     if path.suffix != ".zip":
         return open_agent(path, args.device)
     agent_file(path)
@@ -256,13 +278,13 @@ def _opened(path: Path, args: argparse.Namespace) -> Agent:
     return load_agent(path)
 
 
-def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: Settings) -> Policy:
+def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: EnvConfig) -> Policy:
     policy = agent.policy(settings, sampled=sampled)
     return WithoutMask(policy) if without_mask else policy
 
 
 def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
-    settings = Settings((args.configuration or agent.description.configurations)[0], **given_environment(args))
+    settings = EnvConfig((args.configuration or agent.description.configurations)[0], **given_environment(args))
     if settings.configuration not in agent.description.configurations:
         return False  # `_settings` raises the error
     return agent.policy(settings).needs_masks
@@ -278,7 +300,7 @@ def training_facts(description: ModelDescription) -> dict[str, float]:
     return {name: value for name, value in facts.items() if value is not None}
 
 
-def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[Settings]:
+def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[EnvConfig]:
     """The environments to evaluate in, in the order of CONFIGURATIONS unless named."""
     requested: Sequence[str] = args.configuration or ()
     supported = {name for agent in agents for name in agent.configurations} if agents else set(CONFIGURATIONS)
@@ -288,8 +310,8 @@ def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[S
             if name not in agent.configurations:
                 raise CommandError(f"{agent.name} does not play {name}; it plays {', '.join(agent.configurations)}")
     environment = given_environment(args)
-    chosen = [Settings(name, **environment) for name in requested or CONFIGURATIONS if name in supported]
-    with_tasks: list[Settings] = []
+    chosen = [EnvConfig(name, **environment) for name in requested or CONFIGURATIONS if name in supported]
+    with_tasks: list[EnvConfig] = []
     missing: list[NoTasksError] = []  # say what there is instead
     for settings in chosen:
         try:

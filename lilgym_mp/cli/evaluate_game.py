@@ -1,9 +1,4 @@
-"""Measure proposers and verifiers of the two-agent game.
-
-Plays every task of a split once with each pair. A run's proposer plays with its own verifier, an oracle and a verifier
-that looks at the target alone; its verifier plays with an expert that tells the truth and one that lies, too. Without
-runs, scripted partners play each other.
-"""
+"""Measures proposers and verifiers of the two-agent game for `lilgym-mp evaluate`."""
 
 from __future__ import annotations
 
@@ -16,17 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
-from lilgym_mp.evaluation.files import fresh_file, write_json
+from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
-from lilgym_mp.evaluation.options import (
-    CONFIGURATIONS_HELP,
-    CORPUS_HELP,
-    CommandError,
-    add_device,
-    add_seed,
-    add_split,
-    check_at_least,
-)
+from lilgym_mp.evaluation.options import CommandError, given_environment
 from lilgym_mp.evaluation.terminal import Progress, table
 
 if TYPE_CHECKING:
@@ -35,51 +22,20 @@ if TYPE_CHECKING:
 # What runs that play together must share.
 SHARED = (
     "configuration",
+    "rules",
+    "horizon",
+    "grid",
     "protocol",
     "ending",
     "verdict_bins",
     "exchanges",
     "message_size",
-    "horizon",
-    "rules",
-    "grid",
 )
+CONFIGURATION = "TowerFlipIt"  # unless another is named, or the runs'
 LEGEND = """\
 success: the MDP's, in %. complete, sound: % of true claims accepted and of false ones refused, by target true / false.
 J: mean over targets of completeness + soundness - 100; 0 for a verifier that knows the target alone.
 lies accepted: % of games that end in an accepted false claim."""
-
-
-def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "runs", nargs="*", type=Path, metavar="RUN", help="run directories written by `lilgym-mp train`, or model files"
-    )
-    parser.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
-    parser.add_argument(
-        "--best-response",
-        type=int,
-        metavar="STEPS",
-        help="train a sneaky proposer against each run's verifier for this many turns, and report the share of"
-        " games in which it gets a false claim accepted",
-    )
-    parser.add_argument(
-        "--protocol",
-        action="append",
-        metavar="NAME",
-        help=f"for runs of single agents and for scripted partners: {', '.join(PROTOCOLS)} (default: all)",
-    )
-    parser.add_argument(
-        "--configuration",
-        default="TowerFlipIt",
-        metavar="NAME",
-        help=f"likewise: {CONFIGURATIONS_HELP} (default: %(default)s)",
-    )
-    parser.add_argument("--corpus", help=CORPUS_HELP)
-    add_split(parser, "dev")
-    add_seed(parser, "of the games")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the results to FILE as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite existing files")
-    add_device(parser)
 
 
 @dataclass(frozen=True)
@@ -92,14 +48,12 @@ class Player:
     run: Path | None = None  # None for scripted partners
 
 
-def run(args: argparse.Namespace) -> int:
-    check_at_least(args, 0, "seed")
-    check_at_least(args, 1, "threads", "best_response")
-    if args.best_response is not None and not args.runs:
+def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
+    if args.policy or args.record is not None:
+        raise CommandError("--policy and --record are for the single-agent environment; --out FILE writes games")
+    if args.best_response is not None and not agents:
         raise CommandError("--best-response trains against the verifiers of runs: name some")
-    if args.json is not None:
-        fresh_file(args.json, force=args.force)
-    games = _games(args)
+    games = _games(args, agents)
     results: list[dict[str, Any]] = []
     pairs = [(game, proposer, verifier) for game in games for proposer, verifier in game.pairs(args.cross_play)]
     with Progress(len(pairs), "pairs") as progress:
@@ -113,9 +67,9 @@ def run(args: argparse.Namespace) -> int:
         )
         print(table(list(rows[0]), [list(row.values()) for row in rows]))
     print(f"\n{LEGEND}")
-    if args.json is not None:
-        write_json(args.json, {"results": results})
-        print(f"results: {args.json}")
+    if args.out is not None:
+        write_json(args.out, {"results": results})
+        print(f"results: {args.out}")
     return 0
 
 
@@ -174,17 +128,9 @@ def _is_default_pair(proposer: Player, verifier: Player) -> bool:
     return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
 
 
-def _games(args: argparse.Namespace) -> list[GameToPlay]:
-    """The games to play: that of the runs, or one for each protocol."""
-    corpus = {} if args.corpus is None else {"corpus": args.corpus}
-    agents: dict[Path, Agent] = {}
-    if args.runs:
-        import torch
-
-        from lilgym_mp.learning.common.agents import open_agent
-
-        torch.set_num_threads(args.threads)
-        agents = {path: open_agent(path, args.device) for path in args.runs}
+def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameToPlay]:
+    """The games to play: that of the runs, or one for each protocol and configuration."""
+    given = given_environment(args)
     own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
     if own:
         first, *others = own
@@ -194,10 +140,10 @@ def _games(args: argparse.Namespace) -> list[GameToPlay]:
             expected, value = getattr(own[first], name), getattr(own[other], name)
             if expected != value:
                 raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
-        settings = [replace(own[first], **corpus)]
+        settings = [replace(own[first], **given)]
     else:
-        protocols = args.protocol or list(PROTOCOLS)
-        settings = [GameSettings(args.configuration, protocol=protocol, **corpus) for protocol in protocols]
+        played = product(args.configuration or [CONFIGURATION], args.protocol or PROTOCOLS)
+        settings = [GameSettings(name, protocol=protocol, **given) for name, protocol in played]
     return [_game(each, agents) for each in settings]
 
 

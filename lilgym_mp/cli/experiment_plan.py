@@ -28,6 +28,7 @@ class PlannedRun:
     train: tuple[str, ...]  # arguments of `lilgym-mp`, except --out and --threads; empty if nothing is trained
     evaluate: tuple[tuple[str, ...], ...]  # one command per split, except the run directory and --record
     budget: tuple[str, float] | None = None  # a key of the progress file, and its value at the end of training
+    records: bool = True  # whether evaluations are recorded, or else written as JSON
 
     @property
     def commands(self) -> list[list[str]]:
@@ -167,8 +168,8 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
         played = _played_configurations(configuration, recipe, experiment.configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played)
         evaluate = (*evaluate, *experiment.evaluation, *(["--passes", str(passes)] if passes > 1 else []))
-        if learner.evaluate != "evaluate":
-            evaluate = (learner.evaluate, *experiment.environment[:2])
+        if not learner.records:
+            evaluate = ("evaluate", *experiment.environment[:2])
         own = [configuration] if configuration else []
         for seed in seeds:
             yield PlannedRun(
@@ -176,6 +177,7 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
                 ("train", kind, *own, "--seed", str(seed), *training, *_flags(options)),
                 tuple((*evaluate, "--split", split) for split in experiment.splits),
                 budget,
+                learner.records,
             )
 
 

@@ -111,10 +111,8 @@ class Attempt:
         run, episodes = (str(self.results / parent / self.planned.name) for parent in (RUNS, EPISODES))
         agent = [run, "--alone", "--threads", str(self.threads)] if self.planned.train else []
         for first, *rest in self.planned.evaluate:
-            if first == "evaluate-game":
-                self._call([first, run, *rest, "--json", f"{episodes}-{rest[-1]}.json", "--force"])
-            else:
-                self._call([first, *agent[:1], *rest, *agent[1:], "--record", episodes, "--force"])
+            place = ["--record", episodes] if self.planned.records else ["--out", f"{episodes}-{rest[-1]}.json"]
+            self._call([first, *agent[:1], *rest, *agent[1:], *place, "--force"])
 
     def _call(self, words: Sequence[str]) -> None:
         """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""

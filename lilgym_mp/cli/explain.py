@@ -1,7 +1,8 @@
-"""Show how the parse-and-plan agent parses a statement and plans for it.
+"""Explain a statement, a task or a program.
 
-Shows the programs that the agent finds for a statement with their probabilities and truth values, and the plan for
-them.
+Shows the programs that the parse-and-plan agent finds for a statement, with their probabilities and truth values, and
+its plan. With --program, checks a program, and shows the value of each of its parts in the start scene of a task, or in
+scenes in which it is true and false.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from typing import TYPE_CHECKING
 
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.corpus.records import SPLITS, read_text
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.evaluation.options import CommandError, add_device, add_settings, given_environment
+from lilgym_mp.evaluation.options import CommandError, add_device, add_number, add_seed, add_settings, given_environment
 from lilgym_mp.evaluation.runs import scenes
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import hanging, shows_colours
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -62,11 +64,25 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--json", action="store_true", help="print words, corrections and candidate programs as JSON, without a plan"
     )
     parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write an animation of the plan to FILE.gif")
+    program = parser.add_argument_group("programs")
+    program.add_argument(
+        "--program",
+        nargs="?",
+        const="",
+        metavar="PROGRAM",
+        help="explain this expression, such as 'exist(filter_obj(all_items, is_blue))' (default: the task's program)",
+    )
+    add_number(program, "--scenes", 2, "without --task: random scenes, half of them true if such are found")
+    add_seed(program, "of the random scenes")
     add_device(parser)
     add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
+    if args.program is not None:
+        from lilgym_mp.cli.explain_program import explain
+
+        return explain(args)
     import torch
 
     from lilgym_mp.learning.common.agents import open_agent
@@ -76,7 +92,7 @@ def run(args: argparse.Namespace) -> int:
     if args.file is not None and (not args.json or args.statement is not None or args.task is not None):
         raise CommandError("--file needs --json, and neither a statement nor --task")
     if args.statement is None and args.task is None and args.file is None:
-        raise CommandError("name a statement, a task with --task, or a file of statements with --file and --json")
+        raise CommandError("name a statement, a task with --task, a program with --program, or --file FILE --json")
     if args.json and args.film is not None:
         raise CommandError("--film draws a plan, and --json makes none")
     torch.set_num_threads(max(1, args.threads))
@@ -108,7 +124,7 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
         settings, task = _settings_and_task(args)
         statements = [args.statement or task.statement]
     else:
-        settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
+        settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
         content, _ = read_text(args.file)
         statements = [line for line in content.splitlines() if line.strip()]
     appearance = agent.planner(settings).dynamics.appearance.name
@@ -127,16 +143,16 @@ def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
     return 0
 
 
-def _settings_and_task(args: argparse.Namespace) -> tuple[Settings, Task]:
+def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:
     """The environment and task to plan for. Without --task, the start scene is empty."""
     options = given_environment(args)
     if args.task is None:
-        settings = Settings(args.configuration or DEFAULT_CONFIGURATION, **options)
+        settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **options)
         start = settings.dynamics().appearance.check_scene(Scene.empty())
         return settings, Task("asked", args.statement, "True", args.target, start)
     names = [args.configuration] if args.configuration else list(CONFIGURATIONS)
     for name, split in product(names, [args.split] if args.split else SPLITS):
-        settings = Settings(name, **options)
+        settings = EnvConfig(name, **options)
         with suppress(CorpusError):
             tasks = settings.make(split).tasks
             if args.task in tasks.ids:

@@ -1,6 +1,7 @@
-"""Play in the terminal.
+"""Play in the terminal, alone or as an agent of the two-agent game.
 
-Edit the scene until the statement has the target truth value, then stop. Type help for the commands.
+Edit the scene until the statement has the target truth value, then stop; type help for the commands. With --protocol or
+--as, play one agent or both of the game of a proposer and a verifier.
 """
 
 from __future__ import annotations
@@ -13,32 +14,52 @@ from importlib import import_module
 from pathlib import Path
 
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
 from lilgym_mp.evaluation.files import writable_file
-from lilgym_mp.evaluation.options import add_configuration, add_settings, given_settings, split_of
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.options import (
+    CommandError,
+    add_configuration,
+    add_settings,
+    argument_type,
+    given_settings,
+    split_of,
+)
 from lilgym_mp.evaluation.terminal import shows_colours
+
+SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], "both": AGENTS}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser, nargs="?", default="TowerScratch")
-    add_task_choice(parser)
-    parser.add_argument("--gif", type=Path, metavar="FILE", help="write the session as an animation")
+    parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
+    parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
+    parser.add_argument("--seed", type=argument_type(int), metavar="N", help="random seed (default: not seeded)")
+    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write the session as an animation")
+    game = parser.add_argument_group("two-agent game")
+    game.add_argument("--protocol", choices=list(PROTOCOLS), help="of the game (default with --as: veto)")
+    game.add_argument("--as", dest="side", choices=list(SIDES), help="agent to play (default: proposer)")
+    game.add_argument(
+        "--partner",
+        metavar="NAME",
+        help="scripted policy of the other agent, such as oracle, helpful, sneaky, random (default: oracle as "
+        "verifier, helpful as proposer)",
+    )
     add_settings(parser)
 
 
-def add_task_choice(parser: argparse.ArgumentParser) -> None:
-    """Options for the first task to play."""
-    parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
-    parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
-    parser.add_argument("--seed", type=int, metavar="N", help="random seed (default: not seeded)")
-
-
 def run(args: argparse.Namespace) -> int:
+    if args.protocol or args.side or args.partner:
+        from lilgym_mp.cli.play_game import play_game
+
+        if args.film is not None:
+            raise CommandError("--film is for playing alone")
+        return play_game(args)
     from lilgym_mp.cli.session import Session
 
-    if args.gif is not None:
-        writable_file(args.gif)
-    settings = Settings(**given_settings(args))
+    if args.film is not None:
+        writable_file(args.film)
+    settings = EnvConfig(**given_settings(args))
     env = settings.make(split_of(settings, args.split, args.task))
     session = Session(env, print, coloured=shows_colours())
     try:
@@ -49,8 +70,8 @@ def run(args: argparse.Namespace) -> int:
                 break
     except KeyboardInterrupt:
         print()
-    if args.gif is not None and session.save_film(args.gif):
-        print(f"film: {args.gif}")
+    if args.film is not None and session.save_film(args.film):
+        print(f"film: {args.film}")
     print(session.score())
     return 0
 

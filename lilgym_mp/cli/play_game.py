@@ -1,74 +1,42 @@
-"""Play the two-agent game in the terminal.
-
-A proposer and a verifier share a task. Play one agent or both by typing actions, such as ADD(LEFT, BLUE) or accept;
-type legal to list the legal actions, and quit to leave.
-"""
+"""A person's play of the two-agent game, as text in and text out."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from lilgym_mp.cli.play import add_task_choice, input_lines
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
-from lilgym_mp.evaluation.options import CommandError, add_configuration, add_settings, given_settings, split_of
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.cli.play import SIDES, input_lines
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier import (
+    SCRIPTED,
+    Partner,
+    PartnerTurn,
+    ProposerVerifierParallel,
+    Role,
+    parallel_env,
+)
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS
+from lilgym_mp.evaluation.options import given_settings, split_of
 from lilgym_mp.evaluation.terminal import shows_colours
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render.characters import text
 
-if TYPE_CHECKING:
-    from lilgym_mp.envs.proposer_verifier import Partner, ProposerVerifierParallel
-
-BOTH = "both"
-SIDES = {"proposer": AGENTS[:1], "verifier": AGENTS[1:], BOTH: AGENTS}
-PARTNERS = {"proposer": "oracle", "verifier": "helpful", BOTH: "random"}  # default partner by the person's side
+PARTNERS = {"proposer": "oracle", "verifier": "helpful", "both": "random"}  # default partner by the person's side
 MOST_LISTED = 40  # legal actions shown
 
 
-def add_options(parser: argparse.ArgumentParser) -> None:
-    add_configuration(parser, nargs="?", default="TowerScratch")
-    parser.add_argument(
-        "--protocol", choices=list(PROTOCOLS), default="veto", help="protocol of the game (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--as",
-        dest="side",
-        choices=list(SIDES),
-        default="proposer",
-        help="the agent to play (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--partner",
-        metavar="NAME",
-        help="scripted policy of the other agent, such as oracle, helpful, sneaky, random (default: oracle as "
-        "verifier, helpful as proposer)",
-    )
-    add_task_choice(parser)
-    add_settings(parser)
-
-
-def run(args: argparse.Namespace) -> int:
-    try:
-        from lilgym_mp.envs.proposer_verifier import SCRIPTED, parallel_env
-    except ImportError as error:
-        raise CommandError(str(error)) from None
-    settings = Settings(**given_settings(args))
-    named = args.partner or PARTNERS[args.side]
-    partner = choose("partner", named, SCRIPTED)
-    game = parallel_env(
-        appearance=settings.appearance,
-        start=settings.start,
-        protocol=args.protocol,
-        **settings.arguments(split_of(settings, args.split, args.task)),
-    )
+def play_game(args: argparse.Namespace) -> int:
+    settings, side = EnvConfig(**given_settings(args)), args.side or "proposer"
+    partner = choose("partner", args.partner or PARTNERS[side], SCRIPTED)
+    split = split_of(settings, args.split, args.task)
+    game = parallel_env(settings.id, protocol=args.protocol or "veto", **settings.arguments(split))
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
     try:
-        _play(game, args.side, partner, np.random.default_rng(args.seed))
+        _play(game, side, partner, np.random.default_rng(args.seed))
     except (_Quit, KeyboardInterrupt):
         print("quit before the end of the game")
     return 0
@@ -76,8 +44,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
     """Plays one game to its end."""
-    from lilgym_mp.envs.proposer_verifier import PartnerTurn, Role
-
     lines = input_lines()
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
     infos: dict[str, Any] = {}

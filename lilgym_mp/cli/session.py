@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from lilgym_mp.cli.commands import (
-    VERBS,
-    CommandSyntaxError,
-    command_help,
-    legal_commands,
-    match_choice,
-    parse_command,
-    words_of,
-)
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene import Colour, Shape, Size
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, ActionError, AddItem, RemoveItem, describe
+from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
+from lilgym_mp.wrappers.replies import action_on
+
+PUNCTUATION = str.maketrans("(),", "   ")  # of "ADD(LEFT, BLUE)"
+VERBS = ("add", "remove", "stop")
+NAMES = {True: [*BOX_NAMES, *Colour.__members__], False: [*Shape.__members__, *Colour.__members__, *Size.__members__]}
 
 
 class Session:
@@ -43,7 +41,7 @@ class Session:
             "show": self._show,
             "back": lambda: self.begin(task_id=self._env.task.id),
             "next": self.begin,
-            "help": lambda: self._say("\n".join([*command_help(self._env.dynamics.appearance), *HELP])),
+            "help": lambda: self._say("\n".join([usage(self._env.dynamics.appearance), *HELP])),
             "quit": self._quit,
         }
 
@@ -56,28 +54,29 @@ class Session:
 
     def answer(self, line: str) -> None:
         """Executes a line of input and shows the result, or an error message."""
-        words = words_of(line)
+        words = line.lower().translate(PUNCTUATION).split()
         if not words:
             return
+        known = [*VERBS, *self._commands]
+        names = [word for word in known if word == words[0]] or [word for word in known if word.startswith(words[0])]
         try:
-            name = match_choice("command", words[0], {name: name for name in (*VERBS, *self._commands)})
-            if name in VERBS:
-                self._act([name, *words[1:]])
-            elif len(words) > 1:
-                raise CommandSyntaxError(f"{name} takes no arguments; did you mean add or remove?")
+            if len(names) != 1:
+                raise ActionError(f"unknown command {words[0]!r}; choose from {', '.join(known)}")
+            if names[0] in self._commands:
+                self._commands[names[0]]()
             else:
-                self._commands[name]()
-        except CommandSyntaxError as error:
+                self._act(f"{names[0]} {' '.join(words[1:])}")
+        except ActionError as error:
             self._say(str(error))
 
-    def _act(self, words: list[str]) -> None:
+    def _act(self, line: str) -> None:
         if self._episode_over:
-            raise CommandSyntaxError("this episode is over; type next for another task, back for its start, or quit")
+            raise ActionError("this episode is over; type next for another task, back for its start, or quit")
         env = self._env
-        action = parse_command(words, env.dynamics.appearance)
-        _, reward, terminated, truncated, info = env.step(env.dynamics.appearance.encode(action))
+        action = read_action(line, env.dynamics.appearance)
+        _, reward, terminated, truncated, info = env.step(action)
         self._rewards.append(float(reward))
-        self._last_result = f"{describe(action)}: reward {float(reward):+.1f}"
+        self._last_result = f"{describe(env.dynamics.appearance.decode(action))}: reward {float(reward):+.1f}"
         self._episode_over = terminated or truncated
         if self._episode_over:
             self._successes.append(info["is_success"])
@@ -107,7 +106,7 @@ class Session:
         from lilgym_mp.solver import Expert
 
         if self._episode_over:
-            raise CommandSyntaxError("this episode is over; type next or back")
+            raise ActionError("this episode is over; type next or back")
         solution = Expert(self._env).plan()
         if solution.solved:
             self._say(f"try: {describe(solution.actions[0])}   (actions to go: {solution.steps})")
@@ -132,6 +131,51 @@ class Session:
         count = len(self._successes)
         ended = "no episode completed" if count == 0 else f"{sum(self._successes)} of {count} episodes succeeded"
         return f"{ended}, reward {sum(self._rewards):+.1f}"
+
+
+def read_action(line: str, appearance: Appearance) -> int:
+    """The index of an action as it is shown, or in words, which may be abbreviated. Raises ActionError."""
+    names = NAMES[appearance.grid is None]
+    words = [_completed(word, names) for word in line.translate(PUNCTUATION).split()]
+    action = action_on(" ".join(words), appearance)
+    if action is None or action < 0:
+        raise ActionError(f"{' '.join(words)!r} is not an action; {usage(appearance)}")
+    return action
+
+
+def _completed(word: str, names: Sequence[str]) -> str:
+    """The name that alone begins with this word, otherwise the word."""
+    matches = [name for name in names if name.startswith(word.upper())]
+    return matches[0].lower() if len(matches) == 1 else word
+
+
+def usage(appearance: Appearance) -> str:
+    """How edits are written."""
+    example = f"such as: {describe(appearance.example)}"
+    if appearance.grid is None:
+        return f"write stop, remove BOX or add BOX COLOUR, {example}"
+    columns, rows = appearance.grid
+    cell = f"COLUMN, 0 .. {columns - 1}, and ROW, 0 .. {rows - 1}"
+    return f"write stop, remove COLUMN ROW or add COLUMN ROW SHAPE COLOUR SIZE, {example}; {cell}"
+
+
+def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
+    """Lines that list the legal actions, given by index; ADDs to cells are counted by size and shape."""
+    actions = [appearance.decode(index) for index in legal]
+    if appearance.grid is None:
+        yield from map(describe, actions)
+        return
+    yield describe(STOP)
+    removals = [describe(action) for action in actions if isinstance(action, RemoveItem)]
+    yield ", ".join(removals) or "nothing to remove"
+    for shape in Shape:
+        for size in Size:
+            cells = {
+                (action.column, action.row)
+                for action in actions
+                if isinstance(action, AddItem) and action.size == size and action.shape == shape
+            }
+            yield f"ADD({shape.name}, any colour, {size.name}): {len(cells)} cells"
 
 
 HELP = (

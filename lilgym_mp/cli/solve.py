@@ -12,22 +12,21 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rendering import caption
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.options import (
-    CONFIGURATIONS_HELP,
     CommandError,
+    add_configuration,
     add_settings,
     check_at_least,
     given_environment,
     split_of,
 )
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe
@@ -41,21 +40,16 @@ MOST_LISTED = 20  # most unsolved tasks printed; the results file contains all
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "configurations",
-        nargs="*",
-        metavar="CONFIGURATION",
-        help=f"any of {CONFIGURATIONS_HELP} (default: all)",
-    )
+    add_configuration(parser, several=True)
     parser.add_argument(
         "--split", nargs="+", choices=list(SPLITS), help="splits of the corpus (default: the tasks', else dev)"
     )
     parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite the files named by --out and --gif")
+    parser.add_argument("--force", action="store_true", help="overwrite the files named by --out and --film")
     parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
     parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
-    parser.add_argument("--gif", type=Path, metavar="FILE", help="with --task: write an animation of the solutions")
+    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="with --task: film the solutions")
     add_solving(parser)
     add_settings(parser)
 
@@ -73,17 +67,17 @@ def run(args: argparse.Namespace) -> int:
     check_at_least(args, 1, "limit")
     if args.out is not None:
         fresh_file(args.out, force=args.force)
-    chosen = [Settings(name, **given_environment(args)) for name in args.configurations or CONFIGURATIONS]
+    chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or CONFIGURATIONS]
     if args.task is not None:
         return _run_tasks(chosen, args)
-    if args.show or args.gif is not None:
-        raise CommandError("--show and --gif need --task ID")
+    if args.show or args.film is not None:
+        raise CommandError("--show and --film need --task ID")
     summaries: dict[str, Summary] = {}
     records: list[dict[str, Any]] = []
     unsolved: list[str] = []
     for settings in chosen:
         for split in args.split or [split_of(settings, None)]:
-            tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+            tasks = settings.tasks(split)
             reports = solve_shown(tasks[: args.limit], settings, split, args)
             name = f"{settings.configuration} {split}"
             summaries[name] = summarise(reports)
@@ -109,19 +103,19 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
+def _run_tasks(chosen: Sequence[EnvConfig], args: argparse.Namespace) -> int:
     """Prints the solutions of the named tasks, action by action."""
     if len(chosen) != 1 or len(args.split or ["one"]) != 1:
         raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
     if args.out is not None or args.limit is not None:
         raise CommandError("--task excludes --out and --limit")
-    if args.gif is not None:
-        fresh_file(args.gif, force=args.force)
+    if args.film is not None:
+        fresh_file(args.film, force=args.force)
     (settings,) = chosen
     split = split_of(settings, *(args.split or [None]), *args.task)
     dynamics = settings.dynamics()
     solver = Solver(dynamics, args.budget)
-    tasks = load_tasks(settings.corpus, settings.appearance, settings.start, split)
+    tasks = settings.tasks(split)
     frames: list[UInt8Array] = []
     for task in [tasks.by_id(task_id) for task_id in args.task]:
         solution = solver.solve_from(dynamics.start(task))
@@ -133,11 +127,11 @@ def _run_tasks(chosen: Sequence[Settings], args: argparse.Namespace) -> int:
         proof = "proven shortest" if solution.proven_optimal else f"lower bound: {solution.least_edits} edits"
         print(f"  {solution.steps} actions, {proof}")
         frames += _print_actions(dynamics, task, solution.actions, show=args.show)
-    if args.gif is not None:
+    if args.film is not None:
         if not frames:
-            raise CommandError("--gif: no solution was found")
-        save_gif(args.gif, frames)
-        print(f"film: {args.gif}")
+            raise CommandError("--film: no solution was found")
+        save_gif(args.film, frames)
+        print(f"film: {args.film}")
     return 0
 
 
@@ -156,7 +150,7 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
     return frames
 
 
-def solve_shown(tasks: Sequence[Task], settings: Settings, split: str, args: argparse.Namespace) -> list[TaskReport]:
+def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
         try:

@@ -58,6 +58,18 @@ def whole_number(text: str) -> int:
     return int(number)
 
 
+def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, Sequence[Any]] | None = None) -> None:
+    """The commands of an argparse's subparsers, by name: modules that define `add_options` and, mostly, `run`.
+
+    `more`: further arguments of a command's `add_options`.
+    """
+    for name, place in modules.items():
+        module = import_module(place)
+        command = commands.add_parser(name, **help_of(place))
+        command.set_defaults(run=getattr(module, "run", None))
+        module.add_options(command, *(more or {}).get(name, ()))
+
+
 def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig) -> None:
     """An option for every field of the configuration that is a setting."""
     options = parser.add_argument_group("environment")
@@ -76,9 +88,16 @@ def add_corpus(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--corpus", default="builtin", help=CORPUS_HELP)
 
 
-def add_configuration(parser: argparse.ArgumentParser, **settings: Any) -> None:
-    """A configuration as positional argument; `EnvConfig` rejects unknown names."""
-    parser.add_argument("configuration", metavar="CONFIGURATION", help=f"one of {CONFIGURATIONS_HELP}", **settings)
+def add_configuration(
+    parser: argparse.ArgumentParser, *, nargs: str | None = None, default: Any = None, several: bool = False
+) -> None:
+    """A configuration, or `several`, with or without --configuration; required unless `nargs` is "?"."""
+    group = parser.add_mutually_exclusive_group(required=nargs is None and not several)
+    help_text = f"{'any' if several else 'one'} of {CONFIGURATIONS_HELP}{' (default: all)' if several else ''}"
+    named = {"nargs": "*" if several else "?", "metavar": "CONFIGURATION", "default": argparse.SUPPRESS}
+    group.add_argument("configuration", help=help_text, **named)
+    option = {"nargs": "+"} if several else {}
+    group.add_argument("--configuration", metavar="NAME", default=default, help="the same", **option)
 
 
 def add_split(parser: argparse.ArgumentParser, default: str) -> None:
@@ -87,7 +106,7 @@ def add_split(parser: argparse.ArgumentParser, default: str) -> None:
     )
 
 
-def add_number(parser: argparse.ArgumentParser, flag: str, default: float, purpose: str) -> None:
+def add_number(parser: argparse._ActionsContainer, flag: str, default: float, purpose: str) -> None:
     """An option of the type of its default."""
     help_text = f"{purpose} (default: %(default)s)"
     parser.add_argument(flag, type=argument_type(type(default)), default=default, metavar="N", help=help_text)
@@ -111,7 +130,7 @@ def check_budget(args: argparse.Namespace, unit: str) -> None:
         raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
 
 
-def add_seed(parser: argparse.ArgumentParser, purpose: str) -> None:
+def add_seed(parser: argparse._ActionsContainer, purpose: str) -> None:
     """--seed, 0 by default; `purpose` completes "random seed"."""
     add_number(parser, "--seed", 0, f"random seed {purpose}")
 

@@ -13,14 +13,19 @@ Value = TypeVar("Value")
 def choose(what: str, name: object, table: Mapping[str, Value]) -> Value:
     """The entry of `table` with this name.
 
-    Loads extensions before it raises ValueError naming the value and every choice, sorted.
+    Loads extensions before it raises ValueError naming the value, every choice, sorted, and the closest one.
     """
+    close: list[str] = []
     if isinstance(name, str):
         if name not in table:
             load_extensions()
         if name in table:
             return table[name]
-    raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}")
+        from difflib import get_close_matches
+
+        close = get_close_matches(name, table, 1)
+    question = f"; did you mean {close[0]!r}?" if close else ""
+    raise ValueError(f"unknown {what} {name!r}; choose from {listed(table)}{question}")
 
 
 def register(what: str, name: str, value: Value, table: MutableMapping[str, Value]) -> None:

@@ -89,7 +89,7 @@ def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
 
 
 def test_make_appearance__an_unknown_name_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"^unknown appearance 'towers'; choose from scatter, tower$"):
+    with pytest.raises(ValueError, match=r"^unknown appearance 'towers'; choose from scatter, tower"):
         make_appearance("towers")
 
 

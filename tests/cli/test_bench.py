@@ -65,7 +65,7 @@ def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: player.steps / player.play())
-    command = ["bench", "--quick", "--configurations", "TowerScratch", "--only", "batched", "single", "pettingzoo"]
+    command = ["bench", "--quick", "--configuration", "TowerScratch", "--only", "batched", "single", "pettingzoo"]
     assert main([*command, "--num-envs", "2", "16"]) == 0
     printed = capsys.readouterr().out
     assert "### TowerScratch" in printed
@@ -100,7 +100,7 @@ def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str]
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "stable_baselines3", None)
     monkeypatch.setattr(bench.Player, "rate", lambda player, seconds: 1.0)
-    assert main(["bench", "--quick", "--configurations", "TowerFlipIt", "--only", "sb3", "--num-envs", "2"]) == 0
+    assert main(["bench", "--quick", "--configuration", "TowerFlipIt", "--only", "sb3", "--num-envs", "2"]) == 0
     assert "not measured: SB3, batched (needs stable_baselines3" in capsys.readouterr().err
 
 

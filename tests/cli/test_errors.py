@@ -12,8 +12,15 @@ from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main, parse_args
 
 CASES = {
     "option given twice": (["evaluate", "--seed", "1", "--seed", "2"], "argument --seed: given more than once"),
-    "unknown command": (["trian"], "invalid choice: 'trian'"),
-    "unknown option": (["train", "ppo", "TowerScratch", "--lr", "3"], "unrecognized arguments: --lr"),
+    "unknown command": (["trian"], "bench, serve); did you mean train? See lilgym-mp --help"),
+    "former command": (["play-game"], "did you mean play --protocol NAME? See lilgym-mp --help"),
+    "former option": (["play", "--gif", "a.gif"], "did you mean --film? See lilgym-mp play --help"),
+    "unknown option": (
+        ["train", "ppo", "TowerScratch", "--step", "3", "--learning-rat", "3", "--recip", "paper", "--upda", "3"],
+        "unrecognized arguments: --upda 3",
+    ),
+    "unknown choice": (["play", "--split", "tset"], "(choose from train, dev, test); did you mean test? See lilgym-mp"),
+    "no whole number": (["evaluate", "--passes", "1e-1"], "argument --passes: '1e-1' is not a whole number"),
     "unknown configuration to train": (
         ["train", "ppo", "TowerScrach"],
         "lilgym-mp train: unknown configuration 'TowerScrach'; choose from ScatterFlipIt, ScatterScratch, TowerFlipIt,"
@@ -38,10 +45,10 @@ CASES = {
         "unknown configuration 'T'",
     ),
     "unknown policy": (["evaluate", "--policy", "clever"], "unknown policy 'clever'; choose from expert, random-legal"),
-    "nothing to explain": (["explain"], "name a statement, a task with --task, or a file of statements"),
+    "nothing to explain": (["explain"], "name a statement, a task with --task, a program with --program"),
     "a file without --json": (["explain", "--file", "statements.txt"], "--file needs --json"),
-    "no program to run": (["program", "run"], "name a program, or a task with --task"),
-    "a program without a truth": (["program", "run", "count(all_items)"], "must return a bool, not int"),
+    "no program to run": (["explain", "--program"], "name a program, or a task with --task"),
+    "a program without a truth": (["explain", "--program", "count(all_items)"], "must return a bool, not int"),
     "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in TowerScratch, TowerFlipIt"),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
@@ -72,7 +79,7 @@ CASES = {
     "negative seed of demo": (["demo", "--seed", "-1"], "--seed must be at least 0, not -1"),
     "no updates in demo": (["demo", "--parser-updates", "0"], "--parser-updates must be at least 1"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
-    "no agent to evaluate": (["evaluate"], "name run directories of trained agents, or policies with --policy"),
+    "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),
     "missing agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
     "no run to resume": (["train", "ppo", "--resume", "--out", "nowhere"], "no training run in nowhere"),
@@ -100,8 +107,8 @@ def test_usage_error__is_one_line(
         ["train", "ppo", "TowerScratch", "--out"],
         ["train", "parse-and-plan", "--out"],
         ["demo", "--out"],
-        ["evaluate", "--policy", "expert", "--json"],
-        ["play", "--gif"],
+        ["evaluate", "--policy", "expert", "--out"],
+        ["play", "--film"],
     ],
 )
 def test_output__unwritable_directory_is_an_error_before_any_work(
@@ -171,8 +178,8 @@ def test_missing_package__error_names_what_to_install(
     assert "(the extra train)" in written
 
 
-def test_program_check__shows_the_position_of_an_error(capsys: pytest.CaptureFixture[str]):
-    assert main(["program", "check", "exist(all_itmes)"]) == USAGE_ERROR
+def test_explain_program__shows_the_position_of_an_error(capsys: pytest.CaptureFixture[str]):
+    assert main(["explain", "--program", "exist(all_itmes)"]) == USAGE_ERROR
     written = capsys.readouterr()
     assert not written.out
     lines = written.err.splitlines()
@@ -181,6 +188,6 @@ def test_program_check__shows_the_position_of_an_error(capsys: pytest.CaptureFix
     assert "line 1, column 7" in lines[3]
 
 
-def test_program_check__describes_a_valid_program(capsys: pytest.CaptureFixture[str]):
-    assert main(["program", "check", "exist(filter_obj(all_items, is_blue))"]) == 0
+def test_explain_program__describes_a_valid_program(capsys: pytest.CaptureFixture[str]):
+    assert main(["explain", "--program", "exist(filter_obj(all_items, is_blue))"]) == 0
     assert "on the empty scene: False" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""`lilgym-mp evaluate-game`."""
+"""`lilgym-mp evaluate` of the two-agent game."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def runs(monkeypatch: pytest.MonkeyPatch) -> dict[str, Trained]:
 def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: str, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / "results.json"
     game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
-    assert main(["evaluate-game", *game, "--json", str(file)]) == 0
+    assert main(["evaluate", *game, "--out", str(file)]) == 0
     found = results(file)
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
     lie = found["expert-sneaky", "always-accept"]
@@ -82,7 +82,7 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
 ):
     runs["a"] = Trained(own)
     file = tmp_path / "results.json"
-    assert main(["evaluate-game", "a", "--json", str(file)]) == 0
+    assert main(["evaluate", "a", "--out", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
     assert results(file).keys() == pairs
 
@@ -91,7 +91,7 @@ def test_run_of_a_single_agent__plays_both_sides(tmp_path: Path, own: str, runs:
     runs["a"] = Single()
     file = tmp_path / "results.json"
     game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
-    assert main(["evaluate-game", "a", *game, "--json", str(file)]) == 0
+    assert main(["evaluate", "a", *game, "--out", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
     assert results(file).keys() == pairs
 
@@ -112,7 +112,7 @@ def test_best_response__is_trained_once_for_each_verifier(
         population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["sneaky"]
     )
     file = tmp_path / "results.json"
-    assert main(["evaluate-game", "a", "--best-response", "1", "--json", str(file)]) == 0
+    assert main(["evaluate", "a", "--best-response", "1", "--out", str(file)]) == 0
     found = {pair: entry["exploitability"] for pair, entry in results(file).items()}
     assert {pair for pair, value in found.items() if value is not None} == {("expert" if role else "a", "a")}
     assert 0.0 in found.values()  # an oracle is not exploited
@@ -122,15 +122,15 @@ def test_best_response__is_trained_once_for_each_verifier(
 def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, own: str, runs: dict[str, Trained]):
     runs |= {"a": Trained(own), "b": Trained(own)}
     file = tmp_path / "results.json"
-    assert main(["evaluate-game", "a", "b", "--cross-play", "--json", str(file)]) == 0
+    assert main(["evaluate", "a", "b", "--cross-play", "--out", str(file)]) == 0
     assert len(results(file)) == (2 + 5) * (2 + len(SCRIPTED_VERIFIERS))
 
 
 def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: pytest.CaptureFixture[str]):
     runs |= {"a": Trained("builtin"), "b": Trained("builtin", "veto")}
-    assert main(["evaluate-game", "a", "b"]) == 2
+    assert main(["evaluate", "a", "b"]) == 2
     assert "a and b play different games: protocol 'audit' and 'veto'" in capsys.readouterr().err
-    assert main(["evaluate-game", "a", "--protocol", "veto"]) == 2
+    assert main(["evaluate", "a", "--protocol", "veto"]) == 2
     assert "a was trained for audit; leave --protocol out" in capsys.readouterr().err
 
 
@@ -138,14 +138,14 @@ def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: 
     ("arguments", "message"),
     [
         (["nowhere"], "no trained agent at nowhere"),
-        (["--protocol", "vote"], "unknown protocol 'vote'; choose from "),
-        (["--configuration", "Towers"], "unknown configuration 'Towers'"),
+        (["--protocol", "vote"], "invalid choice: 'vote' (choose from "),
+        (["--protocol", "veto", "--configuration", "Towers"], "unknown configuration 'Towers'"),
         (["--best-response", "1"], "--best-response trains against the verifiers of runs"),
-        (["--seed", "-1"], "seed"),
+        (["--cross-play", "--seed", "-1"], "seed"),
     ],
 )
 def test_bad_arguments__give_one_line(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["evaluate-game", *arguments]) == 2
+    assert main(["evaluate", *arguments]) == 2
     error = capsys.readouterr().err
     assert message in error
     assert len(error.splitlines()) == 1

@@ -120,7 +120,7 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("colour = 1\n" + SMALL, "colour: unknown key; choose from corpus, splits, configurations"),
+        ("colour = 1\n" + SMALL, "colour: unknown key; choose from splits, configurations, seeds"),
         (SMALL + "speed = 3", r"learners\[0\]\.speed: unknown key; choose from name, learner"),
         (SMALL.replace("ppo", "sarsa"), "unknown learner 'sarsa'; choose from parse-and-plan, imitation, ppo"),
         (SMALL.replace("TowerScratch", "Tower"), "configurations: unknown value 'Tower'; choose from TowerScratch"),
@@ -130,7 +130,7 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
         ('splits = ["final"]\n' + SMALL, "splits: unknown value 'final'; choose from train, dev, test"),
         ('policies = ["best"]\n' + SMALL, "policies: unknown value 'best'; choose from expert"),
         ('corpus = "/nowhere/at/all.jsonl"\n' + SMALL, "corpus: .*nowhere"),
-        ('rules = "mine"\n' + SMALL, "corpus, rules: .*'mine'.*paper"),
+        ('rules = "mine"\n' + SMALL, "rules: .*'mine'.*paper"),
         (SMALL + "envs = true", r"learners\[0\]\.envs: must be of type int, not True"),
         (SMALL + "steps = 0", r"learners\[0\]\.steps: must be a number above 0"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
@@ -181,7 +181,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 
 
 @pytest.mark.long
-def test_experiment__trains_the_game_and_measures_it_with_evaluate_game(tmp_path: Path):
+def test_experiment__trains_the_game_and_measures_it(tmp_path: Path):
     game = '[[learners]]\nlearner = "game"\nname = "{0}"\nprotocol = "{0}"\nsteps = 4_096\n'
     small = FEW.replace("envs = 2", "envs = 8") + "width = 16\n"
     text = 'configurations = ["TowerScratch"]\n' + game.format("joint") + small + game.format("audit") + small

@@ -1,4 +1,4 @@
-"""`lilgym-mp play-game` and `lilgym-mp program run`."""
+"""`lilgym-mp play` in the two-agent game and `lilgym-mp explain --program`."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ def run_with_input(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixtur
 
     def play(lines: str, *words: str) -> str:
         monkeypatch.setattr(sys, "stdin", io.StringIO(lines))
-        assert main(["play-game", *words]) == 0
+        assert main(["play", *words]) == 0
         return capsys.readouterr().out
 
     return play
 
 
 def test_play_game__as_proposer_with_the_oracle(run_with_input):
-    shown = run_with_input("add(left, blue)\nSTOP\n", *TASK)
+    shown = run_with_input("add(left, blue)\nSTOP\n", "--protocol", "veto", *TASK)
     assert "verifier_0: accept" in shown
     assert shown.splitlines()[-1] == "success; proposer_0 +0.9, verifier_0 +0.9"
 
@@ -39,7 +39,7 @@ def test_play_game__as_both_agents(run_with_input):
 
 
 def test_play_game__explains_invalid_input(run_with_input):
-    shown = run_with_input("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", *TASK)
+    shown = run_with_input("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", "--protocol", "veto", *TASK)
     assert "'nonsense' is not an action of proposer_0" in shown
     assert "STOP, ADD(LEFT, YELLOW)" in shown
     assert shown.splitlines()[-1] == "quit before the end of the game"
@@ -53,13 +53,14 @@ def test_play_game__as_verifier_in_every_protocol(protocol: str, run_with_input)
 
 
 def test_play_game__rejects_unknown_partners(capsys: pytest.CaptureFixture[str]):
-    assert main(["play-game", "--partner", "nobody"]) == USAGE_ERROR
+    assert main(["play", "--partner", "nobody"]) == USAGE_ERROR
     assert "unknown partner 'nobody'; choose from " in capsys.readouterr().err
 
 
-def test_program_run__shows_truth_and_satisfying_items(capsys: pytest.CaptureFixture[str]):
+def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.CaptureFixture[str]):
     assert (
-        main(["program", "run", "exist(filter_obj(all_items, lambda x: is_blue(x)))", "--task", "tower-dev-001"]) == 0
+        main(["explain", "--program", "exist(filter_obj(all_items, lambda x: is_blue(x)))", "--task", "tower-dev-001"])
+        == 0
     )
     shown = capsys.readouterr().out
     assert '"I can see a blue block."' in shown
@@ -67,16 +68,16 @@ def test_program_run__shows_truth_and_satisfying_items(capsys: pytest.CaptureFix
     assert "satisfied by none of 0" in shown
 
 
-def test_program_run__defaults_to_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
-    assert main(["program", "run", "--task", "tower-dev-001"]) == 0
+def test_explain_program__defaults_to_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
+    assert main(["explain", "--program", "--task", "tower-dev-001"]) == 0
     assert "filter_color(all_items, Color.BLUE)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("source", ["exist(filter_obj(all_items, lambda x: is_blue(x)))", "exist(all_items)"])
-def test_program_run__draws_scenes_where_the_program_holds_and_where_it_fails(
+def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(
     source: str, capsys: pytest.CaptureFixture[str]
 ):
-    assert main(["program", "run", source, "--appearance", "scatter"]) == 0
+    assert main(["explain", "--program", source, "--configuration", "ScatterScratch"]) == 0
     output = capsys.readouterr().out
     assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
     assert "= False" in output
@@ -89,6 +90,8 @@ def test_program_run__draws_scenes_where_the_program_holds_and_where_it_fails(
         (["--task", "tower-dev-1"], "no task 'tower-dev-1' in corpus 'builtin'; tasks include tower-dev-"),
     ],
 )
-def test_program_run__reports_errors_in_one_line(words: list[str], message: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["program", "run", *words]) == USAGE_ERROR
+def test_explain_program__reports_errors_in_one_line(
+    words: list[str], message: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["explain", "--program", *words]) == USAGE_ERROR
     assert message in capsys.readouterr().err

@@ -14,7 +14,7 @@ import pytest
 
 from lilgym_mp.cli import FAILED, INTERRUPTED, main
 
-CHECK = "program check 'exist(all_items)'"
+CHECK = "explain --program 'exist(all_items)'"
 NOTHING = "<&- >&- 2>&-"
 RUN = f"{sys.executable} -c 'import sys; from lilgym_mp.cli import main; sys.exit(main())'"
 
@@ -42,7 +42,7 @@ def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str)
         assert done.stderr == "lilgym-mp: standard output is closed; send it to a file or to /dev/null\n"
     if redirection == ">/dev/full":
         assert done.returncode == FAILED
-        assert done.stderr == "lilgym-mp program: cannot write results: No space left on device\n"
+        assert done.stderr == "lilgym-mp explain: cannot write results: No space left on device\n"
 
 
 def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(

@@ -156,7 +156,7 @@ def rows(output: str) -> list[list[str]]:
 
 
 def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_path: Path, run: Path, own: Path):
-    output = lilgym("evaluate", run, "--corpus", own, "--json", tmp_path / "results.json")
+    output = lilgym("evaluate", run, "--corpus", own, "--out", tmp_path / "results.json")
     table = rows(output)
     ppo = f"ppo ({run})"
     assert [row[0] for row in table] == [f"{ppo}, greedy", f"{ppo}, sampled", "random legal", "random unmasked"]
@@ -175,7 +175,7 @@ def test_evaluate__overwrites_only_with_force(
     lilgym: LilGym, tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
 ):
     command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", str(own)]
-    command += ["--json", str(tmp_path / "r.json")]
+    command += ["--out", str(tmp_path / "r.json")]
     lilgym(*command)
     assert main(command) == USAGE_ERROR
     assert "exists; --force overwrites it" in capsys.readouterr().err

@@ -135,7 +135,8 @@ assert "circle" in str(words.reset(seed=0)[0])
 assert "lights the lamp" in words.instructions()
 said = command("play", "LampsScratch", "--split", "dev", lines=["help", "add left yellow", "stop", "quit"])
 assert "such as: ADD(LEFT, YELLOW)" in said and "success" in said
-assert "ADD(LEFT, YELLOW)" in command("play-game", "LampsScratch", "--split", "dev", lines=["legal", "quit"])
+game = ["play", "LampsScratch", "--protocol", "veto", "--split", "dev"]
+assert "ADD(LEFT, YELLOW)" in command(*game, lines=["legal", "quit"])
 both = ["LampsScratch", "LampsFlipIt"]
 command("evaluate", "--policy", "random-legal", "--configuration", *both, "--record", str(place))
 from lilgym_mp.contrib.report import make_report

@@ -261,7 +261,7 @@ def test_system_role__can_be_left_out():
 @pytest.mark.parametrize("scene", ["image", "both"])
 def test_pictures__arrive_at_the_server_in_native_size(scene: str, tmp_path: Path):
     with served(lambda body, number: (200, chat("ADD(LEFT, BLUE)" if number == 1 else "STOP"))) as (url, requests):
-        command = ["llm", "TowerScratch", "--agent", "openai", "--option", f"url={url}", "model=sees"]
+        command = ["llm", "play", "TowerScratch", "--agent", "openai", "--option", f"url={url}", "model=sees"]
         assert main([*command, "--episodes", "1", "--scene", scene, "--out", str(tmp_path)]) == 0
     contents = [message["content"] for message in requests[1]["messages"] if message["role"] == "user"]
     player = Player(Settings("TowerScratch"), Scripted())
@@ -289,7 +289,7 @@ def test_command__failing_in_every_episode_is_one_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
     monkeypatch.setattr(agents_module, "AGENTS", {"failing": f"{__name__}:Failing"})
-    assert main(["llm", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
+    assert main(["llm", "play", "TowerScratch", "--agent", "failing", "--out", str(tmp_path)]) == 2
     error = capsys.readouterr().err.splitlines()[-1]
     assert "the agent raised RuntimeError: out of\\x1b[31m memory (all of 3 episodes failed)" in error
     failed = [json.loads(line) for line in (tmp_path / "transcripts.jsonl").read_text().splitlines()]
@@ -303,7 +303,18 @@ def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys
         url,
         asked,
     ):
-        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=m", "--episodes", "6"]
+        command = [
+            "llm",
+            "play",
+            "TowerFlipIt",
+            "--agent",
+            "openai",
+            "--option",
+            f"url={url}",
+            "model=m",
+            "--episodes",
+            "6",
+        ]
         command += ["--out", str(tmp_path), "--concurrency", "1", "--prices", "1", "10"]
         assert main(command) == 0
         summary = json.loads((tmp_path / "summary.json").read_text())
@@ -330,10 +341,21 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
         return 200, chat("STOP")
 
     with served(reply) as (url, requests):
-        command = ["llm", "TowerFlipIt", "--agent", "openai", "--option", f"url={url}", "model=m", "--episodes", "8"]
+        command = [
+            "llm",
+            "play",
+            "TowerFlipIt",
+            "--agent",
+            "openai",
+            "--option",
+            f"url={url}",
+            "model=m",
+            "--episodes",
+            "8",
+        ]
         assert main([*command, "--out", str(tmp_path / "a"), "--concurrency", "8"]) == 0
     assert len(requests) == 8
-    command = ["llm", "TowerFlipIt", "--agent", "random", "--episodes", "8", "--retries", "0"]
+    command = ["llm", "play", "TowerFlipIt", "--agent", "random", "--episodes", "8", "--retries", "0"]
     for name, concurrency in (("b", "1"), ("c", "3")):
         assert main([*command, "--out", str(tmp_path / name), "--concurrency", concurrency]) == 0
     one, three = (
@@ -345,7 +367,7 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
 
 def test_command__writes_to_a_directory_by_default(capsys: pytest.CaptureFixture[str]):
     for directory in (Path("runs/llm-TowerFlipIt-expert"), Path("runs/llm-TowerFlipIt-expert-2")):
-        assert main(["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]) == 0
+        assert main(["llm", "play", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]) == 0
         assert f"results      {directory}" in capsys.readouterr().out
     assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
 
@@ -368,7 +390,7 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
 
 
 def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["llm", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]
+    command = ["llm", "play", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]
     for outputs in (["--out", str(tmp_path / "out")], ["--record", str(tmp_path / "record")]):
         assert main([*command, *outputs]) == 0
         assert main([*command, *outputs]) == 2
@@ -397,7 +419,7 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
 def test_command__invalid_arguments_are_reported(
     arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ):
-    assert main(["llm", "TowerFlipIt", *arguments]) == 2
+    assert main(["llm", "play", "TowerFlipIt", *arguments]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -515,7 +537,7 @@ SMALL = {"model": "small"}
 def test_recording__names_the_model_and_whether_it_samples(
     agent: str, options: list[str], expected: tuple[str, bool, str], recipe: dict[str, Any], tmp_path: Path
 ):
-    command = ["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path)]
+    command = ["llm", "play", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path)]
     options = ["--option", "model=small", *options] if "model" in recipe else []
     assert main([*command, *options, "--scene", "drawing", "--no-legal-actions", "--retries", "2"]) == 0
     header = read_episodes(next(tmp_path.glob(f"*{SUFFIX}"))).header
@@ -528,7 +550,7 @@ def test_recording__names_the_model_and_whether_it_samples(
 def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
     agent = f"{__name__}:Sampler"
     for model in ("small", "large"):
-        command = ["llm", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--option", f"model={model}"]
+        command = ["llm", "play", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--option", f"model={model}"]
         assert main([*command, "--record", str(tmp_path)]) == 0
     agents = load_report_data([tmp_path]).agents
     assert sorted(agents) == [f"text {agent} (model {model})" for model in ("large", "small")]
@@ -546,7 +568,7 @@ def test_command__writes_no_secrets(agent: str, options: list[str], shown: str, 
     outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
     with served(lambda body, number: (200, chat("STOP"))) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
-        assert main(["llm", "TowerFlipIt", "--agent", agent, *options, *outputs]) == 0
+        assert main(["llm", "play", "TowerFlipIt", "--agent", agent, *options, *outputs]) == 0
     assert shown.replace("SAFE", url) in next(tmp_path.glob("*.metadata.json")).read_text()
     files = list(tmp_path.iterdir())
     assert len(files) == 4

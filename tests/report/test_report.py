@@ -394,7 +394,7 @@ def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Pa
 def test_report__of_random_policies_agrees_with_the_evaluation(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     kept, results = tmp_path / "kept", tmp_path / "results.json"
     words = ["--policy", "random-legal", "random-type", "--configuration", "TowerFlipIt"]
-    assert main(["evaluate", *words, "--record", str(kept), "--json", str(results)]) == 0
+    assert main(["evaluate", *words, "--record", str(kept), "--out", str(results)]) == 0
     found = load_report_data([kept])
     for row in json.loads(results.read_text())["results"]:
         entry = found.find(row["agent"], "TowerFlipIt")

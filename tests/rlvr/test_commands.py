@@ -20,7 +20,7 @@ def written(path: Path, *lines: object) -> str:
 @pytest.mark.parametrize("kind", KINDS)
 def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = tmp_path / "prompts.jsonl"
-    command = ["prompts", "--task", kind, "--level", "2", "--count", "4", "--out", str(prompts)]
+    command = ["llm", "prompts", "--task", kind, "--level", "2", "--count", "4", "--out", str(prompts)]
     assert main(command) == 0
     rows = [json.loads(line) for line in prompts.read_text().splitlines()]
     assert [set(row) & {"prompt", "answer"} for row in rows] == [{"prompt"}] * 4
@@ -29,7 +29,7 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
     assert main([*command, "--answers", "--force"]) == 0
     rows = [json.loads(line) for line in prompts.read_text().splitlines()]
     replies = written(tmp_path / "replies.jsonl", *({"id": row["id"], "reply": row["answer"]} for row in rows[:3]))
-    assert main(["score", str(prompts), "--answers", replies, "--json", str(tmp_path / "scores.json")]) == 0
+    assert main(["llm", "score", str(prompts), "--answers", replies, "--out", str(tmp_path / "scores.json")]) == 0
     shown = capsys.readouterr().out
     assert "success   75.0% (3 of 4; 95 % interval " in shown
     assert "outcomes  missing 1, success 3" in shown
@@ -39,7 +39,7 @@ def test_prompts__with_answers_score_fully(kind: str, tmp_path: Path, capsys: py
 
 def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: Path):
     prompts, scores = str(tmp_path / "prompts.jsonl"), tmp_path / "scores.json"
-    assert main(["prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--answers", "--out", prompts]) == 0
     first, second = (json.loads(line) for line in Path(prompts).read_text().splitlines())
     right = {"id": first["id"], "reply": first["answer"]}
     samples = [{**right, "sample": 0}, *[{"id": first["id"], "reply": "?", "sample": n} for n in (1, 2, 3)]]
@@ -49,7 +49,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
         ([*samples, *others], 0.125, {"pass@1": 0.125, "pass@2": 0.25, "pass@4": 0.5}, 8),
     ):
         answers = written(tmp_path / "replies.jsonl", *lines)
-        assert main(["score", prompts, "--answers", answers, "--json", str(scores)]) == 0
+        assert main(["llm", "score", prompts, "--answers", answers, "--out", str(scores)]) == 0
         summary = json.loads(scores.read_text())
         assert (summary["success"], summary["pass"], summary["replies"]) == (success, passed, replies)
     assert summary["reasons"] == {"no line is true or false": 7}
@@ -64,7 +64,7 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
 
 def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
     prompts = tmp_path / "prompts.jsonl"
-    command = ["prompts", "--task", "truth", "--count", "1", "--scene", "image", "--out", str(prompts)]
+    command = ["llm", "prompts", "--task", "truth", "--count", "1", "--scene", "image", "--out", str(prompts)]
     assert main(command) == 0
     row = json.loads(prompts.read_text())
     ((shown, text),) = [message["content"] for message in row["messages"]]
@@ -75,26 +75,26 @@ def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
 
 def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["prompts", "--task", "truth", "--count", "1", "--answers", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--task", "truth", "--count", "1", "--answers", "--out", prompts]) == 0
     row = json.loads(Path(prompts).read_text())
     wrong = {"true": "false", "false": "true"}[row["answer"]]
     answers = written(tmp_path / "a", {"id": row["id"], "reply": f"<hm>\n{wrong}\n</hm>\n{row['answer']}"})
-    assert main(["score", prompts, "--answers", answers]) == 0
+    assert main(["llm", "score", prompts, "--answers", answers]) == 0
     assert "not_understood 1" in capsys.readouterr().out
-    assert main(["score", prompts, "--answers", answers, "--thoughts", "hm"]) == 0
+    assert main(["llm", "score", prompts, "--answers", answers, "--thoughts", "hm"]) == 0
     assert "success   100.0%" in capsys.readouterr().out
 
 
 def test_prompts__invalid_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["prompts", "--task", "plan", "--level", "9", "--out", str(tmp_path / "x")]) == 2
+    assert main(["llm", "prompts", "--task", "plan", "--level", "9", "--out", str(tmp_path / "x")]) == 2
     assert "unknown level 9; choose from 1, 2, 3, 4, 5" in capsys.readouterr().err
-    assert main(["prompts", "--task", "plan", "--count", "0", "--out", str(tmp_path / "x")]) == 2
+    assert main(["llm", "prompts", "--task", "plan", "--count", "0", "--out", str(tmp_path / "x")]) == 2
     assert "--count must be at least 1, not 0" in capsys.readouterr().err
 
 
 def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
     row = json.loads(Path(prompts).read_text().splitlines()[0])
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})
     for file, replies, message in (
@@ -108,6 +108,6 @@ def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
         (prompts, good, "unknown reward 'style'"),
     ):
         style = ["--reward", "style"] if "style" in message else []
-        assert main(["score", file, "--answers", replies, *style]) == 2
+        assert main(["llm", "score", file, "--answers", replies, *style]) == 2
         (line,) = capsys.readouterr().err.splitlines()[-1:]
         assert message in line

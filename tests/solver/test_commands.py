@@ -127,7 +127,7 @@ def test_demos__name_the_missing_dependency(monkeypatch: pytest.MonkeyPatch, cap
 def test_solve__shows_single_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):
     task, *_ = load_tasks(corpus, "scatter", "flipit", "dev")
     film = tmp_path / "film.gif"
-    command = ["solve", "ScatterFlipIt", "--corpus", corpus, "--task", task.id, "--show", "--gif", str(film)]
+    command = ["solve", "ScatterFlipIt", "--corpus", corpus, "--task", task.id, "--show", "--film", str(film)]
     assert main(command) == 0
     printed = capsys.readouterr().out
     solution = Solver(make_dynamics(make_appearance("scatter"))).solve(task)
@@ -144,7 +144,7 @@ def test_solve__shows_single_tasks_action_by_action(corpus: str, tmp_path: Path,
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["TowerFlipIt", "--show"], "--show and --gif need --task ID"),
+        (["TowerFlipIt", "--show"], "--show and --film need --task ID"),
         (["--task", "1"], "--task needs exactly one CONFIGURATION"),
         (["TowerFlipIt", "--task", "1", "--limit", "3"], "--task excludes"),
         (["TowerFlipIt", "--task", "none-such"], "no task 'none-such'"),

@@ -66,7 +66,7 @@ def _named(player: Player, agent: str, options: Mapping[str, Any]) -> NamedPolic
 
 
 def _no_policy(settings: Settings) -> Policy:
-    raise ValueError("text agents are played by lilgym-mp llm")
+    raise ValueError("text agents are played by lilgym-mp llm play")
 
 
 def write_recording(

@@ -41,7 +41,7 @@ class Learner:
     numbers: Mapping[str, Any] = field(default_factory=dict[str, Any])  # options besides the recipe, with defaults
     texts: Sequence[str] = ()  # further options, with text values
     plays_everything: bool = False  # one agent plays all configurations, so the command takes none
-    evaluate: str = "evaluate"  # the command that evaluates its runs
+    records: bool = True  # whether evaluations of its runs are recorded, unlike those of the two-agent game
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
 
 

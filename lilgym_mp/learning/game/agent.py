@@ -67,7 +67,7 @@ class GameAgent(Agent):
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Raises AgentError: neither agent plays the single-agent environment."""
-        raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate-game`")
+        raise AgentError("this is an agent of the two-agent game; evaluate it with `lilgym-mp evaluate`")
 
 
 class SeatPartner(BatchPartner):

@@ -124,7 +124,7 @@ def train(args: argparse.Namespace) -> int:
     print(f"saved {directory / AGENT_FILE} after {details['steps']:,} turns, {details['cpu_minutes']:g} CPU minutes")
     if details["interrupted"]:
         return interrupted(NAME, directory)
-    print(f"evaluate it with: lilgym-mp evaluate-game {directory} --corpus {agent.settings.corpus}")
+    print(f"evaluate it with: lilgym-mp evaluate {directory} --corpus {agent.settings.corpus}")
     return 0
 
 
@@ -230,5 +230,5 @@ LEARNER = Learner(
     budget=lambda options: ("steps", options["steps"]),
     numbers={"steps": DEFAULT_STEPS, "minutes": None, "rounds": None},
     texts=(*_GAME, *PARTNERS, "start_from"),
-    evaluate="evaluate-game",
+    records=False,
 )

@@ -182,7 +182,7 @@ def test_train__every_protocol_gives_agents_that_play(
     game = SingleAgentView(env, "verifier_0", partner=players[0])
     game.reset(seed=0)
     game.step(int(game.action_masks().argmax()))
-    with pytest.raises(AgentError, match="evaluate-game"):
+    with pytest.raises(AgentError, match="lilgym-mp evaluate"):
         agent.policy(Settings("TowerFlipIt"))
     other = parallel_env(protocol="audit" if protocol != "audit" else "veto", corpus=own, split="dev")
     with pytest.raises(AgentError, match=f"trained on protocol '{protocol}'"):
@@ -363,7 +363,7 @@ def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, cap
     assert main([*game, "--rewards", "common", "--seed", "3", *run, "--steps", "64", *small]) == 0
     said = capsys.readouterr().out
     assert "proposer_0 and verifier_0 learn" in said
-    assert "evaluate-game" in said
+    assert "lilgym-mp evaluate" in said
     assert main(["train", "game", "--resume", *run, "--steps", "128"]) == 0
     assert load_agent(tmp_path / "run" / "agent.safetensors").recipe.seed == 3
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})

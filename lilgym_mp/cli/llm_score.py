@@ -26,7 +26,7 @@ SHOWN_REASONS = 3
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("prompts", type=Path, metavar="FILE", help="written by lilgym-mp prompts")
+    parser.add_argument("prompts", type=Path, metavar="FILE", help="written by lilgym-mp llm prompts")
     parser.add_argument(
         "--answers",
         type=Path,
@@ -36,7 +36,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--reward", default="success", metavar="NAME", help="success (default), progress or return")
     add_thoughts(parser)
-    parser.add_argument("--json", type=Path, metavar="OUT", help="write the summary and every score with its reason")
+    parser.add_argument("--out", type=Path, metavar="FILE", help="write the summary and every score with its reason")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.rlvr import score
     from lilgym_mp.wrappers.replies import THOUGHTS
 
-    if args.json is not None:
-        writable_file(args.json)
+    if args.out is not None:
+        writable_file(args.out)
     rows = _rows(args.prompts)
     scores: list[dict[str, Any]] = []
     for row, record in _replies(args.answers, args.prompts, rows):
@@ -69,9 +69,9 @@ def run(args: argparse.Namespace) -> int:
     print(f"outcomes  {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
     for reason, number in list(summary["reasons"].items())[:SHOWN_REASONS]:
         print(f"          {number} x {reason}")
-    if args.json is not None:
+    if args.out is not None:
         interval = {"success_low": low, "success_high": high}
-        write_json(args.json, {"reward": args.reward, **summary, **interval, "scores": scores})
+        write_json(args.out, {"reward": args.reward, **summary, **interval, "scores": scores})
     return 0
 
 
