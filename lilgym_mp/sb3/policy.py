@@ -128,8 +128,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         scene = ITEMS if ITEMS in observation else IMAGE
         shown, statements = np.asarray(observation[scene]), np.atleast_1d(observation[STATEMENT])
         if statements.dtype.kind == "U":
-            rows = [self.vocabulary.encode(text, self._ids.shape[0]) for text in statements.tolist()]
-            statements = np.stack(rows)
+            statements = np.stack([self.vocabulary.encode(text, self._ids.shape[0]) for text in statements.tolist()])
         is_batch = shown.ndim == 4
         parts = {scene: shown if is_batch else shown[None], STATEMENT: np.atleast_2d(statements)}
         parts[TARGET] = np.reshape(observation[TARGET], (-1, 1))
@@ -179,10 +178,7 @@ class Recipe(NamedTuple):
 
 
 def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> Recipe:
-    """The recipe for a configuration; `environment`: other fields of `evaluation.Settings`.
-
-    Raises ValueError naming the value and the choices, CorpusError for unusable data.
-    """
+    """The recipe for a configuration; `environment`: other fields of `Settings`. Raises ValueError, CorpusError."""
     settings = Settings(configuration, corpus, **environment)
     ours, words = make_recipe("ours", configuration), Vocabulary.from_statements(training_statements(settings)).words
     env = {
@@ -227,10 +223,7 @@ def agent_of(model: BaseAlgorithm) -> PPOAgent:
 
 
 def load_agent(path: Path) -> PPOAgent:
-    """The agent in a file that `model.save` wrote. It contains pickles: load only files that you trust.
-
-    Raises AgentError if it is not such a file.
-    """
+    """The agent in a file of `model.save`, which contains pickles: load only what you trust. Raises AgentError."""
     try:
         return agent_of(MaskablePPO.load(path, device="cpu"))
     except Exception as error:

@@ -181,12 +181,11 @@ def make_vec_env(
     `backend`: "batched", all in this process (usually the fastest); "workers", a few processes with a batch each
     (`num_workers`, `start_method` as for `WorkerVectorEnv`); "subproc" and "dummy", SB3's own over single environments
     (`start_method` for "subproc"). All give equal results: environment i is seeded with `seed` + i.
-    `wrap`: a wrapper to apply, such as `lilgym_mp.wrappers.structured_observation_v0`, to the batch, or to each
-    environment with SB3's own backends. `monitor`: report episode returns and lengths, as SB3's `make_vec_env` does.
+    `wrap`: such as `lilgym_mp.wrappers.structured_observation_v0`, applied to the batch, or to each environment with
+    SB3's own backends. `monitor`: report episode returns and lengths, as SB3's `make_vec_env` does.
     `same_statement`, `recolour`, `empty_starts`: draw training tasks as `StatementSampler` does. `stop_forcing`: add
     "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP, and learns from it.
-    Other keywords are those of `gymnasium.make`, such as `split`, `vocabulary` and `length`.
-    Raises ValueError naming the value and the choices, TypeError for another keyword.
+    Other keywords: of `gymnasium.make`. Raises ValueError naming the choices, TypeError for an unknown keyword.
     """
     build = choose("backend", backend, BACKENDS)
     if same_statement != 1 or recolour or empty_starts:
