@@ -256,11 +256,12 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
+        scene = self.scene  # raises after `close`
         if self._renderer is None:
             return None
         from lilgym_mp.envs.rendering import caption
 
-        return self._renderer.render(self.scene, caption(self.state, self.dynamics, self._last))
+        return self._renderer.render(scene, caption(self.state, self.dynamics, self._last))
 
     def close(self) -> None:
         self._closed = True
