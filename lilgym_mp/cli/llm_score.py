@@ -119,6 +119,7 @@ def _rows(path: Path) -> dict[str, Row]:
 def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
     """The rows with their replies, without repetitions. Raises CommandError."""
     seen: set[str] = set()
+    places: dict[str, str] = {}  # of the reply with an id and sample
     for place, record in _records(path):
         if not isinstance(record, dict) or not {"id", "reply"} <= record.keys():
             raise CommandError(f'{place}: a reply must be an object with "id" and "reply"')
@@ -128,6 +129,9 @@ def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tup
         key = json.dumps([record.get(name) for name in ("id", "sample", "reply")])
         if key not in seen:
             seen.add(key)
+            sample = json.dumps([record["id"], record.get("sample")])
+            if "sample" in record and (first := places.setdefault(sample, place)) != place:
+                raise CommandError(f"{place}: another reply to {row.id!r:.80} as sample {record['sample']!r}: {first}")
             yield row, record
 
 

@@ -61,8 +61,12 @@ MIN_REPLACED = 4  # letters; in shorter words no letter is replaced
 MIN_VARIED = 5  # letters; a shorter word of WELL_SPELT is kept, a longer one can become a variant ("colours": "colors")
 MIN_BEHEADED = 5  # letters; shorter words do not get a first letter
 CACHED_WORDS = 20_000
-_WORD = re.compile(r"[a-z]+|[0-9]+")
-_INTERJECTION = re.compile(r"\W*[a-z]+\W*,")
+_INTERJECTIONS = """
+    ah alright actually clearly hello hey hi hm hmm listen look no now oh ok okay please see so sure well wow yes
+"""
+INTERJECTIONS = frozenset(_INTERJECTIONS.split())  # first words before a comma that mean nothing
+_WORD = re.compile(r"""[^\W\d_]+|[0-9]+|[^\w\s.,;:!?'"()/*…“”‘’–—-]+""")  # letters, digits or signs such as ">"
+_INTERJECTION = re.compile(r"\W*[^\W\d_]+\W*,")
 _NOT = re.compile(r"n't\b")
 _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
 _POSSESSIVE = re.compile(r"'s\b|'")
@@ -87,13 +91,19 @@ def corrections(statement: str, known: Collection[str]) -> dict[str, str]:
     return {typed: " ".join(parts) for typed, parts in _read(statement, known) if parts != (typed,)}
 
 
+def unread_words(statement: str, known: Collection[str]) -> list[str]:
+    """What `normalised_words` leaves out and may mean something: a first word, or a text without words."""
+    left_out = [typed for typed, parts in _read(statement, known) if not parts and typed not in INTERJECTIONS]
+    return left_out if _typed_words(statement) else [statement.strip()]
+
+
 def plain_words(statement: str) -> list[str]:
     """The words of the statement as in `normalised_words`, without spelling correction."""
     return [NUMBERS.get(word, word) for word in _with_first_letter(_typed_words(statement))]
 
 
 def _typed_words(statement: str) -> list[str]:
-    """The words of the statement in lower case and without contractions, and numbers without leading zeros."""
+    """The words of the statement, and signs, in lower case and without contractions; numbers without leading zeros."""
     text = statement.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
     for short, long in CONTRACTIONS:
         text = text.replace(short, long)

@@ -79,10 +79,10 @@ class Progress:
             self._bar.stop()
 
     def _beat(self) -> None:
-        """Prints a line whenever there was none for SILENT_SECONDS."""
-        while not self._over.wait(SILENT_SECONDS / 10):
+        """Prints a line whenever there was none for half of SILENT_SECONDS."""
+        while not self._over.wait(SILENT_SECONDS / 20):
             now = time.monotonic()
-            if now - self._printed >= 0.8 * SILENT_SECONDS:
+            if now - self._printed >= SILENT_SECONDS / 2:  # early: other threads may hold the interpreter
                 self._printed = now
                 seconds = round(now - self._entered)
                 reached = f"{self._done:,} of {self._total:,} {self._unit}" if self._done else ""

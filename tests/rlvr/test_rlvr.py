@@ -142,6 +142,15 @@ PLANS = {
     "a) ADD(LEFT, BLUE)\nb) STOP": "success",
     "i. ADD(LEFT, BLUE)\nii. STOP": "success",
     "<answer>ADD(LEFT, BLUE) -&gt; STOP</answer>": "success",
+    "(ADD(LEFT, BLUE))\n(STOP)": "success",
+    "[ADD(LEFT, BLUE)]\n[STOP]": "success",
+    "Turn 1: ADD(LEFT, BLUE)\nTurn 2: STOP": "success",
+    "Round #1) add left blue\nRound #2) stop": "success",
+    "First ADD(LEFT, BLUE), and then STOP": "success",
+    "First, ADD(LEFT, BLUE). After that, STOP.": "success",
+    "ADD(LEFT, BLUE), then finally STOP": "success",
+    "Adding a blue block left makes it true.\nADD(LEFT, BLUE)\nSTOP": "success",
+    "Put simply, blue is missing.\nADD(LEFT, BLUE)\nSTOP": "success",
     "ADD(LEFT, BLUE)<br>STOP": "success",
     "Action: ADD(LEFT, BLUE)\nAction: wait\nAction: STOP": "not_understood",
     "ADD(RIGHT, BLACK)\nAction: STOP": "not_understood",
@@ -161,6 +170,14 @@ PLANS = {
             "A. ADD(LEFT, GREEN)\nB. ADD(LEFT, BLUE)\nSTOP",
             "2x ADD(RIGHT, BLUE)\nADD(LEFT, BLUE)\nSTOP",
             "act(5)\nADD(LEFT, BLUE)\nSTOP",
+            "Put a blue block left\nADD(LEFT, BLUE)\nSTOP",
+            "PASS\nADD(LEFT, BLUE)\nSTOP",
+            "Removing right\nADD(LEFT, BLUE)\nSTOP",
+            "- Please place a yellow block on the right.\nADD(LEFT, BLUE)\nSTOP",
+            "Move blue from left to right\nADD(LEFT, BLUE)\nSTOP",
+            "No-op\nADD(LEFT, BLUE)\nSTOP",
+            "1. Wait\n2. ADD(LEFT, BLUE)\n3. STOP",
+            "Step 1: Taking the top block off the right tower\nADD(LEFT, BLUE)\nSTOP",
             "5\nADD(LEFT, BLUE)\nSTOP",
             "<answer>ADD(LEFT, GREEN)\nADD(LEFT, BLUE)\nSTOP</answer>",
             "\\boxed{2} blocks\n\\boxed{ADD(LEFT, BLUE); STOP}",
@@ -394,10 +411,10 @@ def test_hostile_replies__are_scored_in_bounded_time():
     assert outcomes["not_understood"] > 400
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_scene_rows__no_constant_answer_is_right_often(appearance: str):
-    found = some("scene", appearance, 120, level=2)
-    assert 0.25 < sum(row.task.target for row in found) / len(found) < 0.75
+@pytest.mark.parametrize(("appearance", "level"), [("tower", 2), ("scatter", 2), ("tower", 5), ("scatter", 5)])
+def test_scene_rows__no_constant_answer_is_right_often(appearance: str, level: int):
+    found = some("scene", appearance, 120 if level == 2 else 30, level=level)
+    assert abs(sum(row.task.target for row in found) - len(found) / 2) <= 1
     rng = random.Random(1)
     answers = [Scene.empty(), *(SAMPLERS[appearance].scene(rng) for _ in range(200))]
     assert max(sum(row.task.solved_by(answer) for row in found) for answer in answers) < 0.45 * len(found)

@@ -25,19 +25,36 @@ MAX_LINES = 500  # candidate lines of a plan
 
 _PREFIX = re.compile(  # markup, a label such as "Final plan:" or "Step 2:", a number or letter and "then"
     r"[\W_]{0,9}(?:(?:(?:my|the|final|complete|full|first|next|last|best|chosen)[ \t]+){0,3}"
-    r"(?:(?P<whole>answer|(?:action[ \t])?plan|solution)|(?P<action>action)|step|move)s?(?![ \t]?\([^\W\d])(?:[ \t]is)?"
-    r"(?:[ \t]?#?\d{1,3})?[\W_]{1,9})?"
+    r"(?:(?P<whole>answer|(?:action[ \t])?plan|solution)|(?P<action>action)|step|move"
+    r"|[a-z]{1,12}(?=[ \t]?#?\d{1,3}[.):]))s?(?![ \t]?\([^\W\d])(?:[ \t]is)?(?:[ \t]?#?\d{1,3})?[\W_]{1,9})?"
     r"(?:(?:\d{1,3}(?:st|nd|rd|th)?|(?:[a-z]|[ivx]{2,4})(?=[.):]))[\W_]{1,9})?"
-    r"(?:(?:first|then|next|finally|lastly|now|and)\b[\W_]{1,9}){0,2}",
+    r"(?:(?:first|second|third|then|next|finally|lastly|now|and|please|after that|afterwards)\b[\W_]{1,9}){0,3}",
     re.IGNORECASE,
 )
 _VERB = r"(?:add|remove|stop)(?![^\W_])"
 _BEFORE_VERB = rf"(?=[\W_]{{0,9}}(?:\d{{1,3}}[.):]\s{{0,3}})?{_VERB})"
 _LIKE_ACTION = re.compile(rf"(?:\d{{1,3}}x\s)?{_VERB}|[A-Z]\w{{1,20}}\s?\([^()]*\)\W*$", re.IGNORECASE)
 _CALL_IN_TEXT = re.compile(r"(?<![^\W_])(?:add|remove|place|put|delete|take)\s?\(", re.IGNORECASE)
+_JOIN = r"(?:and|then|finally|next|lastly|afterwards|after that|followed by)\b"
 _BETWEEN = re.compile(
-    rf";|<br ?/?>|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\band\b|\bthen\b){_BEFORE_VERB}", re.IGNORECASE
+    rf";|<br ?/?>|[-=–—]{{1,3}}>|→|⇒|(?:,|(?<=\))[.\s]|\b{_JOIN})(?:[\s,:]{{0,3}}{_JOIN}){{0,3}}{_BEFORE_VERB}",
+    re.IGNORECASE,
 )  # actions on one line
+_VERB_STEMS = """
+    add clear delet discard do done drop eras finish halt insert mov no-op noop nothing pass pick plac put remov replac
+    skip stack stop swap tak undo wait
+"""
+_WORDS = r"""
+    a an another and at away block blocks blue bottom bottommost box big black cell center centre circle circles col
+    column down from green here in inside into it item items large left leftmost medium middle object nothing
+    objects of off on one onto out over position red right rightmost row side small square squares stack stop
+    the then to top topmost tower triangle triangles turn up white with x y yellow \d{1,3}
+"""
+_IN_OTHER_WORDS = re.compile(  # no other words than those of actions: "Put a blue block left", "Removing right", "PASS"
+    rf"(?:{'|'.join(_VERB_STEMS.split())})(?:(?:pp?|tt?)?ing|e?d|e?s|e)?"
+    rf"(?:[^\w\n]{{1,4}}(?:{'|'.join(_WORDS.split())})){{0,16}}[^\w\n]{{0,9}}",
+    re.IGNORECASE,
+)
 _SENTENCE = re.compile(  # begins in small letters, as in "Stop when it is true"
     r"(?:Add|Remove|Stop|add|remove|stop)\s(?=.*\b(?:because|since|so|as|that|which|until|unless|when|once|if|while|it"
     r"|this|is|are|was|will|would|can|could|should|must|needs?|not)\b)"
@@ -85,7 +102,9 @@ def _plan(lines: Sequence[str], appearance: Appearance) -> list[int]:
         prefix = _prefix(line)
         rest = line[prefix.end() :]
         labels = prefix["action"] is not None and bool(rest) and (":" in prefix[0] or "=" in prefix[0])
-        if not (labels or _LIKE_ACTION.match(rest) or _BARE_NUMBER.fullmatch(line)):
+        bare = line.lstrip(" \t*_`'\"->#")
+        is_like_action = _LIKE_ACTION.match(rest) or any(map(_IN_OTHER_WORDS.fullmatch, (rest, bare)))
+        if not (labels or is_like_action or _BARE_NUMBER.fullmatch(line)):
             if _CALL_IN_TEXT.search(line):
                 raise NotUnderstood(f"{line.strip()!r:.80} has an action within text; the plan would lack it")
             continue
@@ -110,7 +129,8 @@ def _prefix(line: str) -> re.Match[str]:
 
 
 def _action(part: str, appearance: Appearance) -> int | None:
-    action = action_on(part[_prefix(part).end() :], appearance)
+    name = part[_prefix(part).end() :].rstrip(" \t.,*_`'\"")
+    action = action_on(name[:-1] if name.count(")") > name.count("(") else name, appearance)
     return None if action == UNREADABLE else action
 
 

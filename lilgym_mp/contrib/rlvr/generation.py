@@ -32,7 +32,7 @@ TRIES = 12  # scenes examined for starts
 PROBES = 3  # of these, after which statements whose goal is always near are given up
 POOL_WALKS = 64
 MAX_CONSTANT_SHARE = 0.4  # of the weights of constant answers to a scene row, that of the right ones
-TARGET_PATIENCE = 6  # statements that do not suit a target, after which the other one is next
+PATIENT_SHARE = 1.003  # factor on that share for each statement in a row that does not suit the target
 WEIGHT_GROWTH = 1.2  # of the weight of a right answer
 BARREN = 2_000  # statements in a row without a row, after which there is none
 PATIENCE = 3_000  # statements without a new statement, after which statements are repeated
@@ -101,9 +101,9 @@ def _new_statements(appearance: str, level: int, split: str, rng: random.Random)
             continue
         if statement_digest(pair.statement) in shipped_digests() or split_of(pair.program, appearance) != split:
             continue
-        if key not in seen:
-            seen.add(key)
+        if unused <= PATIENCE:
             unused = 0
+        seen.add(key)
         yield pair
 
 
@@ -169,8 +169,8 @@ class _Truths(_Variants):
 
 
 class _Scenes(_Variants):
-    """Targets are true and false in turn, as far as the level has such statements; of statements for which few constant
-    answers are right, above all few of those that were right most often before."""
+    """Targets are true and false in turn, of statements for which few constant answers are right, above all few of
+    those that were right most often before."""
 
     def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
         super().__init__(appearance, lengths, rng)
@@ -181,13 +181,12 @@ class _Scenes(_Variants):
     def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
         truths = np.fromiter(map(compile_program(program).evaluate, constant_answers(self._appearance)), bool)
         right = truths == self._target
-        if right.any() and self._weights[right].sum() <= MAX_CONSTANT_SHARE * self._weights.sum():
+        most = MAX_CONSTANT_SHARE * PATIENT_SHARE**self._refused
+        self._refused += 1
+        if right.any() and self._weights[right].sum() <= most * self._weights.sum():
             self._weights *= np.where(right, WEIGHT_GROWTH, 1)
             self._weights /= self._weights.sum()
             yield self._target, Scene.empty(), None
-            self._refused = TARGET_PATIENCE
-        self._refused += 1
-        if self._refused > TARGET_PATIENCE:
             self._target, self._refused = not self._target, 0
 
 

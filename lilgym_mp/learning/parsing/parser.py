@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from lilgym_mp.corpus.scene_walks import ScenePool
-from lilgym_mp.corpus.spelling import corrections
+from lilgym_mp.corpus.spelling import corrections, unread_words
 from lilgym_mp.learning.common.model_file import check_sizes, torch_threads
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import (
@@ -117,7 +117,7 @@ class Parse:
     """The parser's result for a statement."""
 
     words: tuple[str, ...]  # the appearance word, then the statement with misspellings repaired
-    unknown: tuple[str, ...]  # the words outside the vocabulary
+    unknown: tuple[str, ...]  # the words outside the vocabulary, with those left out, or a text without words
     corrections: Mapping[str, str]  # misspelt words, in lower case, and what was read for them
     candidates: tuple[ProgramCandidate, ...]  # the most probable first; may be empty
 
@@ -128,9 +128,12 @@ class Parse:
 
     @property
     def known_share(self) -> float:
-        """The fraction of known words; 0 for an empty statement."""
-        count = len(self.words) - 1
-        return 1 - len(self.unknown) / count if count else 0.0
+        """The fraction of known words; 0 for a text without words."""
+        return 1 - len(self.unknown) / self._count
+
+    @property
+    def _count(self) -> int:
+        return max(len(self.words) - 1, len(self.unknown), 1)
 
     def notes(self) -> list[str]:
         """A line about corrected words and one about unknown words, if there are any."""
@@ -140,7 +143,7 @@ class Parse:
         notes = [f"read {', '.join(corrected)}"] if corrected else []
         if self.unknown:
             listed = ", ".join(map(repr, self.unknown))
-            notes.append(f"unknown, {len(self.unknown)} of {len(self.words) - 1} words: {listed}")
+            notes.append(f"unknown, {len(self.unknown)} of {self._count} words: {listed}")
         return notes
 
 
@@ -219,6 +222,7 @@ class Parser:
             scores.setdefault(truth_vector, []).append(candidate.log_probability / self.temperature)
         original_words = words_recoloured(normalised.words, inverse(normalised.exchange))
         unknown_words = [word for word in original_words if word not in self._known]
+        unknown_words = unread_words(statement, self._known) + unknown_words
         ranked = _ranked(programs, scores, UNKNOWN_FACTOR ** len(unknown_words))
         return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked)
 

@@ -450,7 +450,7 @@ def test_agent__plans_for_any_statement(trained: Path, statement: str):
     chosen = agent.planner(Settings("TowerScratch"))
     plan = chosen.plan(empty_tower(), statement, True)
     assert plan.actions
-    assert bool(plan.parse.unknown) is statement.startswith(("zzz", "xxx"))
+    assert bool(plan.parse.unknown) is not statement.startswith(("a ", "there"))
     lines = "\n".join(explanation_lines(plan, chosen, statement, True))
     assert all(repr(word) in lines for word in plan.parse.unknown)
 
@@ -503,6 +503,12 @@ def test_shipped_agent__capitals_punctuation_and_interjections_change_no_parse()
     parses = [agent.parser.parse(statement, "tower") for statement in written]
     assert len({(parse.words, parse.candidates) for parse in parses}) == 1
     assert parses[0].candidates[0].program.startswith("All(")
+    for written, unknown in (("Zorbl, every tower has a yellow base", "zorbl"), ("!!!", "!!!"), ("≥ 3 blocks", "≥"),
+                             ("There is a blök.", "blök"), ("Жёлтый блок.", "жёлтый"), ("", "")):  # fmt: skip
+        parse = agent.parser.parse(written, "tower")
+        assert parse.unknown[0] == unknown
+        assert parse.confidence <= UNKNOWN_FACTOR
+        assert any(f"words: {unknown!r}" in note for note in parse.notes())
 
 
 @pytest.mark.long
