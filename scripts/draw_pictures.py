@@ -33,7 +33,7 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import Episode, Settings, evaluate
-from lilgym_mp.evaluation.film import episode_frames, film_frames, film_grid, save_gif
+from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import make_appearance
@@ -99,13 +99,6 @@ def draw_films() -> None:
         Image.fromarray(frames[0]).save(PICTURES / f"{configuration}.png", optimize=True)
         films.append(list(episode_frames(Settings(configuration).make(SPLIT), episode)))
     film_frames(PICTURES / "agent.gif", films, columns=2)
-
-
-def draw_imitation() -> None:
-    """Six episodes of a shipped network, evenly spaced in dev, whatever their outcome."""
-    settings = Settings("TowerFlipIt")
-    episodes = list(evaluate(lilgym_mp.load_agent("imitation-tower", "cpu").policy(settings), settings, SPLIT))
-    film_grid(PICTURES / "imitation.gif", settings, SPLIT, episodes[:: len(episodes) // 6][:6], columns=2)
 
 
 def draw_games() -> None:
@@ -219,7 +212,6 @@ def _run(*command: str) -> None:
 
 DRAWN: dict[str, Callable[[], None]] = {
     "films": draw_films,
-    "imitation": draw_imitation,
     "games": draw_games,
     "episode": draw_episode,
     "architecture": draw_architecture,
@@ -229,7 +221,6 @@ FILES = [  # made by DRAWN
     *(f"{configuration}.{ending}" for configuration in CONFIGURATIONS for ending in ("gif", "png")),
     *(f"game_{protocol}.gif" for protocol in PROTOCOLS),
     "agent.gif",
-    "imitation.gif",
     "episode.png",
     "architecture.svg",
     "logo.svg",

@@ -1,4 +1,4 @@
-"""Writes docs/environments/*.md from the code: an index and a page for each configuration."""
+"""Writes docs/environments/*.md from the code: what all configurations share, and a page for each appearance."""
 
 from __future__ import annotations
 
@@ -26,7 +26,6 @@ from lilgym_mp.scene.actions import BOX_NAMES, describe
 from lilgym_mp.scene.appearances import Appearance, InvalidReason, Scatter, Tower
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "environments"
-FILE_NAMES = {name: f"{appearance}_{start}.md" for name, (appearance, start) in CONFIGURATIONS.items()}
 
 ABOUT = {
     ("tower", "scratch"): "Build towers in three empty boxes until the statement is true, then STOP.",
@@ -91,65 +90,80 @@ REASONS_OF = {
 }
 
 
-def page(configuration: str) -> str:
-    """The Markdown page of a configuration."""
-    settings = Settings(configuration)
-    sections = (_opening, _tasks, _observations, _actions, _rewards, _infos, _keywords, _versions)
-    return "\n\n".join(part for section in sections for part in section(settings)) + "\n"
+def page(appearance: str) -> str:
+    """The Markdown page of both configurations of an appearance."""
+    settings = [Settings(name) for name in CONFIGURATIONS if CONFIGURATIONS[name][0] == appearance]
+    sections = (
+        _opening(settings),
+        _tasks(settings),
+        _observations(settings),
+        _actions(settings[0]),
+        _illegal(appearance),
+    )
+    return "\n\n".join(part for section in sections for part in section) + "\n"
 
 
 def index() -> str:
-    """The Markdown page that lists the configurations."""
+    """The Markdown page with what all configurations share."""
     rows = [
         (
-            f"[{name}]({FILE_NAMES[name]})",
-            ABOUT[CONFIGURATIONS[name]],
+            f"[{name}]({appearance}.md)",
+            ABOUT[appearance, start],
             f"{Settings(name).dynamics().appearance.action_count:,}",
         )
-        for name in CONFIGURATIONS
+        for name, (appearance, start) in CONFIGURATIONS.items()
     ]
-    films = "\n\n".join(f"**[{name}]({FILE_NAMES[name]})**\n\n{_film(name)}" for name in CONFIGURATIONS)
-    return (
-        "\n\n".join(
-            [
-                "# The environments",
-                "Four configurations: two appearances (Tower, Scatter), each with two kinds of start (Scratch, "
-                "FlipIt). The films show the included agent `parse-and-plan` on tasks that it was not trained on.",
-                _table(("configuration", "task", "actions"), rows),
-                films,
-                "Two agents can share any of them: [proposer and verifier](../proposer_verifier.md). "
-                "`scripts/write_environment_pages.py` writes these pages from the code.",
-            ]
-        )
-        + "\n"
+    sections = (
+        _introduction(_table(("configuration", "task", "actions"), rows)),
+        _rewards(),
+        _infos(),
+        _keywords(),
+        _versions(),
     )
+    return "\n\n".join(part for section in sections for part in section) + "\n"
+
+
+def _introduction(table: str) -> Iterator[str]:
+    yield "# The environments"
+    yield (
+        "Four configurations: two appearances (Tower, Scatter), each with two kinds of start (Scratch, FlipIt). This "
+        "page holds for all four; [Tower](tower.md) and [Scatter](scatter.md) describe observations and actions. "
+        "`reset` draws a start scene uniformly, so a statement with four scenes comes up four times as often as one "
+        "with one scene. Two agents can share any of them: [proposer and verifier](../proposer_verifier.md)."
+    )
+    yield table
 
 
 def _film(configuration: str) -> str:
     return f"![An episode of {configuration}](../pictures/{configuration}.gif)"
 
 
-def _opening(settings: Settings) -> Iterator[str]:
-    name = settings.configuration
-    yield f"# {name}"
-    yield ABOUT[settings.appearance, settings.start]
-    yield _film(name)
-    yield f'```python\nimport gymnasium as gym\nimport lilgym_mp\n\nenv = gym.make("{settings.id}")\n```'
-    yield f"![The first frame of the film with the grid drawn in](../pictures/{name}.png)"
-    yield 'The second picture was rendered with `render_mode="rgb_array", render_cells=True`.'
+def _opening(settings: Sequence[Settings]) -> Iterator[str]:
+    yield f"# {settings[0].appearance.capitalize()}"
+    yield "\n".join(f'- `gym.make("{one.id}")`: {ABOUT[one.appearance, one.start]}' for one in settings)
+    for one in settings:
+        yield _film(one.configuration)
+    yield (
+        "The included agent `parse-and-plan` plays tasks that it was not trained on. "
+        'With `render_mode="rgb_array", render_cells=True`, frames show the grid:'
+    )
+    for one in settings:
+        yield f"![A start scene of {one.configuration} with the grid](../pictures/{one.configuration}.png)"
 
 
-def _tasks(settings: Settings) -> Iterator[str]:
+def _tasks(settings: Sequence[Settings]) -> Iterator[str]:
     yield "## Tasks"
-    counts = [len(load_tasks("builtin", settings.appearance, settings.start, split)) for split in SPLITS]
-    listed = ", ".join(f"{count:,} {split}" for split, count in zip(SPLITS, counts, strict=True))
-    yield f"{STARTS[settings.start]} Tasks in the builtin corpus: {listed}."
+    for one in settings:
+        counts = [len(load_tasks("builtin", one.appearance, one.start, split)) for split in SPLITS]
+        listed = ", ".join(f"{count:,} {split}" for split, count in zip(SPLITS, counts, strict=True))
+        yield f"**{one.configuration}**: {STARTS[one.start]} Tasks in the builtin corpus: {listed}."
 
 
-def _observations(settings: Settings) -> Iterator[str]:
+def _observations(settings: Sequence[Settings]) -> Iterator[str]:
     yield "## Observations"
-    text, arrays = (_space(settings, observation=form) for form in ("text", "arrays"))
-    native = _space(settings, image_size="native")["image"]
+    text, (arrays, other) = _space(settings[0]), (_space(one, observation="arrays") for one in settings)
+    assert arrays == other
+    native = _space(settings[0], image_size="native")["image"]
     yield _table(
         ("key", "contents", '`observation="text"` (default)', '`observation="arrays"`'),
         [(f"`{key}`", PARTS[key], _space_text(text[key]), _space_text(arrays[key])) for key in text],
@@ -255,9 +269,10 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
     yield _table(("columns", "place", "pixels"), _column_rows(width))
     yield (
         f"Row r covers y = {height} r .. {height} r + {height - 1}, from the top down. ADD puts the item's upper left "
-        "corner at that of the cell, or at a free pixel of the cell if it does not fit there; then the item snaps to a "
-        "neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the cell. Choose another "
-        "grid with `grid=(columns, rows)`."
+        "corner at that of the cell or, if it does not fit there, at a free pixel of the cell such that half of the "
+        "item lies in the cell or half of the cell is covered (a condition of this package, not of the paper). Then "
+        "the item snaps to a neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the "
+        "cell. Choose another grid with `grid=(columns, rows)`."
     )
 
 
@@ -275,7 +290,12 @@ def _column_rows(width: int) -> Iterator[Sequence[object]]:
             yield f"{first + side} .. {first + side + gap - 1}", "a separator: every action is illegal", between
 
 
-def _rewards(settings: Settings) -> Iterator[str]:
+def _illegal(appearance: str) -> Iterator[str]:
+    yield "## Illegal actions"
+    yield _table(("`invalid_reason`", "when"), [(f"`{reason}`", REASONS[reason]) for reason in REASONS_OF[appearance]])
+
+
+def _rewards() -> Iterator[str]:
     yield "## Rewards and termination"
     rows: list[Sequence[object]] = []
     for outcome, when in OUTCOMES.items():
@@ -283,13 +303,7 @@ def _rewards(settings: Settings) -> Iterator[str]:
         rows.append((f"`{outcome}`", when, *(_signal(*signal) for signal in signals)))
     horizons = " or ".join(f"{rules.horizon} under `{rules.name}`" for rules in RULE_SETS.values())
     yield _table(("outcome", "when", *(f'`rules="{name}"`' for name in RULE_SETS)), rows)
-    yield (
-        f"The horizon is {horizons}, unless `horizon=` is given. A STOP as the last action counts like any other STOP. "
-        "These actions are illegal:"
-    )
-    yield _table(
-        ("`invalid_reason`", "when"), [(f"`{reason}`", REASONS[reason]) for reason in REASONS_OF[settings.appearance]]
-    )
+    yield f"The horizon is {horizons}, unless `horizon=` is given. A STOP as the last action counts as any other."
 
 
 def _signal(reward: float, terminated: bool, truncated: bool) -> str:
@@ -297,7 +311,7 @@ def _signal(reward: float, terminated: bool, truncated: bool) -> str:
     return f"**{reward:+g}**, {flags}" if flags else f"**{reward:+g}**"
 
 
-def _infos(settings: Settings) -> Iterator[str]:
+def _infos() -> Iterator[str]:
     yield "## Info"
     yield _table(
         ("when", "key", "value"),
@@ -305,7 +319,11 @@ def _infos(settings: Settings) -> Iterator[str]:
             ("after `reset`", "`task`", 'the id of the task, as accepted by `reset(options={"task": id})`'),
             ("at the end", "`outcome`", ", ".join(f"`{o}`" for o in OUTCOMES if o is not Outcome.CONTINUES)),
             ("at the end", "`is_success`", "`True` or `False`"),
-            ("at the end, if `invalid_action`", "`invalid_reason`", "as above"),
+            (
+                "at the end, if `invalid_action`",
+                "`invalid_reason`",
+                "[Tower](tower.md#illegal-actions), [Scatter](scatter.md#illegal-actions)",
+            ),
         ],
     )
     yield (
@@ -315,7 +333,7 @@ def _infos(settings: Settings) -> Iterator[str]:
     )
 
 
-def _keywords(settings: Settings) -> Iterator[str]:
+def _keywords() -> Iterator[str]:
     yield "## Arguments of `gym.make`"
     single = _parameters(SingleConfig, LilGymEnv)
     yield _table(("argument", "default", "meaning"), _keyword_rows(single))
@@ -340,7 +358,7 @@ def _default(value: object) -> str:
     return str(getattr(value, "name", None) or repr(value))
 
 
-def _versions(settings: Settings) -> Iterator[str]:
+def _versions() -> Iterator[str]:
     yield "## Versions"
     yield (
         f"`v0`, since lilgym-mp {lilgym_mp.__version__}. A change to the rules, rewards or action indices would become "
@@ -355,8 +373,7 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 
 def documents() -> dict[Path, str]:
     """Every page, by path."""
-    pages = {TARGET / FILE_NAMES[name]: page(name) for name in CONFIGURATIONS}
-    return {TARGET / "index.md": index(), **pages}
+    return {TARGET / "index.md": index(), **{TARGET / f"{name}.md": page(name) for name in ACTION_TEXTS}}
 
 
 def main() -> None:

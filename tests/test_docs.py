@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 DOCUMENTS = (
     "README.md",
     *(f"docs/{name}.md" for name in ("fidelity", "perception", "vectorised", "stable_baselines3")),
-    *(f"docs/{name}.md" for name in ("corpus", "training", "api/index", "environments/tower_flipit")),
+    *(f"docs/{name}.md" for name in ("corpus", "training", "api/index")),
 )
 
 
@@ -34,11 +34,8 @@ def test_code_blocks__run_one_after_another(name: str, tmp_path: Path, monkeypat
 
 
 README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
-    "parse-and-plan --corpus lilgym": "parse-and-plan --corpus builtin --updates 2",
-    "--corpus lilgym --policy expert random-legal": "--configuration TowerScratch --policy random-legal",
-    "--corpus lilgym": "--corpus builtin",
-    "--updates 3600": "--updates 20 --pretraining 0",
-    "--steps 1700000": "--steps 256 --envs 8 --same-statement 1 --rollout 256 --batch-size 128",
+    "parse-and-plan": "parse-and-plan --updates 2",
+    "--configuration TowerFlipIt": "--configuration TowerScratch",
     "--steps 1500000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
 }
 
@@ -61,31 +58,15 @@ def test_readme__commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert main(shlex.split(command)) == 0, command
 
 
-SHORTER = {  # long-running parts of tutorial commands, and their replacements in tests
-    "--updates 1700": "--updates 2",
-    "--minutes 3": "--minutes 0.05",
-    "--steps 100000": "--steps 256 --envs 2 --same-statement 1 --rollout 256 --batch-size 128",
-    "runs/parser runs/network runs/ppo": "runs/network runs/ppo",
-}
-TOLD_AS_TUTORIALS = ("index", "troubleshooting", "own_statements", "language_models")
-LONG = ("imitation", "train_and_evaluate")  # tutorials that train and evaluate agents
-NEEDS = {  # optional modules that each document needs
-    "train_and_evaluate.md": ("stable_baselines3",),
-    "masks_and_stop_forcing.md": ("sb3_contrib",),
-    "two_agents.md": ("pettingzoo",),
-    "imitation.md": ("torch",),
-    "troubleshooting.md": ("stable_baselines3", "pettingzoo"),
-}
+TOLD_AS_TUTORIALS = ("questions", "troubleshooting", "own_statements", "language_models")
+NEEDS = {"troubleshooting.md": ("stable_baselines3", "pettingzoo")}  # optional modules
 
 
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize(
     "path",
     [
-        *(
-            pytest.param(path, marks=pytest.mark.long if path.stem in LONG else ())
-            for path in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-        ),
+        *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
         *(ROOT / "docs" / f"{name}.md" for name in TOLD_AS_TUTORIALS),
     ],
     ids=lambda path: path.stem,
@@ -96,7 +77,7 @@ def test_tutorials__print_the_output_they_show(path: Path, tmp_path: Path, monke
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    assert run_document(path, SHORTER) == []
+    assert run_document(path) == []
 
 
 RUN_ELSEWHERE = ("extending", "programs", "proposer_verifier", "wrappers")  # by the tests of what they describe
@@ -108,7 +89,7 @@ def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
     unmarked = [
         f"{path.relative_to(ROOT)}:{text[: block.start()].count(chr(10)) + 1}"
         for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
-        if path.stem not in run and path.parent.name not in ("tutorials", "environments")
+        if path.stem not in run and path.parent.name != "tutorials"
         for text in [path.read_text()]
         for block in re.finditer(r"^ *```python\n", text, re.MULTILINE)
         if not text[: block.start()].rstrip().endswith(NOT_RUN)

@@ -33,7 +33,7 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True)
 class GameSettings(EnvConfig):
-    """The configuration of a game; docs/proposer_verifier.md gives the reason for each default."""
+    """The configuration of a game; docs/proposer_verifier.md describes the fields."""
 
     configuration: str = "TowerScratch"
     _: KW_ONLY
