@@ -20,6 +20,7 @@ from pathlib import Path
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.evaluation.files import writable_directory, write_json
 from lilgym_mp.evaluation.options import CommandError
+from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FILE
 
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -99,7 +100,7 @@ class Attempt:
         trained = self.run / "trained"  # marks completed training
         if trained.exists():
             return
-        resumed = (self.run / "checkpoint.pt").exists()
+        resumed = (self.run / CHECKPOINT_FILE).exists()
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
@@ -161,7 +162,7 @@ class Attempt:
             return None
         key, budget = self.planned.budget
         try:
-            with (self.run / "progress.jsonl").open("rb") as file:
+            with (self.run / PROGRESS_FILE).open("rb") as file:
                 file.seek(max(0, file.seek(0, os.SEEK_END) - 4096))
                 last = json.loads(file.read().splitlines()[-1])
             return min(1.0, last[key] / budget)

@@ -16,9 +16,7 @@ from pathlib import Path
 from lilgym_mp.evaluation.episodes import read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.options import CommandError, add_split
-from lilgym_mp.learning.common.learners import AGENT_FILE
-
-RUN_FILE = "run.json"
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:

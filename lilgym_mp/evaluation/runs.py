@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.rules import Dynamics, Outcome
+from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
 from lilgym_mp.evaluation.settings import Settings
@@ -121,14 +121,17 @@ def _observations(
     policy: Policy, envs: BatchedEnv, observations: dict[str, Any], active: np.ndarray, playing: np.ndarray
 ) -> Observations:
     """What the policy observes in the active environments: states only if it needs them."""
-    states = envs.states() if policy.needs_states else ()
+    states: Sequence[State] = ()
+    if policy.needs_states:
+        found = envs.states()
+        states = [found[env_index] for env_index in active.tolist()]
     return Observations(
         observations["image"][active],
         tuple([observations["statement"][env_index] for env_index in active.tolist()]),
         observations["target"][active],
         envs.steps[active],
         playing[active],
-        [states[env_index] for env_index in active.tolist()] if policy.needs_states else (),
+        states,
     )
 
 

@@ -194,8 +194,8 @@ def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym, 
 
 
 def test_evaluate__notes_an_agent_that_always_stops_at_once(lilgym: LilGym, run: Path, own: Path):
-    from lilgym_mp.learning.common.agents import AGENT_FILE
     from lilgym_mp.learning.common.model_file import load_model, save_model
+    from lilgym_mp.learning.common.run_directory import AGENT_FILE
 
     description, tensors = load_model(run / AGENT_FILE)
     tensors["types.bias"][0] = 1000.0

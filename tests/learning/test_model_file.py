@@ -17,7 +17,7 @@ from safetensors.torch import save_file
 from torch import Tensor, nn
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import (
     METADATA_KEY,
     DeviceError,
@@ -29,6 +29,7 @@ from lilgym_mp.learning.common.model_file import (
     save_model,
     select_device,
 )
+from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe

@@ -18,8 +18,8 @@ from lilgym_mp.evaluation.episodes import MAX_NUMBER, Header, RecordedEpisode, R
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.learning.common.learners import find_learner
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE
 
-RUN_FILE, PROGRESS_FILE, EVALUATIONS_FILE = "run.json", "progress.jsonl", "evaluations.jsonl"
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
-from lilgym_mp.learning.common.learners import AGENT_FILE
+from lilgym_mp.learning.common.run_directory import AGENT_FILE
 
 MAX_FILES = 2_000  # listed per kind
 MAX_BYTES = 64 << 20  # compressed size of a recording

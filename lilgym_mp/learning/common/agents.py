@@ -16,8 +16,9 @@ from lilgym_mp.corpus import NoTasksError, TaskSet
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.common.learners import AGENT_FILE, PACKAGES, shipped_agents
+from lilgym_mp.learning.common.learners import PACKAGES, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, ModelFileError, read_description
+from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:

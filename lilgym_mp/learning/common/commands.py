@@ -13,12 +13,12 @@ from lilgym_mp.evaluation import options
 from lilgym_mp.evaluation.options import CommandError, flag_name, given_options, given_settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress
-from lilgym_mp.learning.common.learners import AGENT_FILE
 from lilgym_mp.learning.common.recipes import Recipe
+from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
-    from lilgym_mp.learning.common.run_directory import TrainingRun
+    from lilgym_mp.learning.common.run_directory import RunDirectory
 
 
 def add_recipe(parser: argparse.ArgumentParser, recipe: type[Recipe], *, defaults_of: str | None = None) -> None:
@@ -46,7 +46,7 @@ def new_run(args: argparse.Namespace, prefix: str = "") -> tuple[Path, Settings]
 
 def resumed_run(
     args: argparse.Namespace, learner: str, recipe: type[Recipe], prefix: str = "", **required: Any
-) -> tuple[TrainingRun, Settings, Any]:
+) -> tuple[RunDirectory, Settings, Any]:
     """The run to be resumed, its environment and its recipe.
 
     `required`: further values its identity must have. Raises CommandError, TrainingRunError.

@@ -45,7 +45,6 @@ class Learner:
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
 
 
-AGENT_FILE = "agent.safetensors"  # file name in a run directory
 SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data
 
 

@@ -9,13 +9,13 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from threading import current_thread, main_thread
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import torch
 
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError, TrainingRun, TrainingRunError
+from lilgym_mp.learning.common.run_directory import NotFiniteError, RunDirectory, TrainingError, TrainingRunError
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0
@@ -34,18 +34,12 @@ def cpu_seconds() -> float:
 
 @dataclass
 class Counters:
-    """The counters of all learners in a checkpoint; field names are part of its format."""
+    """What a checkpoint counts, for any learner; field names are part of its format."""
 
-    steps: int = 0  # of the environments, in PPO and in the game
     updates: int = 0  # of the optimiser
     seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
     cpu_seconds: float = 0.0  # over all sessions of the run
     collection_seconds: float = 0.0  # part of them for data collection
-    episodes: int = 0  # that PPO has played
-    games: int = 0  # that the game's learner has played
-    states: int = 0  # labelled states that imitation has been trained on
-    begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
-    labels: int = 0  # labelled scenes that a reward model has been trained on
 
 
 class Budget(NamedTuple):
@@ -78,11 +72,12 @@ class Every(NamedTuple):
 class TimedRun(ABC, Generic[Measured]):
     """A run in memory."""
 
-    files: TrainingRun
+    files: RunDirectory
+    counters: Counters  # the learner's own
 
     def __init__(self, budget: Budget, report_every: Every | None = None, save_every: Every | None = None) -> None:
         budget.check()
-        self.budget, self.counters = budget, Counters()
+        self.budget = budget
         self._report_every = report_every or Every(seconds=REPORT_SECONDS)
         self._save_every = save_every or Every(seconds=SAVE_SECONDS)
         self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
@@ -195,7 +190,9 @@ class TimedRun(ABC, Generic[Measured]):
         """Continues from the checkpoint, if there is one. Raises TrainingRunError."""
         if self.files.has_checkpoint:
             with self.files.checkpoint(device) as state:
-                self.counters = Counters(**state["counters"])
+                counted = state["counters"]  # older checkpoints have those of all learners
+                for field in fields(self.counters):
+                    setattr(self.counters, field.name, counted[field.name])
                 self.restore(state)
                 for name, tensor in (state.get("network") or state["networks"]).items():
                     if not torch.isfinite(tensor).all():

@@ -1,4 +1,4 @@
-"""A training run on disk, common to all learners.
+"""A training run on disk, common to all learners. Imports no torch until tensors are read or written.
 
 run.json            the run's identity, which never changes, its options, such as its budget, and when, where and with
                     which code it was begun
@@ -17,21 +17,25 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.learning.common.agents import AGENT_FILE
-from lilgym_mp.learning.common.model_file import ModelDescription, save_model
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+    from lilgym_mp.learning.common.model_file import ModelDescription
 
 FORMAT = "lilgym_mp-training-run"
 VERSION = 1
 RUN_FILE = "run.json"
 CHECKPOINT_FILE = "checkpoint.pt"
 PROGRESS_FILE = "progress.jsonl"
+AGENT_FILE = "agent.safetensors"
+EVALUATIONS_FILE = "evaluations.jsonl"  # of PPO: on dev, with --evaluate-every
+VALIDATIONS_FILE = "validations.jsonl"  # of PPO: on held-out tasks
 LARGEST_DESCRIPTION = 1 << 20  # bytes
 
 
@@ -48,7 +52,7 @@ class NotFiniteError(TrainingError):
 
 
 @dataclass
-class TrainingRun:
+class RunDirectory:
     """The files of one run."""
 
     path: Path
@@ -75,12 +79,16 @@ class TrainingRun:
 
     def save_checkpoint(self, state: Mapping[str, Any]) -> None:
         """Replaces the checkpoint. `state`: tensors, numbers, strings and collections of them."""
+        import torch
+
         data = io.BytesIO()  # torch reports a full disk in errors of its own kind
         torch.save(dict(state), data)
         write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: unfinished.write_bytes(data.getbuffer()))
 
     def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
         """The latest checkpoint; never executes the file's contents. Raises TrainingRunError."""
+        import torch
+
         path = self.path / CHECKPOINT_FILE
         try:
             with warnings.catch_warnings(action="ignore"):
@@ -103,6 +111,8 @@ class TrainingRun:
             raise TrainingRunError(f"the checkpoint in {self.path} is not of this run: {reason}") from None
 
     def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
+        from lilgym_mp.learning.common.model_file import save_model
+
         save_model(self.agent_file, description, tensors)
 
     def record(self, line: Mapping[str, Any], file: str = PROGRESS_FILE) -> None:
@@ -111,7 +121,7 @@ class TrainingRun:
             lines.write(json.dumps(line) + "\n")
 
 
-def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> TrainingRun:
+def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) -> RunDirectory:
     """A new run in an empty or new directory, or with `resume` the one already there.
 
     `identity`: everything a resumed run must share, as JSON. Raises TrainingRunError when the directory is in use or
@@ -131,12 +141,12 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     if file.exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    run = TrainingRun(path, dict(identity), {}, made={**asdict(RecordingMetadata.now(())), "command": command})
+    run = RunDirectory(path, dict(identity), {}, made={**asdict(RecordingMetadata.now(())), "command": command})
     run.write_description()
     return run
 
 
-def resumable_run(path: Path, required: Mapping[str, Any], recipe: type[Any]) -> tuple[TrainingRun, Any]:
+def resumable_run(path: Path, required: Mapping[str, Any], recipe: type[Any]) -> tuple[RunDirectory, Any]:
     """The run to be resumed in a directory, and its recipe, made by the dataclass `recipe`.
 
     `required`: values that its identity must have. Raises TrainingRunError naming both values otherwise.
@@ -158,7 +168,7 @@ def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iter
             yield name, kept, value
 
 
-def _read_run(path: Path) -> TrainingRun:
+def _read_run(path: Path) -> RunDirectory:
     file = path / RUN_FILE
     try:
         if file.stat().st_size > LARGEST_DESCRIPTION:
@@ -166,7 +176,7 @@ def _read_run(path: Path) -> TrainingRun:
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
             raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")
-        return TrainingRun(path, content["identity"], content.get("options", {}), content.get("made", {}))
+        return RunDirectory(path, content["identity"], content.get("options", {}), content.get("made", {}))
     except FileNotFoundError:
         raise TrainingRunError(f"no training run in {file.parent}: it has no {file.name}") from None
     except TrainingRunError:

@@ -102,7 +102,7 @@ def train(args: argparse.Namespace) -> int:
         raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
     if args.rounds is not None:
         return _train_rounds(args)
-    from lilgym_mp.learning.common.agents import AGENT_FILE
+    from lilgym_mp.learning.common.run_directory import AGENT_FILE
     from lilgym_mp.learning.game.training import train_game
 
     directory, arguments = _resume_arguments(args) if args.resume else _new_arguments(args)
@@ -129,7 +129,7 @@ def train(args: argparse.Namespace) -> int:
 
 
 def _train_rounds(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.common.agents import AGENT_FILE
+    from lilgym_mp.learning.common.run_directory import AGENT_FILE
     from lilgym_mp.learning.game.population import train_rounds
 
     if not args.proposers or args.verifiers:

@@ -13,8 +13,8 @@ from typing import Any
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, agent_file
-from lilgym_mp.learning.common.run_directory import RUN_FILE
+from lilgym_mp.learning.common.agents import AgentError, agent_file
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE
 from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
 from lilgym_mp.learning.game.training import train_game

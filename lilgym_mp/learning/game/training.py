@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +19,7 @@ from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import AgentError, agent_file
 from lilgym_mp.learning.common.model import as_numpy
 from lilgym_mp.learning.common.model_file import load_model, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.common.run import Budget, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingRunError, begin_run, resumable_run
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
@@ -61,6 +61,14 @@ class Progress(NamedTuple):
     losses: dict[str, dict[str, float]]  # by network: policy, value, entropy, clipped
     claim_loss: float | None
     claim_accuracy: float | None
+
+
+@dataclass
+class GameCounters(Counters):
+    """What a run of the game counts."""
+
+    steps: int = 0  # turns of all games
+    games: int = 0
 
 
 def train_game(
@@ -116,6 +124,7 @@ class Run(TimedRun["Progress"]):
         resume: bool,
     ) -> None:
         super().__init__(budget, Every())
+        self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
         self.recipe, self._device = recipe, select_device(device)
         partners = {role: found for role, found in partners.items() if found}

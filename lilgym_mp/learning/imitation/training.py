@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +23,7 @@ from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.common import run
 from lilgym_mp.learning.common.agents import scratch_tasks
 from lilgym_mp.learning.common.model_file import select_device
-from lilgym_mp.learning.common.run import Budget, TimedRun
+from lilgym_mp.learning.common.run import Budget, Counters, TimedRun
 from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
@@ -54,6 +55,14 @@ class Progress(NamedTuple):
     truth: float | None = None  # truth loss; None during pretraining, like the following
     actions: float | None = None  # loss of the sets of optimal actions
     truth_accuracy: float | None = None
+
+
+@dataclass
+class ImitationCounters(Counters):
+    """What an imitation run counts."""
+
+    states: int = 0  # labelled states trained on
+    begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
 
 
 def train_imitation(
@@ -99,6 +108,7 @@ class _Run(TimedRun[StepResult]):
         teacher: Path | None,
     ) -> None:
         super().__init__(budget)
+        self.counters: ImitationCounters = ImitationCounters()
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
         tasks = settings.make("train").tasks

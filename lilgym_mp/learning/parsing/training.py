@@ -26,8 +26,8 @@ from lilgym_mp.learning.common import program_batches
 from lilgym_mp.learning.common.model_file import ModelDescription, select_device
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
-from lilgym_mp.learning.common.run import Budget, Every, TimedRun, stop_on_signals
-from lilgym_mp.learning.common.run_directory import TrainingRun, begin_run
+from lilgym_mp.learning.common.run import Budget, Counters, Every, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run_directory import RunDirectory, begin_run
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
@@ -71,7 +71,7 @@ def train_parser(
     resume: bool = False,
     save_every: int = 500,
     on_progress: Callable[[Progress], object] = lambda progress: None,
-) -> TrainingRun:
+) -> RunDirectory:
     """Trains one parser for all appearances in the corpus, and saves its agent in `out`.
 
     Ctrl-C stops after the current step and saves a checkpoint; `resume` continues from the last one. Equal corpus,
@@ -143,6 +143,7 @@ class _Run(TimedRun[float]):
         resume: bool,
     ) -> None:
         super().__init__(Budget("updates", recipe.updates), Every(REPORT_EVERY), Every(save_every))
+        self.counters = Counters()
         self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
         self._device = select_device(device)
         if not resume:

@@ -55,7 +55,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def train(args: argparse.Namespace) -> int:
-    from lilgym_mp.learning.common.agents import AGENT_FILE
+    from lilgym_mp.learning.common.run_directory import AGENT_FILE
     from lilgym_mp.learning.ppo.training import train_ppo
 
     options.check_at_least(args, 1, "steps", "save_every", "evaluate_every", "threads")

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,7 +23,7 @@ from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.model_file import DeviceError, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.common.run import Budget, Every, StopRequest, TimedRun, stop_on_signals
+from lilgym_mp.learning.common.run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
 from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, training_tasks
 from lilgym_mp.learning.common.update import (
@@ -61,6 +61,14 @@ class Progress(NamedTuple):
     value_loss: float
     entropy: float
     clipped: float  # fraction of probability ratios outside the clip range
+
+
+@dataclass
+class PPOCounters(Counters):
+    """What a PPO run counts."""
+
+    steps: int = 0  # of the environments
+    episodes: int = 0
 
 
 def train_ppo(
@@ -122,6 +130,7 @@ class Run(TimedRun["Progress"]):
         resume: bool,
     ) -> None:
         super().__init__(budget, Every(), Every(save_every))
+        self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self._device = select_device(device)
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)

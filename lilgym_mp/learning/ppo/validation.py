@@ -17,15 +17,13 @@ from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
 from lilgym_mp.evaluation.runs import scenes
 from lilgym_mp.learning.common.model import Model
-from lilgym_mp.learning.common.run_directory import TrainingRun
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, VALIDATIONS_FILE, RunDirectory
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.ppo.agent import ModelPolicy
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.scene.actions import Stop
 
 SPLIT = "dev"
-EVALUATIONS_FILE = "evaluations.jsonl"
-VALIDATIONS_FILE = "validations.jsonl"
 
 
 @dataclass
@@ -41,7 +39,7 @@ class ValidationState:
 class Validation:
     """Plays the held-out tasks and keeps the best weights; without such tasks it does nothing."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], run: TrainingRun) -> None:
+    def __init__(self, settings: Settings, recipe: PPORecipe, task_ids: tuple[str, ...], run: RunDirectory) -> None:
         self._settings, self._recipe, self._task_ids, self._run = settings, recipe, task_ids, run
         self.state = ValidationState()
         self.best_weights: dict[str, Tensor] | None = None
@@ -74,7 +72,7 @@ class Validation:
 class LearningCurve:
     """Evaluations on dev at intervals of `every` steps, with the same random numbers each time."""
 
-    def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: TrainingRun) -> None:
+    def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: RunDirectory) -> None:
         """Raises CorpusError when dev has no tasks."""
         env = settings.make(SPLIT)
         self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
@@ -115,7 +113,7 @@ class LearningCurve:
         return content(last) in self._goals[episode.task_id]
 
 
-def _last_steps(run: TrainingRun) -> int | None:
+def _last_steps(run: RunDirectory) -> int | None:
     """The step count in the last complete line of a run's evaluations; None without one."""
     file = run.path / EVALUATIONS_FILE
     for line in reversed(file.read_text(encoding="utf-8").splitlines() if file.exists() else []):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -30,7 +30,7 @@ from lilgym_mp.learning.common.labelled_scenes import (
     truths_of,
 )
 from lilgym_mp.learning.common.model_file import select_device
-from lilgym_mp.learning.common.run import Budget, TimedRun
+from lilgym_mp.learning.common.run import Budget, Counters, TimedRun
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError, begin_run
 from lilgym_mp.learning.common.words import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
@@ -63,6 +63,13 @@ class Progress(NamedTuple):
     loss: float
     accuracy: float
     held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
+
+
+@dataclass
+class RewardModelCounters(Counters):
+    """What the run of a reward model counts."""
+
+    labels: int = 0  # labelled scenes trained on
 
 
 def train_reward_model(
@@ -104,6 +111,7 @@ class _Run(TimedRun[tuple[float, float]]):
         resume: bool,
     ) -> None:
         super().__init__(budget)
+        self.counters: RewardModelCounters = RewardModelCounters()
         self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
         self._device = select_device(device)
         tasks = settings.make("train").tasks

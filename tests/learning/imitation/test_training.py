@@ -9,9 +9,9 @@ import torch
 
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import ModelFileError, save_model
-from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingError, TrainingRunError
 from lilgym_mp.learning.imitation import training, update
 from lilgym_mp.learning.imitation.agent import ImitationAgent
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry

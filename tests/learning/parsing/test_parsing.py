@@ -21,7 +21,7 @@ from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
 from lilgym_mp.evaluation.comparison import EvaluationPlan
-from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
@@ -36,7 +36,7 @@ from lilgym_mp.learning.common.program_pairs import (
     program_of,
     slots_of,
 )
-from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingError, TrainingRunError
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration

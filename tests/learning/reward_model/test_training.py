@@ -15,10 +15,10 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import Dynamics, State, Transition
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
-from lilgym_mp.learning.common.agents import AGENT_FILE, AgentError, open_agent
+from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, restored, stored
 from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
-from lilgym_mp.learning.common.run_directory import TrainingRunError
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError
 from lilgym_mp.learning.reward_model import training
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
 from lilgym_mp.learning.reward_model.features import BoxTable
