@@ -94,9 +94,9 @@ def add_configuration(
     """A configuration, or `several`, with or without --configuration; required unless `nargs` is "?"."""
     group = parser.add_mutually_exclusive_group(required=nargs is None and not several)
     help_text = f"{'any' if several else 'one'} of {CONFIGURATIONS_HELP}{' (default: all)' if several else ''}"
-    named = {"nargs": "*" if several else "?", "metavar": "CONFIGURATION", "default": argparse.SUPPRESS}
+    named: dict[str, Any] = {"nargs": "*" if several else "?", "metavar": "CONFIGURATION", "default": argparse.SUPPRESS}
     group.add_argument("configuration", help=help_text, **named)
-    option = {"nargs": "+"} if several else {}
+    option: dict[str, Any] = {"nargs": "+"} if several else {}
     group.add_argument("--configuration", metavar="NAME", default=default, help="the same", **option)
 
 

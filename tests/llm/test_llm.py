@@ -383,7 +383,8 @@ def test_answer_of_another_type__is_an_agent_error(reply: Any):
 
 def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
     (tmp_path / "my_agents.py").write_text("class Mine:\n    def answer(self, messages):\n        return 'STOP'\n")
-    command = [Path(sys.executable).with_name("lilgym-mp"), "llm", "TowerFlipIt", "--agent", "my_agents:Mine"]
+    command = [Path(sys.executable).with_name("lilgym-mp"), "llm", "play", "TowerFlipIt"]
+    command += ["--agent", "my_agents:Mine"]
     done = subprocess.run([*command, "--episodes", "1"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert ", STOP\n" in done.stdout
