@@ -12,7 +12,6 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-import lilgym_mp
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
@@ -118,7 +117,6 @@ def index() -> str:
         _rewards(),
         _infos(),
         _keywords(),
-        _versions(),
     )
     return "\n\n".join(part for section in sections for part in section) + "\n"
 
@@ -342,6 +340,7 @@ def _keywords() -> Iterator[str]:
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
     yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"
     yield _table(("argument", "default", "meaning"), _keyword_rows(more))
+    yield "When you publish results, state the corpus, split and rule set."
 
 
 def _parameters(*makers: Any) -> dict[str, Any]:
@@ -356,14 +355,6 @@ def _keyword_rows(parameters: dict[str, Any]) -> list[Sequence[object]]:
 
 def _default(value: object) -> str:
     return str(getattr(value, "name", None) or repr(value))
-
-
-def _versions() -> Iterator[str]:
-    yield "## Versions"
-    yield (
-        f"`v0`, since lilgym-mp {lilgym_mp.__version__}. A change to the rules, rewards or action indices would become "
-        "`v1`. When you publish results, state the corpus, split and rule set."
-    )
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
