@@ -1,4 +1,4 @@
-"""Solves whole corpora with the expert: tasks solved and proven shortest, successes, time, demonstrations per second.
+"""Solves whole corpora with the expert: tasks solved and proven shortest, successes, time.
 
 Without LILGYM_DATA, only the builtin corpus is solved. Run: python benchmarks/solver.py --jobs 2
 """
@@ -7,16 +7,11 @@ from __future__ import annotations
 
 import argparse
 import os
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from time import perf_counter
 
-from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import Episode, evaluate
 from lilgym_mp.evaluation.expert import ExpertPolicy
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.solver.demonstrations import arrays, demonstrations, drawn_tasks, write_npz
 from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_rows
 
 SPLITS = ("train", "dev")
@@ -25,17 +20,6 @@ SPLITS = ("train", "dev")
 def solved(settings: Settings, split: str, jobs: int) -> list[TaskReport]:
     env = settings.make(split)
     return solve_tasks(env.tasks, env.dynamics, jobs=jobs)
-
-
-def demonstrations_per_second(settings: Settings, jobs: int, episodes: int | None) -> float:
-    """The rate of solving tasks, making demonstrations and writing them to a file."""
-    env = settings.make("train")
-    with TemporaryDirectory() as place:
-        begin = perf_counter()
-        tasks = env.tasks if episodes is None else drawn_tasks(env.tasks, episodes, seed=0)
-        found = demonstrations(solve_tasks(tasks, env.dynamics, jobs=jobs), env.dynamics)
-        write_npz(Path(place) / "demos.npz", arrays(found, env.dynamics), {})
-        return len(found) / (perf_counter() - begin)
 
 
 def report_on(corpus: str, rules: str, jobs: int) -> None:
@@ -62,21 +46,10 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1, help="processes; 1 gives the most accurate times per task")
     parser.add_argument("--rules", nargs="+", default=["paper", "release"])
     parser.add_argument("--corpus", nargs="+", default=["builtin"] + ["lilgym"] * ("LILGYM_DATA" in os.environ))
-    parser.add_argument("--episodes", type=int, default=50_000, help="number of sampled demonstrations")
     given = parser.parse_args()
     for corpus in given.corpus:
         for rules in given.rules:
             report_on(corpus, rules, given.jobs)
-    corpus = given.corpus[-1]
-    for configuration in CONFIGURATIONS:
-        settings = Settings(configuration, corpus=corpus)
-        load_tasks(corpus, settings.appearance, settings.start, "train")
-        each = demonstrations_per_second(settings, given.jobs, None)
-        drawn = demonstrations_per_second(settings, given.jobs, given.episodes)
-        print(
-            f"{configuration} of {corpus}: {each:,.0f} demonstrations/s over each task once,"
-            f" {drawn:,.0f}/s over {given.episodes:,} sampled"
-        )
 
 
 if __name__ == "__main__":

@@ -1,119 +1,133 @@
-"""Behaviour cloning from a Minari dataset of the expert's solutions, with the network of ppo_single_file.py.
+"""Behaviour cloning: PPO's network learns the expert's actions from data sets, without playing.
 
-Write the dataset first (a few seconds); docs/solver.md gives the accuracy on dev:
-    lilgym-mp demos TowerFlipIt --minari lilgym/tower-flipit-v0 --observation arrays
-    python examples/behaviour_cloning.py lilgym/tower-flipit-v0 --minutes 3
-Needs the extras `train` and `minari`.
+Write data sets with observations as items; docs/datasets.md shows the curve:
+    lilgym-mp data collect TowerScratch --observation structured --out scratch.npz
+    lilgym-mp data collect TowerFlipIt --observation structured --out flipit.npz
+    python examples/behaviour_cloning.py scratch.npz flipit.npz --minutes 5
+If the data sets have all optimal actions (--optimal), the probability of the set is maximised. Colours are exchanged in
+words, items and actions as data augmentation. Needs the extra `train`.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 import time
 from itertools import permutations
-from typing import Any
+from pathlib import Path
 
 import numpy as np
 
-import lilgym_mp
-from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import evaluate
+from lilgym_mp.scene import Colour
 
 try:
-    import minari  # pyright: ignore[reportMissingImports]
     import torch
-    from ppo_single_file import Network, State, seen_pixels
+
+    from lilgym_mp.learning.common.augmentation import Augmentation
+    from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+    from lilgym_mp.learning.common.states import BoxImageTable
+    from lilgym_mp.learning.ppo.agent import ModelPolicy
+    from lilgym_mp.learning.ppo.models import make_model
+    from lilgym_mp.learning.ppo.recipe import PPORecipe
 except ImportError as missing:
-    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train,minari]"')
+    sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY = 512, 1e-3, 1e-2
-COLOURS = {"yellow": (250, 255, 0), "black": (0, 0, 0), "blue": (15, 131, 255)}  # with the RGB of their blocks
-SWAPS = np.array(list(permutations(range(3))))  # (6, 3) the colour shown instead of each colour; the first: itself
-ADDS = 1 + 3 * np.arange(3)[:, None] + SWAPS[:, None]  # (6, 3, 3) the ADD made instead of each, by box and colour
-MADE = np.hstack([np.zeros((6, 1), int), ADDS.reshape(6, -1), np.tile([10, 11, 12], (6, 1))])  # (6, 13) all actions
+COLOUR = 3  # index of an item's colour in `item_array`
+EXCHANGES = [Augmentation(colours=colours) for colours in permutations(Colour)]  # the first changes nothing
 
 
-class Demonstrations:
-    """The states before each action of a dataset, and the actions."""
+class Data:
+    """The states of data sets of one appearance: their statement, boxes and target, and the actions to take in them."""
 
-    def __init__(self, dataset: minari.MinariDataset) -> None:
-        tasks = dataset.recover_environment().unwrapped.tasks
-        self.vocabulary = Vocabulary.from_statements(task.statement for task in tasks)
-        episodes = list(dataset.iterate_episodes())
-        self.actions = np.concatenate([each.actions for each in episodes])
-        statements, targets = (
-            np.concatenate([each.observations[part][:-1] for each in episodes]) for part in ("statement", "target")
-        )
-        images = np.concatenate([seen_pixels(each.observations["image"][:-1]) for each in episodes])
-        self.rgb, index = np.unique(images.reshape(-1, 3), axis=0, return_inverse=True)
-        self.images = index.reshape(images.shape[:-1])  # of each pixel's colour in `rgb`
-        self.statements, self.statement = np.unique(statements, axis=0, return_inverse=True)
-        self.target = targets[:, 0]
-        self.legal = np.ones((len(self.actions), MADE.shape[1]), bool)  # datasets have no masks
+    def __init__(self, files: list[Path]) -> None:
+        parts = [np.load(file) for file in files]
+        self.settings = EnvConfig.from_json(json.loads(str(parts[0]["about"]))["settings"])
+        appearance = self.settings.dynamics().appearance
 
-    def swapped(self, rng: np.random.Generator) -> tuple[State, torch.Tensor]:
-        """All states and actions, with colours swapped at random in each statement."""
-        swaps = rng.integers(len(SWAPS), size=len(self.statements))[self.statement]
-        words = np.tile(np.arange(len(self.vocabulary)), (len(SWAPS), 1))  # (6, words) the word instead of each
-        names = np.array([self.vocabulary.token_id(name) for name in COLOURS])
-        words[:, names] = names[SWAPS]
-        shown, blocks = np.tile(self.rgb, (len(SWAPS), 1, 1)), np.array(list(COLOURS.values()), np.uint8)
-        for colour, rgb in enumerate(blocks):
-            shown[:, (self.rgb == rgb).all(1)] = blocks[SWAPS[:, colour]][:, None]
-        statement = words[swaps[:, None], self.statements[self.statement]]
-        image = shown[swaps[:, None, None], self.images]
-        state = State(*map(torch.from_numpy, (statement, image, self.target, self.legal)))
-        return state, torch.from_numpy(MADE[swaps, self.actions])
+        def column(name: str) -> np.ndarray:
+            """A field of the episodes, for each action."""
+            return np.concatenate([np.repeat(part[name], np.diff(part["starts"])) for part in parts])
+
+        statements, self.statement = np.unique(column("statement"), return_inverse=True)
+        self.statements = [[exchange.statement(text) for text in statements.tolist()] for exchange in EXCHANGES]
+        self.target = column("target").astype(np.int64)
+        self.table = BoxImageTable()
+        slots = max(part["item_array"].shape[2] for part in parts)
+        items = np.concatenate([padded(part["item_array"], slots) for part in parts])
+        one_hot = np.eye(appearance.action_count, dtype=bool)
+        wanted = np.concatenate([part["optimal"] if "optimal" in part else one_hot[part["action"]] for part in parts])
+        self.boxes, self.wanted = [], []  # by exchange
+        for exchange in EXCHANGES:
+            seen = items.copy()
+            seen[..., COLOUR] = np.array([*exchange.colours, -1])[items[..., COLOUR]]
+            self.boxes.append(self.table.item_indices(seen))
+            actions = map(appearance.decode, range(appearance.action_count))
+            becomes = [appearance.encode(exchange.action(action)) for action in actions]
+            moved = np.zeros_like(wanted)
+            moved[:, becomes] = wanted
+            self.wanted.append(moved)
+
+    def batches(self, rng: np.random.Generator) -> list[np.ndarray]:
+        """The indices of all states in random order, but those of a statement together: a batch reads it once."""
+        order = rng.permutation(len(self.statements[0]))[self.statement].argsort(kind="stable")
+        return [batch for batch in np.array_split(order, -(-len(order) // BATCH)) if len(batch)]
 
 
-@torch.no_grad()
-def accuracy(network: Network, env: Any) -> float:
-    """The share of the environment's tasks that the most probable legal actions solve."""
-    solved = 0
-    for task_id in env.unwrapped.tasks.ids:
-        observation, info = env.reset(options={"task": task_id})
-        while "is_success" not in info:
-            seen = {name: np.asarray(part)[None] for name, part in observation.items()}
-            legal = lilgym_mp.action_masks(env)[None]
-            parts = seen["statement"], seen_pixels(seen["image"]), observation["target"], legal
-            policy, _ = network(State(*map(torch.from_numpy, parts)))
-            observation, *_, info = env.step(int(policy.logits.argmax()))
-        solved += info["is_success"]
-    return solved / len(env.unwrapped.tasks)
+def padded(items: np.ndarray, slots: int) -> np.ndarray:
+    """(N, 3, slots, 5) item arrays with more empty slots."""
+    return np.pad(items, ((0, 0), (0, 0), (0, slots - items.shape[2]), (0, 0)), constant_values=-1)
+
+
+def accuracy(model: torch.nn.Module, settings: EnvConfig) -> float:
+    """The share of dev's tasks that the most probable legal actions solve."""
+    model.clear_cache()
+    episodes = evaluate(ModelPolicy(model, mask=True, sampled=False), settings, "dev")
+    return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dataset", help="a Minari dataset with observations of Tower as arrays")
-    parser.add_argument("--minutes", type=float, default=1.0, help="CPU minutes of training")
+    parser.add_argument(
+        "files", nargs="+", type=Path, help="data sets with structured observations; dev is the first's"
+    )
+    parser.add_argument("--minutes", type=float, default=5.0, help="CPU minutes of training")
     parser.add_argument("--seed", type=int, default=0)
     args = parser.parse_args()
     torch.set_num_threads(1)
     torch.manual_seed(args.seed)
     rng = np.random.default_rng(args.seed)
-    dataset = minari.load_dataset(args.dataset)
-    demonstrations, env = Demonstrations(dataset), dataset.recover_environment(eval_env=True)
-    count, length = len(demonstrations.actions), demonstrations.statements.shape[1]
-    network = Network(len(demonstrations.vocabulary), length)
-    optimiser = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
-    print(f"{count:,} actions of {dataset.total_episodes:,} episodes; dev before: {accuracy(network, env):.3f}")
-    begin, done, loss = time.process_time(), 0.0, torch.tensor(torch.nan)
+    data = Data(args.files)
+    words = [statement for statements in data.statements for statement in statements]
+    model = make_model(PPORecipe(), data.settings.dynamics().appearance, statements=words)
+    optimiser = torch.optim.AdamW(model.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    print(f"{len(data.target):,} actions of {len(data.statements[0]):,} statements", flush=True)
+    print(" CPU s  loss  dev")
+    spent, done, reported = 0.0, 0.0, 0
     while done < 1:
-        states, actions = demonstrations.swapped(rng)
-        # In random order, but the states of a statement together, as each batch reads its statements once.
-        order = rng.permutation(len(demonstrations.statements))[demonstrations.statement].argsort()
-        for batch in torch.from_numpy(order).split(BATCH):
-            policy, _ = network(State(*(part[batch] for part in states)))
-            loss = -policy.log_prob(actions[batch]).mean()
+        for batch in data.batches(rng):
+            begin = time.process_time()
+            which = int(rng.integers(len(EXCHANGES)))
+            texts = [data.statements[which][index] for index in data.statement[batch].tolist()]
+            prediction = model(data.table.states_of(texts, data.boxes[which][batch], data.target[batch]))
+            log_probs = FactoredPolicy(model.factorisation, prediction.types, prediction.heads).joint_log_probs()
+            wanted = torch.from_numpy(data.wanted[which][batch])
+            loss = -log_probs.masked_fill(~wanted, -torch.inf).logsumexp(1).mean()
             for group in optimiser.param_groups:
                 group["lr"] = LEARNING_RATE * (1 - done)
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
-            done = (time.process_time() - begin) / (60 * args.minutes)
+            spent += time.process_time() - begin
+            done = spent / (60 * args.minutes)
+            if done >= min(1, (reported + 1) / 10):
+                reported += 1
+                print(f"{spent:6.0f}  {loss.item():.2f}  {accuracy(model, data.settings):.3f}", flush=True)
             if done >= 1:
                 break
-    print(f"loss {loss:.2f}; dev after {args.minutes:g} CPU minutes: {accuracy(network, env):.3f}")
 
 
 if __name__ == "__main__":

@@ -24,11 +24,12 @@ from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_commands
 # Modules of this package, in the order of --help.
 COMMANDS = (
     *("demo", "play", "train", "evaluate", "report", "experiment"),
-    *("explain", "solve", "data", "demos", "llm", "bench", "serve"),
+    *("explain", "solve", "data", "llm", "bench", "serve"),
 )
 RENAMED = {  # commands and options of earlier versions, and what replaces them
     "play-game": "play --protocol NAME",
     "evaluate-game": "evaluate",
+    "demos": "data collect",
     "program": "explain --program",
     "prompts": "llm prompts",
     "score": "llm score",

@@ -10,7 +10,10 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.corpus.records import FLIPIT, SPLITS, STARTS
+from lilgym_mp.cli import data_sets
+from lilgym_mp.corpus.locations import is_split
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS, STARTS
+from lilgym_mp.corpus.splits import RULES, split_lists
 from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically
 from lilgym_mp.evaluation.options import (
     CORPUS_HELP,
@@ -44,6 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     _add_installing(add)
     _add_inspecting(add)
     _add_making(add)
+    data_sets.add_actions(add)
 
 
 def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -87,13 +91,26 @@ def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
     permute = add("permute", _permute, "augment FlipIt start scenes with all permutations of their boxes")
     _add_corpus_argument(permute)
 
-    for parser in (generate, synthesize, permute):
-        parser.add_argument(
-            "--output", "--out", type=Path, required=True, metavar="FILE", help="corpus file to write (.jsonl[.gz])"
-        )
+    export = add("export", _export, "write every task as a JSON line, for `datasets.load_dataset` and other readers")
+    _add_corpus_argument(export)
+
+    split = add("split", _split, "write the lists of a compositional split, which can be named as a corpus")
+    _add_corpus_argument(split)
+    split.add_argument(
+        "--by",
+        required=True,
+        choices=list(RULES),
+        help="hold out of dev and test what train has not: forms of programs, longer statements, or pairs of words",
+    )
+
+    files = {split: "lists to write (.split.json[.gz])", export: "file to write (.jsonl[.gz])"}
+    for parser in (generate, synthesize, permute, export, split):
+        written = files.get(parser, "corpus file to write (.jsonl[.gz])")
+        parser.add_argument("--out", "--output", type=Path, required=True, metavar="FILE", help=written)
         parser.add_argument("--force", action="store_true", help="overwrite the file if it exists")
         _add_several(parser, "appearances", APPEARANCES)
-        _add_several(parser, "splits", SPLITS)
+        if parser is not split:
+            _add_several(parser, "splits", SPLITS)
 
 
 def _add_corpus_argument(parser: argparse.ArgumentParser) -> None:
@@ -257,10 +274,36 @@ def _permute(args: argparse.Namespace) -> int:
     return 0
 
 
+def _export(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.loading import load_all_tasks
+    from lilgym_mp.corpus.writing import task_rows, write_lines
+
+    path = fresh_file(args.out, force=args.force)
+    rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.splits)))
+    write_atomically(path, lambda unfinished: write_lines(unfinished, rows))
+    print(f"wrote {path}\n{len(rows):,} tasks")
+    return 0
+
+
+def _split(args: argparse.Namespace) -> int:
+    from lilgym_mp.corpus.loading import load_all_tasks
+    from lilgym_mp.corpus.writing import write_lines
+
+    if not is_split(args.out):
+        raise CommandError(f"--out must name a file that ends in .split.json or .split.json.gz, not {str(args.out)!r}")
+    path = fresh_file(args.out, force=args.force)
+    lists = split_lists(args.by, list(load_all_tasks(args.corpus, args.appearances, [SCRATCH])))
+    row = {"corpus": args.corpus, "by": args.by, "statements": lists}
+    write_atomically(path, lambda unfinished: write_lines(unfinished, [row]))
+    print(table(["task set", "statements"], [(name, len(ids)) for name, ids in lists.items()]))
+    print(f"wrote {path}")
+    return 0
+
+
 def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
     """Writes a corpus file atomically."""
     from lilgym_mp.corpus import write_corpus
 
-    path = fresh_file(args.output, force=args.force)
+    path = fresh_file(args.out, force=args.force)
     write_atomically(path, lambda unfinished: write_corpus(unfinished, name, f"as {args.corpus}", entries))
     print(f"wrote {path}")

@@ -14,7 +14,7 @@ from pkgutil import resolve_name
 
 from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
 from lilgym_mp.corpus.jsonlines import CorpusFile
-from lilgym_mp.corpus.locations import corpus_path, is_generated
+from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.corpus.records import SPLITS, STARTS
 from lilgym_mp.corpus.tasks import Provenance, TaskReader, TaskSet
@@ -22,8 +22,7 @@ from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
-# Loader of generated corpora, a string like a Gymnasium entry point: the generator depends on this package, so it is
-# imported only when a generated corpus is requested.
+# A string like a Gymnasium entry point: the generator depends on this package, so it is imported only when requested.
 GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
 
 _LOADING = threading.Lock()
@@ -33,9 +32,9 @@ Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearanc
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
     """The validated tasks of one configuration ("tower" or "scatter", "scratch" or "flipit") and split.
 
-    `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL" or "generated:LEVEL:SEED", the path of a
-    corpus file, or of a directory of released JSON files. Task sets are cached until their file changes; callers in
-    several threads wait for one of them to load a set.
+    `corpus` is "builtin", "lilgym" (the official one), "generated:LEVEL:SEED", a split such as "builtin:form", or the
+    path of a corpus file, a file of lists or a directory of released files. Task sets are cached until their file
+    changes; callers in several threads wait for one of them to load a set.
     Raises CorpusError naming file, entry and fault, NoTasksError when there are no tasks, ValueError for an unknown
     appearance, start or split.
     """
@@ -46,6 +45,8 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
         generated: Loader = resolve_name(GENERATED_ENTRY_POINT)
         with _LOADING:
             return generated(str(corpus), appearance, start, split)
+    if is_split(corpus):
+        return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
         file = _released_path(path, appearance, start, split) if path.is_dir() else path
         status = _status(file)

@@ -22,6 +22,11 @@ def is_generated(corpus: object) -> bool:
     return isinstance(corpus, str) and corpus.split(":")[0] == GENERATED
 
 
+def is_split(corpus: str | os.PathLike[str]) -> bool:
+    """Whether the name is that of a compositional split, valid or not, or of a file of its lists."""
+    return os.fspath(corpus).startswith(f"{BUILTIN}:") or os.fspath(corpus).endswith((".split.json", ".split.json.gz"))
+
+
 def user_cache() -> Path:
     """The user's cache directory for downloads of this package."""
     if sys.platform == "win32":

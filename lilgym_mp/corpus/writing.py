@@ -62,7 +62,29 @@ def write_corpus(
     header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
     if sections is not None:
         header[SECTIONS] = dict(sections)
-    lines = (json.dumps(line, ensure_ascii=False, separators=(",", ":")) for line in (header, *entries))
+    write_lines(Path(path), (header, *entries))
+
+
+def write_lines(path: Path, rows: Iterable[Mapping[str, object]]) -> None:
+    """Writes JSON lines, gzipped if the path ends in .gz; equal rows give equal bytes."""
+    lines = (json.dumps(row, ensure_ascii=False, separators=(",", ":")) for row in rows)
     data = "".join(line + "\n" for line in lines).encode("utf-8")
-    file = Path(path)
-    file.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if file.suffix == ".gz" else data)
+    path.write_bytes(gzip.compress(data, compresslevel=9, mtime=0) if path.suffix == ".gz" else data)
+
+
+def task_rows(sets: Iterable[TaskSet]) -> Iterator[dict[str, object]]:
+    """A row for each task of the sets, Scratch and FlipIt alike, with the same keys and types."""
+    for tasks in sets:
+        origin = tasks.provenance
+        for task in tasks:
+            yield {
+                "id": task.id,
+                "appearance": origin.appearance,
+                "start": origin.start,
+                "split": origin.split,
+                "statement": task.statement,
+                "program": task.program,
+                "target": task.target,
+                "tags": list(tasks.tags(task.id)),
+                "scene": task.start.to_json(),
+            }

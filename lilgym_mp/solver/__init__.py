@@ -19,7 +19,7 @@ docs/solver.md describes the algorithm and its results. The modules:
     first_actions            all optimal first actions in Scatter
     box_editor, edit_tables  single edits of a Scatter box, and all of them at once as arrays
 
-The others use the solver: expert, demonstrations, minari_dataset, action_sets, reports.
+The others use the solver: expert, reports.
 """
 
 from lilgym_mp.solver.expert import Expert

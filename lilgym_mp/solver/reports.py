@@ -5,20 +5,17 @@ from __future__ import annotations
 import itertools
 import signal
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from statistics import mean, median
 from time import perf_counter
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.solver.solution import Solution, Status
 from lilgym_mp.solver.solver import Solver
-
-Input = TypeVar("Input")
-Output = TypeVar("Output")
 
 CHUNK_SIZE = 32  # tasks that a process gets at a time; consecutive tasks of one statement share caches
 
@@ -44,11 +41,20 @@ def solve_tasks(
     `budget`: scenes examined per task. `on_report` is called with each report, in order, as soon as it is ready. Ends
     all processes when interrupted. Raises ValueError for fewer than one job or a budget below 1.
     """
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, not {jobs}")
     solve = partial(_solutions, dynamics, Solver(dynamics, budget).budget)
+    size = 1 if jobs == 1 else CHUNK_SIZE
+    chunks = [tasks[begin : begin + size] for begin in range(0, len(tasks), size)]
+    executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_ignore_interrupts)
     reports: list[TaskReport] = []
-    for task, found in zip(tasks, map_chunks(solve, tasks, jobs, 1 if jobs == 1 else CHUNK_SIZE), strict=True):
-        reports.append(TaskReport(task, *found))
-        on_report(reports[-1])
+    try:
+        found = map(solve, chunks) if jobs == 1 else executor.map(solve, chunks)
+        for task, (solution, seconds) in zip(tasks, itertools.chain.from_iterable(found), strict=True):
+            reports.append(TaskReport(task, solution, seconds))
+            on_report(reports[-1])
+    finally:
+        executor.shutdown(wait=True, cancel_futures=True)
     return reports
 
 
@@ -60,27 +66,6 @@ def _solutions(dynamics: Dynamics, budget: int, tasks: Sequence[Task]) -> list[t
         begin = perf_counter()
         found.append((solver.solve(task), perf_counter() - begin))
     return found
-
-
-def map_chunks(
-    function: Callable[[Sequence[Input]], Sequence[Output]], inputs: Sequence[Input], jobs: int, chunk_size: int
-) -> Iterator[Output]:
-    """The output for each input, in order; `function` maps a chunk of inputs to as many outputs.
-
-    Uses `jobs` processes, or only this one for a single job. Ends all processes when interrupted. Raises ValueError
-    for fewer than one job.
-    """
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1, not {jobs}")
-    chunks = [inputs[begin : begin + chunk_size] for begin in range(0, len(inputs), chunk_size)]
-    if jobs == 1:
-        yield from itertools.chain.from_iterable(map(function, chunks))
-        return
-    executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_ignore_interrupts)
-    try:
-        yield from itertools.chain.from_iterable(executor.map(function, chunks))
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
 
 
 def _ignore_interrupts() -> None:

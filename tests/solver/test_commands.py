@@ -1,13 +1,11 @@
-"""`lilgym-mp solve` and `lilgym-mp demos`."""
+"""`lilgym-mp solve`."""
 
 from __future__ import annotations
 
-import errno
 import json
 import os
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lilgym_mp.cli import main
@@ -64,49 +62,6 @@ def test_solve__names_the_mistake(options: list[str], message: str, capsys: Capt
     assert printed.out == ""
 
 
-def test_demos__are_the_same_from_one_process_and_from_two(corpus: str, tmp_path: Path, capsys: Captured):
-    command = ["demos", "ScatterScratch", "--corpus", corpus, "--episodes", "7", "--seed", "3"]
-    for jobs in ("1", "2"):
-        assert main([*command, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.npz")]) == 0
-    assert "7 demonstrations of 7 tasks" in capsys.readouterr().out  # only the drawn tasks are solved
-    assert (tmp_path / "1.npz").read_bytes() == (tmp_path / "2.npz").read_bytes()
-    with np.load(tmp_path / "1.npz") as read:
-        assert len(read["statement"]) == 7
-        assert json.loads(str(read["about"]))["settings"]["configuration"] == "ScatterScratch"
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ([], "name an output"),
-        (["--out", "demos.txt"], "must name a file that ends in .npz"),
-        (["--out", "demos.npz", "--episodes", "0"], "--episodes must be at least 1"),
-        (["--out", "demos.npz", "--seed", "-1"], "--seed must be at least 0"),
-    ],
-)
-def test_demos__name_the_mistake(
-    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-):
-    monkeypatch.chdir(tmp_path)
-    assert main(["demos", "TowerFlipIt", *options]) == 2
-    assert message in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
-def test_demos__leave_no_files_if_the_disk_is_full(
-    corpus: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
-):
-    def fail(path: Path, *_: object) -> None:
-        path.write_bytes(b"some")
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr("lilgym_mp.cli.demos.write_npz", fail)
-    place = tmp_path / "demos.npz"
-    assert main(["demos", "TowerScratch", "--corpus", corpus, "--jobs", "1", "--out", str(place)]) == 1
-    assert f"{place}: No space left on device" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
 def test_solve__reports_a_killed_process(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
     monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
     assert main(["solve", "TowerScratch", "--corpus", corpus, "--jobs", "2"]) == 2
@@ -116,12 +71,6 @@ def test_solve__reports_a_killed_process(corpus: str, monkeypatch: pytest.Monkey
 class _EndsItsProcess(Solver):
     def solve(self, task: Task) -> Solution:
         os._exit(1)
-
-
-def test_demos__name_the_missing_dependency(monkeypatch: pytest.MonkeyPatch, capsys: Captured):
-    monkeypatch.setattr("lilgym_mp.cli.demos.find_spec", lambda name: None)
-    assert main(["demos", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
-    assert 'pip install "minari[hdf5]' in capsys.readouterr().err
 
 
 def test_solve__shows_single_tasks_action_by_action(corpus: str, tmp_path: Path, capsys: Captured):
@@ -155,11 +104,10 @@ def test_solve__refuses_unsuitable_options_with_task(corpus: str, arguments: lis
     assert message in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("command", ["solve", "demos"])
-def test_results__are_not_overwritten_unasked(command: str, corpus: str, tmp_path: Path, capsys: Captured):
-    out = tmp_path / "results.npz"
+def test_results__are_not_overwritten_unasked(corpus: str, tmp_path: Path, capsys: Captured):
+    out = tmp_path / "results.json"
     out.write_text("precious")
-    line = [command, "TowerScratch", "--corpus", corpus, "--jobs", "1", "--split", "dev", "--out", str(out)]
+    line = ["solve", "TowerScratch", "--corpus", corpus, "--jobs", "1", "--split", "dev", "--out", str(out)]
     assert main(line) == 2
     assert f"{out} exists; --force overwrites it" in capsys.readouterr().err
     assert out.read_text() == "precious"

@@ -1,0 +1,201 @@
+"""The actions of `lilgym-mp data` that write data sets of episodes."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lilgym_mp import __version__
+from lilgym_mp.cli.solve import add_solving, solve_shown
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import Episode, evaluate, random_legal
+from lilgym_mp.evaluation.datasets import (
+    EVALUATION_SPLIT,
+    FORMS,
+    WRITERS,
+    Source,
+    check_file,
+    check_minari,
+    common_settings,
+    environments,
+    recorded,
+    rollouts,
+    write_file,
+    write_minari,
+)
+from lilgym_mp.evaluation.files import fresh_file
+from lilgym_mp.evaluation.options import (
+    CommandError,
+    add_configuration,
+    add_seed,
+    add_settings,
+    add_split,
+    check_at_least,
+    given_settings,
+)
+from lilgym_mp.evaluation.terminal import Progress
+from lilgym_mp.scene.choices import listed
+
+Add = Callable[..., argparse.ArgumentParser]
+EXPERT, MEDIUM, MIXED, RANDOM = QUALITIES = "expert", "medium", "mixed", "random-legal"
+PARTS = {MIXED: (EXPERT, MEDIUM, RANDOM)}  # of mixed qualities, each with as many episodes
+
+
+def add_actions(add: Add) -> None:
+    collect = add("collect", _collect, "let the expert or agents play, and write a data set of their episodes")
+    add_configuration(collect)
+    add_split(collect, "train")
+    collect.add_argument(
+        "--quality",
+        choices=QUALITIES,
+        default=EXPERT,
+        help=f"who plays: the expert; an agent that samples its actions ({MEDIUM}); random legal actions; or each of"
+        " these a third (default: %(default)s)",
+    )
+    collect.add_argument(
+        "--agent",
+        type=Path,
+        metavar="RUN",
+        help=f"agent of {MEDIUM} and {MIXED}: a run directory, a model file or a shipped agent (default:"
+        " imitation-tower or imitation-scatter)",
+    )
+    collect.add_argument("--episodes", type=int, metavar="N", help="draw N tasks at random (default: each task once)")
+    add_seed(collect, "of the tasks and actions")
+    _add_output(collect)
+    add_solving(collect)
+    add_settings(collect)
+
+    convert = add("from-recordings", _convert, "write a data set of recorded episodes")
+    convert.add_argument(
+        "sources",
+        nargs="+",
+        type=Path,
+        metavar="PATH",
+        help="recordings, directories of them, or the database of `lilgym-mp serve`, whose finished episodes are taken",
+    )
+    convert.add_argument("--configuration", metavar="NAME", help="only episodes of this configuration")
+    _add_output(convert)
+
+
+def _add_output(parser: argparse.ArgumentParser) -> None:
+    options = parser.add_argument_group("data set")
+    options.add_argument("--out", type=Path, metavar="FILE", help=f"file to write, ending in {listed(WRITERS)}")
+    options.add_argument("--minari", metavar="NAME", help='Minari data set to write, such as "lilgym/tower-expert-v0"')
+    options.add_argument(
+        "--observation",
+        choices=FORMS,
+        default=FORMS[0],
+        help="image; structured: the items; text, for language models; or tokens: image, and statement as token ids"
+        " (default: %(default)s)",
+    )
+    options.add_argument("--returns-to-go", action="store_true", help="add the sum of rewards from each action on")
+    options.add_argument("--optimal", action="store_true", help="add the expert's best actions (slow in Scatter)")
+    options.add_argument("--force", action="store_true", help="overwrite the file named by --out")
+
+
+def _collect(args: argparse.Namespace) -> int:
+    check_at_least(args, 1, "episodes", "jobs")
+    check_at_least(args, 0, "seed")
+    if args.agent is not None and MEDIUM not in PARTS.get(args.quality, [args.quality]):
+        raise CommandError(f"--agent needs --quality {MEDIUM} or {MIXED}")
+    _check_output(args)
+    settings = EnvConfig(**given_settings(args))
+    ids = settings.tasks(args.split).ids
+    if args.episodes is not None:
+        ids = [ids[index] for index in np.random.default_rng(args.seed).integers(len(ids), size=args.episodes).tolist()]
+    parts = PARTS.get(args.quality, (args.quality,))
+    sources: list[Source] = []
+    for index, part in enumerate(parts):
+        sources += _played(part, ids[index :: len(parts)], settings, args)
+    about = {name: getattr(args, name) for name in ("quality", "episodes", "seed", "budget")}
+    return _write(sources, args, about)
+
+
+def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> list[Source]:
+    """Episodes of the tasks, of one quality; none for the tasks that the expert cannot solve."""
+    if not ids:
+        return []
+    if part == EXPERT:
+        solved = _solutions(ids, settings, args)
+        if missing := sum(episode is None for episode in map(solved.get, ids)):
+            print(f"{missing:,} of {len(ids):,} tasks have no solution and are left out")
+        return [Source(settings, args.split, EXPERT, [episode for task in ids if (episode := solved[task])])]
+    name, policy = part, random_legal
+    if part == MEDIUM:
+        from lilgym_mp.learning.common.agents import open_agent
+
+        path = args.agent or Path(f"imitation-{settings.appearance}")
+        name, policy = str(path), open_agent(path).policy(settings, sampled=True)
+    with Progress(len(ids), f"episodes of {name}") as progress:
+        episodes = evaluate(
+            policy, settings, args.split, seed=args.seed, task_ids=ids, on_episode=lambda episode: progress.advance()
+        )
+    return [Source(settings, args.split, name, episodes)]
+
+
+def _solutions(ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> Mapping[str, Episode | None]:
+    """The expert's episode of each task, None for tasks without solution."""
+    tasks = settings.tasks(args.split)
+    distinct = [tasks.by_id(task_id) for task_id in dict.fromkeys(ids)]
+    dynamics = settings.dynamics()
+    episodes: dict[str, Episode | None] = {}
+    for task, solution, _ in solve_shown(distinct, settings, args.split, args):
+        actions = tuple(map(dynamics.appearance.encode, solution.actions))
+        reward = 0.0  # computed when it is played
+        episode = Episode(task.id, task.statement, task.target, "success", reward, actions)
+        episodes[task.id] = episode if solution.solved else None
+    return episodes
+
+
+def _convert(args: argparse.Namespace) -> int:
+    _check_output(args)
+    sources = [
+        source
+        for source in recorded(args.sources)
+        if args.configuration in (None, source.settings.configuration) and source.episodes
+    ]
+    if not sources:
+        raise CommandError(
+            f"{listed(args.sources)}: no finished episodes of {args.configuration or 'any configuration'}"
+        )
+    return _write(sources, args, {"recordings": [str(path) for path in args.sources]})
+
+
+def _check_output(args: argparse.Namespace) -> None:
+    """Raises an error for what would otherwise fail only after the episodes are played."""
+    if args.out is None and args.minari is None:
+        raise CommandError("name an output: --out FILE, --minari NAME, or both")
+    if args.out is not None:
+        check_file(args.out)
+        fresh_file(args.out, force=args.force)
+    if args.minari is not None:
+        check_minari(args.minari)
+
+
+def _write(sources: Sequence[Source], args: argparse.Namespace, about: Mapping[str, Any]) -> int:
+    settings = common_settings(sources)
+    splits = list(dict.fromkeys(source.split for source in sources))
+    envs = environments(settings, splits, args.observation)
+    about = {
+        "lilgym_mp": __version__,
+        "settings": settings.to_json(),
+        "tasks_sha256": {split: envs[split].get_wrapper_attr("tasks").provenance.sha256 for split in splits},
+        "observation": args.observation,
+        **about,
+    }
+    options = {"returns_to_go": args.returns_to_go, "optimal": args.optimal}
+    total = sum(len(source.episodes) for source in sources)
+    agents = ", ".join(dict.fromkeys(source.agent for source in sources))
+    for place in filter(None, (args.out, args.minari)):
+        with Progress(total, "episodes written") as progress:
+            played = rollouts(sources, envs, progress.advance, **options)
+            if isinstance(place, Path):
+                write_file(place, played, about)
+            else:
+                write_minari(place, played, envs[splits[0]], envs.get(EVALUATION_SPLIT, envs[splits[0]]), agents, about)
+        print(f"{place}: {total:,} episodes of {agents}")
+    return 0

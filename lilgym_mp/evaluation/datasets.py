@@ -1,0 +1,396 @@
+"""Data sets of played episodes for offline learning: from agents or recordings, in one form for all file formats.
+
+docs/datasets.md lists the fields. Minari and pyarrow are imported only when their files are written.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import io
+import json
+import os
+import sqlite3
+import tempfile
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from functools import partial
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import gymnasium as gym
+import numpy as np
+from PIL import Image
+
+from lilgym_mp.corpus import NoTasksError
+from lilgym_mp.corpus.extras import install
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.masks import action_masks
+from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
+from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.files import SUFFIX, write_atomically
+from lilgym_mp.evaluation.runs import Episode
+from lilgym_mp.scene.choices import choose, listed
+from lilgym_mp.solver import Solver
+from lilgym_mp.wrappers import StructuredObservation, TextObservation
+
+IMAGE, STRUCTURED, TOKENS = "image", "structured", "tokens"
+FORMS = (IMAGE, STRUCTURED, TEXT, TOKENS)  # of observations
+MINARI = 0, 5, 4  # oldest version that can be written
+EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data set names
+HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
+DECIMALS = 6  # of returns, which sums of rewards have not exactly
+SQLITE_MAGIC = b"SQLite format 3\0"
+
+
+class DatasetError(ValueError):
+    """Episodes that cannot become one data set, or a file that has none."""
+
+
+class Source(NamedTuple):
+    """Episodes to be written, of one environment and agent."""
+
+    settings: EnvConfig
+    split: str
+    agent: str  # name of the agent or player
+    episodes: Sequence[Episode]
+
+
+class Rollout(NamedTuple):
+    """An episode of T actions with its observations."""
+
+    episode: Mapping[str, Any]  # fields with a value for the episode
+    steps: Mapping[str, Any]  # fields with a value for each of the T actions, as arrays or lists
+    observations: Sequence[Any]  # T + 1, in the environment's own form
+
+
+# Sources
+
+
+def recorded(paths: Iterable[Path]) -> Iterator[Source]:
+    """The episodes of recordings (files, or all within directories) and of databases of the web server.
+
+    Raises EpisodesError or DatasetError naming the file.
+    """
+    for path in paths:
+        files = sorted(path.rglob(f"*{SUFFIX}")) if path.is_dir() else [path]
+        if not files:
+            raise DatasetError(f"{path}: has no recordings, whose names end in {SUFFIX}")
+        for file in files:
+            with file.open("rb") as opened:
+                is_database = opened.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC
+            yield from _played_in_browsers(file) if is_database else [_recording(file)]
+
+
+def _recording(file: Path) -> Source:
+    recording = read_episodes(file)
+    header, encode = recording.header, recording.header.settings.dynamics().appearance.encode
+    tasks = header.settings.tasks(header.split)
+    if header.tasks_sha256 != tasks.provenance.sha256:
+        raise DatasetError(f"{file}: was recorded with other tasks than those of {tasks.provenance}")
+    episodes = [
+        Episode(one.task, one.statement, one.target, one.outcome, one.reward, tuple(map(encode, one.actions)))
+        for one in recording.episodes
+    ]
+    return Source(header.settings, header.split, header.agent, episodes)
+
+
+def _played_in_browsers(file: Path) -> Iterator[Source]:
+    """The finished episodes of the page /play."""
+    columns = "corpus, configuration, rules, split, player, task_id, outcome, reward, actions"
+    try:
+        with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as connection:
+            query = f"SELECT {columns} FROM played_episodes WHERE outcome IS NOT NULL ORDER BY created, id"
+            rows = connection.execute(query).fetchall()
+    except sqlite3.Error as error:
+        raise DatasetError(f"{file}: has no played episodes that can be read: {error}") from None
+    for corpus, configuration, rules, split, player, task_id, outcome, reward, actions in rows:
+        settings = EnvConfig(configuration, corpus=corpus, rules=rules)
+        task = settings.tasks(split).by_id(task_id)
+        episode = Episode(task_id, task.statement, task.target, outcome, reward, tuple(json.loads(actions)))
+        yield Source(settings, split, player or "player", [episode])
+
+
+# Rollouts
+
+
+def common_settings(sources: Sequence[Source]) -> EnvConfig:
+    """The settings of all sources, at least one. Raises DatasetError if they differ."""
+    first, *others = dict.fromkeys(source.settings for source in sources)
+    if others:
+        names = {settings.configuration for settings in (first, *others)}
+        raise DatasetError(
+            f"episodes of {listed(names)} cannot be one data set; choose with --configuration"
+            if len(names) > 1
+            else f"episodes of {first} and {others[0]} cannot be one data set; convert them one by one"
+        )
+    return first
+
+
+def environments(settings: EnvConfig, splits: Sequence[str], form: str) -> dict[str, gym.Env[Any, Any]]:
+    """Environments by split, of `splits` and dev if it has tasks; their observations are in one of FORMS and one space.
+
+    Raises ValueError for another form.
+    """
+    observation = choose("observation", form, {IMAGE: TEXT, TEXT: TEXT, STRUCTURED: ARRAYS, TOKENS: ARRAYS})
+    envs: dict[str, gym.Env[Any, Any]] = {}
+    for split in dict.fromkeys((*splits, EVALUATION_SPLIT)):
+        try:
+            envs[split] = gym.make(settings.id, observation=observation, **settings.arguments(split))
+        except NoTasksError:
+            if split in splits:
+                raise
+    if form == TEXT:
+        return {split: TextObservation(env) for split, env in envs.items()}
+    if form == STRUCTURED:
+        slots = max(item_capacity(env.get_wrapper_attr("tasks"), settings.dynamics()) for env in envs.values())
+        return {split: StructuredObservation(env, slots=slots) for split, env in envs.items()}
+    return envs
+
+
+def rollouts(
+    sources: Sequence[Source],
+    envs: Mapping[str, gym.Env[Any, Any]],
+    on_episode: Callable[[], object] = lambda: None,
+    *,
+    returns_to_go: bool = False,
+    optimal: bool = False,
+) -> Iterator[Rollout]:
+    """The episodes, played again in the environment of their split, in order.
+
+    `on_episode` is called after each. `returns_to_go`: adds "return_to_go", the sum of the rewards from an action on.
+    `optimal`: adds "optimal", the expert's first actions of shortest solutions. Raises DatasetError for an episode that
+    ends differently.
+    """
+    solver = Solver(sources[0].settings.dynamics()) if optimal else None
+    for source in sources:
+        for episode in source.episodes:
+            yield _rollout(source, episode, envs[source.split], solver, returns_to_go=returns_to_go)
+            on_episode()
+
+
+def _rollout(
+    source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
+) -> Rollout:
+    base: Any = env.unwrapped
+    observations, legal, states, results = [env.reset(options={"task": episode.task_id})[0]], [], [], []
+    for action in episode.actions:
+        legal.append(action_masks(env))
+        states.append(base.state)
+        observation, *result = env.step(action)
+        observations.append(observation)
+        results.append(result)
+    if (outcome := results[-1][-1].get("outcome")) != episode.outcome:
+        played = f"the episode of {source.agent} on {episode.task_id}"
+        raise DatasetError(f"{played} ended as {episode.outcome}, but as {outcome} when played again")
+    rewards, terminated, truncated, _ = zip(*results, strict=True)
+    task = base.tasks.by_id(episode.task_id)
+    steps: dict[str, Any] = {
+        "action": np.array(episode.actions, np.int64),
+        "reward": np.array(rewards, np.float64),
+        "terminated": np.array(terminated),
+        "truncated": np.array(truncated),
+        "legal": np.stack(legal),
+    }
+    if returns_to_go:
+        steps["return_to_go"] = np.cumsum(rewards[::-1])[::-1].round(DECIMALS)
+    if solver is not None:
+        steps["optimal"] = np.zeros_like(steps["legal"])
+        for row, found in zip(steps["optimal"], solver.optimal_sets(states), strict=True):
+            row[list(found.actions)] = True
+    about = {"task": task.id, "statement": task.statement, "program": task.program, "target": task.target}
+    about |= {"split": source.split, "agent": source.agent, "outcome": episode.outcome}
+    if isinstance(observations[0], str):
+        return Rollout(about, {**steps, "text": observations[:-1]}, observations)
+    if isinstance(observations[0]["statement"], np.ndarray):
+        about["tokens"] = observations[0]["statement"]
+    names = [name for name in observations[0] if name not in ("statement", "target")]
+    seen = {name: np.stack([observation[name] for observation in observations[:-1]]) for name in names}
+    return Rollout(about, {**steps, **seen}, observations)
+
+
+# Files
+
+
+def check_file(path: Path) -> None:
+    """Raises DatasetError if no file of this name can be written."""
+    if _suffix(path) not in WRITERS:
+        raise DatasetError(f"a data set's file must end in {listed(WRITERS)}, unlike {str(path)!r}")
+    if path.suffix == ".parquet" and find_spec("pyarrow") is None:
+        raise DatasetError(f"a Parquet file needs pyarrow: {install('parquet')}")
+
+
+def _suffix(path: Path) -> str:
+    """The path's suffix, with the one before ".gz"."""
+    return "".join(path.suffixes[-2:]) if path.suffix == ".gz" else path.suffix
+
+
+def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+    """Writes a file of the format that its suffix names, one of WRITERS. If writing fails, no file remains.
+
+    `about` is stored as JSON in npz and Parquet. Equal rollouts give equal bytes. Raises DatasetError as `check_file`
+    does, and for no rollouts.
+    """
+    check_file(path)
+    write_atomically(path, lambda unfinished: WRITERS[_suffix(path)](unfinished, _nonempty(played), about))
+
+
+def _nonempty(played: Iterable[Rollout]) -> Iterator[Rollout]:
+    rollout = None
+    for rollout in played:
+        yield rollout
+    if rollout is None:
+        raise DatasetError("there are no episodes to write")
+
+
+def _write_npz(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+    parts = [(rollout.episode, rollout.steps) for rollout in played]
+    episodes, steps = zip(*parts, strict=True)
+    arrays: dict[str, Any] = {name: np.array([one[name] for one in episodes]) for name in episodes[0]}
+    arrays |= {name: np.concatenate([one[name] for one in steps]) for name in steps[0]}
+    arrays["starts"] = np.cumsum([0, *(len(one["action"]) for one in steps)])  # (N + 1,)
+    with path.open("wb") as file:
+        np.savez_compressed(file, about=np.array(json.dumps(about, ensure_ascii=False, sort_keys=True)), **arrays)
+
+
+def _write_json_lines(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+    with path.open("wb") as raw, gzip.GzipFile("", "wb", fileobj=raw, mtime=0) if path.suffix == ".gz" else raw as file:
+        for rollout in played:
+            row = _row(rollout, lambda png: base64.b64encode(png).decode())
+            file.write(json.dumps(row, ensure_ascii=False).encode() + b"\n")
+
+
+def _write_parquet(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
+    pyarrow, parquet = import_module("pyarrow"), import_module("pyarrow.parquet")
+    rows = [_row(rollout, lambda png: {"bytes": png, "path": None}) for rollout in played]
+    table = pyarrow.Table.from_pylist(rows)
+    parquet.write_table(table.replace_schema_metadata({"about": json.dumps(about, sort_keys=True)}), path)
+
+
+def _row(rollout: Rollout, encode: Callable[[bytes], Any]) -> dict[str, Any]:
+    """The fields as lists: sets of actions as indices, images as PNG files."""
+    row: dict[str, Any] = {}
+    for name, value in {**rollout.episode, **rollout.steps}.items():
+        if name in ("legal", "optimal"):
+            row[name] = [np.flatnonzero(mask).tolist() for mask in value]
+        elif name == IMAGE:
+            row[name] = [encode(_png(image)) for image in value]
+        else:
+            row[name] = value.tolist() if isinstance(value, np.ndarray) else value
+    return row
+
+
+def _png(image: np.ndarray) -> bytes:
+    file = io.BytesIO()
+    Image.fromarray(image).save(file, "PNG")
+    return file.getvalue()
+
+
+WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], Mapping[str, Any]], None]] = {
+    ".npz": _write_npz,
+    ".jsonl": _write_json_lines,
+    ".jsonl.gz": _write_json_lines,
+    ".parquet": _write_parquet,
+}
+
+
+# Minari
+
+
+def check_minari(dataset_id: str) -> Path:
+    """The directory that a data set of this name will have. Raises DatasetError if it cannot be written."""
+    try:
+        found = version("minari")
+    except PackageNotFoundError:
+        raise DatasetError(f"a Minari data set needs Minari: {install('minari')}") from None
+    if tuple(int(part) for part in found.split(".")[:3]) < MINARI:
+        oldest = ".".join(map(str, MINARI))
+        raise DatasetError(f"Minari {found} is too old; {oldest} or newer is needed: {install('minari')}")
+    path: Path = import_module("minari.storage").get_dataset_path(dataset_id)
+    if path.exists():
+        raise DatasetError(f"the Minari data set {dataset_id!r} exists already; choose another name, or delete it")
+    return path
+
+
+def write_minari(
+    dataset_id: str,
+    played: Iterable[Rollout],
+    env: gym.Env[Any, Any],
+    eval_env: gym.Env[Any, Any],
+    agent: str,
+    about: Mapping[str, Any],
+) -> None:
+    """Writes a data set to Minari's directory.
+
+    The infos contain the fields of a file. `eval_env` is what `recover_environment(eval_env=True)` makes again. The
+    HDF5 file is compressed without loss; Minari reads and extends it as usual. If writing fails, no files remain.
+    Raises DatasetError as `check_minari` does.
+    """
+    path = check_minari(dataset_id)
+    minari, variable = import_module("minari"), "MINARI_DATASETS_PATH"
+    root, named = import_module("minari.storage").get_dataset_path(), os.environ.get(variable)
+    with tempfile.TemporaryDirectory(prefix=".unfinished-", dir=root) as unfinished, warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
+        os.environ[variable] = unfinished
+        try:
+            with _compressing():
+                minari.create_dataset_from_buffers(
+                    dataset_id,
+                    map(_buffer, _nonempty(played)),
+                    env=env.spec,
+                    eval_env=eval_env.spec,
+                    observation_space=env.observation_space,
+                    action_space=env.action_space,
+                    algorithm_name=agent,
+                    description=", ".join(f"{name} {value}" for name, value in about.items() if value is not None),
+                    jpeg_encoding=False,
+                    data_format="hdf5",
+                )
+        finally:
+            os.environ.pop(variable)
+            os.environ |= {} if named is None else {variable: named}
+        for file in Path(unfinished).rglob("namespace_metadata.json"):
+            place = root / file.relative_to(unfinished)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(place)
+        (Path(unfinished) / dataset_id).replace(path)
+
+
+def _buffer(rollout: Rollout) -> Any:
+    observed, steps = rollout.observations, rollout.steps
+    observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
+    infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
+    for name in {"legal", "optimal", "return_to_go"} & steps.keys():
+        infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
+    return import_module("minari.data_collector").EpisodeBuffer(
+        options={"task": rollout.episode["task"]},
+        observations=observations,
+        actions=steps["action"],
+        rewards=steps["reward"],
+        terminations=steps["terminated"],
+        truncations=steps["truncated"],
+        infos=infos,
+    )
+
+
+@contextmanager
+def _compressing() -> Iterator[None]:
+    """Within it, h5py compresses each array as one chunk, which stays extensible; Minari pads and does not compress."""
+    h5py: Any = import_module("h5py")
+    create, file = h5py.Group.create_dataset, h5py.File
+
+    def compressed(self: Any, name: str, data: Any, dtype: Any = None, **settings: Any) -> Any:
+        if dtype is None and settings.get("chunks"):
+            data = np.asarray(data)
+            settings |= {"chunks": data.shape, "compression": "gzip", "shuffle": True}
+        return create(self, name, data=data, dtype=dtype, **settings)
+
+    h5py.Group.create_dataset, h5py.File = compressed, partial(file, libver=HDF5_FORMAT)
+    try:
+        yield
+    finally:
+        h5py.Group.create_dataset, h5py.File = create, file

@@ -1,0 +1,298 @@
+"""Data sets of episodes: what they hold, in each format, from agents, recordings and the browser's episodes."""
+
+from __future__ import annotations
+
+import errno
+import gzip
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from lilgym_mp import action_masks
+from lilgym_mp.cli import main
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.evaluation import datasets
+from lilgym_mp.wrappers import StructuredObservation, TextObservation
+
+Captured = pytest.CaptureFixture[str]
+Collect = Callable[..., Any]
+PARTS = {
+    "image": {"image"},
+    "tokens": {"image", "tokens"},
+    "structured": {"item_array", "present", "tokens"},
+    "text": {"text"},
+}
+
+
+@pytest.fixture
+def collect(tmp_path: Path) -> Collect:
+    """Writes an npz file with `lilgym-mp data collect` and reads it."""
+
+    def collected(configuration: str, *options: str) -> Any:
+        command = ["data", "collect", configuration, "--split", "dev", "--jobs", "1", "--force", *options]
+        assert main([*command, "--out", str(tmp_path / "own.npz")]) == 0
+        return np.load(tmp_path / "own.npz")
+
+    return collected
+
+
+def environment(configuration: str, form: str) -> gym.Env[Any, Any]:
+    observation = "text" if form in ("image", "text") else "arrays"
+    env = gym.make(f"lilgym_mp/{configuration}-v0", split="dev", observation=observation)
+    return {"text": TextObservation, "structured": StructuredObservation}.get(form, lambda env: env)(env)
+
+
+@pytest.mark.parametrize("quality", ["expert", "random-legal"])
+@pytest.mark.parametrize("form", PARTS)
+@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
+def test_fields__are_what_the_environment_shows(collect: Collect, configuration: str, form: str, quality: str):
+    found = collect(configuration, "--episodes", "6", "--quality", quality, "--observation", form, "--returns-to-go")
+    env = environment(configuration, form)
+    for index, (begin, end) in enumerate(zip(found["starts"][:-1], found["starts"][1:], strict=True)):
+        observed, info = env.reset(options={"task": str(found["task"][index])})
+        returned = 0.0
+        for step in range(begin, end):
+            if form == "text":
+                assert observed == found["text"][step]
+            else:
+                for name in PARTS[form] - {"tokens"}:
+                    width = slice(None, observed[name].shape[1])  # dev's slots alone may be fewer
+                    assert np.array_equal(observed[name], found[name][step][:, width])
+            assert np.array_equal(action_masks(env), found["legal"][step])
+            observed, reward, *ends, info = env.step(int(found["action"][step]))
+            assert (reward, *ends) == (found["reward"][step], found["terminated"][step], found["truncated"][step])
+            returned += float(reward)
+        assert any(ends)
+        assert found["return_to_go"][begin] == pytest.approx(returned)
+        assert info["outcome"] == found["outcome"][index]
+        if form in ("tokens", "structured"):
+            assert np.array_equal(
+                found["tokens"][index], env.reset(options={"task": str(found["task"][index])})[0]["statement"]
+            )
+    assert set(found.files) >= PARTS[form] | {"statement", "program", "target", "agent", "split", "about"}
+    assert (found["outcome"] == "success").all() == (quality == "expert")
+
+
+def test_mixed__has_a_third_of_each_quality(collect: Collect):
+    found = collect("TowerScratch", "--episodes", "9", "--quality", "mixed")
+    assert found["agent"].tolist() == ["expert"] * 3 + ["imitation-tower"] * 3 + ["random-legal"] * 3
+
+
+def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
+    found = collect("TowerScratch", "--episodes", "5", "--optimal")
+    taken = found["optimal"][np.arange(len(found["action"])), found["action"]]
+    assert taken.all()
+    assert found["optimal"].sum() > len(taken)
+    assert not (found["optimal"] & ~found["legal"]).any()
+
+
+def test_files__are_the_same_from_one_process_and_from_two(tmp_path: Path):
+    command = ["data", "collect", "ScatterScratch", "--episodes", "7", "--seed", "3"]
+    for jobs in ("1", "2"):
+        assert main([*command, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.jsonl.gz")]) == 0
+    assert (tmp_path / "1.jsonl.gz").read_bytes() == (tmp_path / "2.jsonl.gz").read_bytes()
+
+
+def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: Collect, tmp_path: Path):
+    options = ["--episodes", "3", "--optimal"]
+    arrays = collect("TowerFlipIt", *options)
+    command = ["data", "collect", "TowerFlipIt", "--split", "dev", "--jobs", "1", *options]
+    assert main([*command, "--out", str(tmp_path / "own.jsonl.gz")]) == 0
+    with gzip.open(tmp_path / "own.jsonl.gz", "rt", encoding="utf-8") as file:
+        rows = [json.loads(line) for line in file]
+    assert [row["statement"] for row in rows] == arrays["statement"].tolist()
+    assert [action for row in rows for action in row["action"]] == arrays["action"].tolist()
+    assert rows[0]["legal"][0] == np.flatnonzero(arrays["legal"][0]).tolist()
+    assert rows[0]["image"][0].startswith("iVBORw0KGgo")  # PNG in base64
+
+
+def test_parquet__holds_the_rows_of_json_lines(tmp_path: Path):
+    parquet: Any = pytest.importorskip("pyarrow.parquet")
+    for name in ("own.parquet", "own.jsonl"):
+        options = ["--episodes", "4", "--jobs", "1", "--observation", "structured", "--out", str(tmp_path / name)]
+        assert main(["data", "collect", "TowerScratch", *options]) == 0
+    rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
+    assert parquet.read_table(tmp_path / "own.parquet").to_pylist() == rows
+
+
+# Recordings
+
+
+@pytest.fixture
+def recordings(tmp_path: Path) -> Path:
+    for configuration in ("TowerScratch", "ScatterScratch"):
+        options = ["--configuration", configuration, "--record", str(tmp_path / "runs"), "--split", "dev"]
+        assert main(["evaluate", "--policy", "random-legal", *options]) == 0
+    return tmp_path / "runs"
+
+
+def test_recordings__become_a_data_set(recordings: Path, tmp_path: Path, capsys: Captured):
+    out = tmp_path / "own.npz"
+    command = ["data", "from-recordings", str(recordings), "--out", str(out)]
+    assert main(command) == 2
+    assert "episodes of ScatterScratch, TowerScratch cannot be one data set; choose with" in capsys.readouterr().err
+    assert not out.exists()
+    assert main([*command, "--configuration", "TowerScratch"]) == 0
+    with np.load(out) as found:
+        assert found["task"].tolist() == list(load_tasks("builtin", "tower", "scratch", "dev").ids)
+        assert set(found["agent"]) == {"random legal"}
+    assert main([*command, "--configuration", "TowerFlipIt", "--force"]) == 2
+    assert "no finished episodes of TowerFlipIt" in capsys.readouterr().err
+
+
+def test_played_episodes__become_a_data_set(tmp_path: Path):
+    database = pytest.importorskip("lilgym_mp.contrib.web.database", reason="needs the extra `web`")
+    task = load_tasks("builtin", "tower", "scratch", "dev").by_id("tower-dev-001")  # I can see a blue block.
+    fields = {"visitor": "v", "corpus": "builtin", "split": "dev", "strict": False, "player": "Ada", "task_id": task.id}
+    with database.Database(tmp_path / "web.sqlite3").write() as connection:
+        for actions, outcome in (([3, 0], "success"), ([3], None)):  # 3 adds a blue block
+            played = {"id": str(outcome), "configuration": "TowerScratch", "actions": actions, "outcome": outcome}
+            database.save_episode(connection, database.PlayedEpisode(**fields, **played))
+    assert main(["data", "from-recordings", str(tmp_path / "web.sqlite3"), "--out", str(tmp_path / "own.npz")]) == 0
+    with np.load(tmp_path / "own.npz") as found:
+        assert (found["agent"].tolist(), found["action"].tolist()) == (["Ada"], [3, 0])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [(None, "No such file"), (b"SQLite format 3\0", "no played episodes that can be read"), (b"text", "damaged")],
+)
+def test_sources__that_cannot_be_read_are_named(content: bytes | None, message: str, tmp_path: Path, capsys: Captured):
+    source = tmp_path / "source"
+    if content is not None:
+        source.write_bytes(content)
+    assert main(["data", "from-recordings", str(source), "--out", str(tmp_path / "own.npz")]) != 0
+    printed = capsys.readouterr().err
+    assert str(source) in printed
+    assert message in printed
+    assert not (tmp_path / "own.npz").exists()
+
+
+def test_rollouts__that_end_differently_are_refused():
+    settings = datasets.EnvConfig("TowerScratch")
+    task = load_tasks("builtin", "tower", "scratch", "dev")[0]
+    episode = datasets.Episode(task.id, task.statement, task.target, "horizon", 0.0, (0,))
+    sources = [datasets.Source(settings, "dev", "agent", [episode])]
+    with pytest.raises(datasets.DatasetError, match="ended as horizon, but as wrong_stop when played again"):
+        list(datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image")))
+
+
+# Output
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ([], "name an output"),
+        (["--out", "own.txt"], "must end in .jsonl, .jsonl.gz, .npz, .parquet, unlike 'own.txt'"),
+        (["--out", "own.npz", "--episodes", "0"], "--episodes must be at least 1"),
+        (["--out", "own.npz", "--seed", "-1"], "--seed must be at least 0"),
+        (["--out", "own.npz", "--agent", "x"], "--agent needs --quality medium or mixed"),
+        (["--out", "own.npz", "--quality", "medium", "--agent", "x"], "no trained agent at x"),
+        (["--out", "old.npz"], "old.npz exists; --force overwrites it"),
+    ],
+)
+def test_collect__names_the_mistake(
+    options: list[str], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "old.npz").write_bytes(b"precious")
+    assert main(["data", "collect", "TowerFlipIt", *options]) == 2
+    assert message in capsys.readouterr().err
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"precious"]
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".jsonl", ".jsonl.gz"])
+def test_file__does_not_remain_if_the_disk_is_full(
+    suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+):
+    def fail(path: Path, *_: object) -> None:
+        path.write_bytes(b"some")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(datasets, "WRITERS", {suffix: fail})
+    place = tmp_path / f"own{suffix}"
+    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--jobs", "1", "--out", str(place)]) == 1
+    assert f"{place}: No space left on device" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(("version", "message"), [(None, "needs Minari"), ("0.5.3", "Minari 0.5.3 is too old; 0.5.4")])
+def test_minari__missing_or_too_old(
+    version: str | None, message: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured
+):
+    def found(package: str) -> str:
+        if version is None:
+            raise datasets.PackageNotFoundError(package)
+        return version
+
+    monkeypatch.setattr(datasets, "version", found)
+    assert main(["data", "collect", "TowerFlipIt", "--minari", "lilgym/own-v0"]) == 2
+    printed = capsys.readouterr().err
+    assert message in printed
+    assert 'pip install "minari[hdf5]' in printed
+
+
+@pytest.fixture
+def minari(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
+    return pytest.importorskip("minari")
+
+
+@pytest.mark.parametrize("form", PARTS)
+def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, capsys: Captured):
+    command = ["data", "collect", "TowerFlipIt", "--episodes", "5", "--jobs", "1", "--minari", "lilgym/own-v0"]
+    assert main([*command, "--observation", form]) == 0
+    dataset = minari.load_dataset("lilgym/own-v0")
+    env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
+    assert (env.unwrapped.tasks.provenance.split, eval_env.unwrapped.tasks.provenance.split) == ("train", "dev")
+    assert env.observation_space == eval_env.observation_space == dataset.observation_space
+    assert dataset.total_episodes == 5
+    for episode in dataset.iterate_episodes():
+        observed, info = env.reset(options={"task": episode.infos["task"][0].decode()})
+        for step, action in enumerate(episode.actions):
+            seen = episode.observations
+            if form == "text":
+                assert observed == seen[step]
+            else:
+                assert all(np.array_equal(observed[name], seen[name][step]) for name in observed)
+            assert np.array_equal(action_masks(env), episode.infos["legal"][step])
+            observed, *_, info = env.step(int(action))
+        assert info["is_success"]
+    assert main([*command, "--observation", form]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_minari__is_compressed_and_extensible(minari: Any, tmp_path: Path):
+    from minari.data_collector import EpisodeBuffer
+
+    command = ["data", "collect", "ScatterScratch", "--split", "dev", "--episodes", "20", "--jobs", "1"]
+    assert main([*command, "--minari", "own-v0"]) == 0
+    dataset = minari.load_dataset("own-v0")
+    (file,) = (tmp_path / "own-v0" / "data").glob("*.hdf5")
+    assert file.stat().st_size < sum(episode.observations["image"].nbytes for episode in dataset.iterate_episodes()) / 5
+    first = dataset[0]
+    buffer = EpisodeBuffer(
+        observations={name: list(part) for name, part in first.observations.items()},
+        actions=first.actions,
+        rewards=first.rewards,
+        terminations=first.terminations,
+        truncations=first.truncations,
+        infos={name: list(part) for name, part in first.infos.items()},
+    )
+    dataset.update_dataset_from_buffer([buffer])
+    assert (minari.load_dataset("own-v0")[20].observations["image"] == first.observations["image"]).all()
+
+
+def test_minari__leaves_no_files_if_writing_fails(minari: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    def fail(rollout: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(datasets, "_buffer", fail)
+    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--jobs", "1", "--minari", "lilgym/own-v0"]) == 1
+    assert not list(tmp_path.rglob("*"))
