@@ -340,7 +340,7 @@ def _free_rows(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: 
 
 @_inlined
 def _search(tables: GridTables, scenes: Scenes, row: int, footprint: int, cell_x: int, cell_y: int) -> tuple[int, int]:
-    """`placement.searched` in a cell: x and y of the first free position, or -1."""
+    """`cell_search.searched` in a cell: x and y of the first free position, or -1."""
     for column in range(tables.searched.shape[1]):
         for part in range(tables.searched.shape[2]):
             x, y = cell_x + column, cell_y + part * tables.part_height

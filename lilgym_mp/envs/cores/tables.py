@@ -11,6 +11,7 @@ from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
 from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, placement
 from lilgym_mp.scene.appearances.base import LAST_CORNER
+from lilgym_mp.scene.appearances.cell_search import search_offsets
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 
 MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
@@ -58,7 +59,7 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     part_height = height if height <= MOST_ROWS else MOST_ROWS
     searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
     if appearance.searches(rules):
-        searched |= placement.search_offsets(width, height)
+        searched |= search_offsets(width, height)
     clearance, moves = placement.code_arrays()
     return GridTables(
         clearance=clearance,

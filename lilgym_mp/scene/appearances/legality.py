@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Item
+from lilgym_mp.scene.appearances.cell_search import search_offsets
 from lilgym_mp.scene.appearances.placement import (
     LARGEST_SIDE,
     cell_areas,
     clear_templates,
     inside_corners,
-    search_offsets,
 )
 from lilgym_mp.scene.arrays import BoolArray
 

@@ -166,7 +166,9 @@ class Scatter:
         tables = placement.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)
         if clearance == placement.OVERLAPPING:
-            found = placement.searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
+            from lilgym_mp.scene.appearances.cell_search import searched  # for where items are dense alone
+
+            found = searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
                 return InvalidReason.OVERLAP
             x, y = found
