@@ -7,11 +7,17 @@ import hashlib
 import json
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
+
+from lilgym_mp.corpus import load_all_tasks
+from lilgym_mp.corpus.writing import task_rows, write_lines
 
 ROOT = Path(__file__).resolve().parents[1]
 CORPUS, METADATA = ROOT / "data" / "builtin.jsonl.gz", ROOT / "data" / "croissant.json"
+ROWS = "builtin-tasks.jsonl"
 PUBLISHED = "2026-11-22"
 TEXT = "sc:Text"
 FIELDS = {  # field: type, description
@@ -21,6 +27,11 @@ FIELDS = {  # field: type, description
     "statement": (TEXT, "English sentence about three boxes with objects"),
     "program": (TEXT, "executable meaning of the statement"),
     "tags": (TEXT, "hand-written, or the generator's level; in dev and test, whether the form occurs in train"),
+}
+ROW_FIELDS = {
+    **{name: FIELDS[name] for name in ("id", "appearance", "split", "statement", "program")},
+    "start": (TEXT, "scratch, from the empty scene, or flipit"),
+    "target": ("sc:Boolean", "the truth value that the statement shall get"),
 }
 CONTEXT: dict[str, Any] = {
     "@language": "en",
@@ -60,6 +71,9 @@ CONTEXT: dict[str, Any] = {
 def metadata() -> dict[str, Any]:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     contents = CORPUS.read_bytes()
+    with TemporaryDirectory() as place:
+        write_lines(Path(place) / ROWS, task_rows(load_all_tasks("builtin")))
+        exported = (Path(place) / ROWS).read_bytes()
     header = json.loads(gzip.decompress(contents).split(b"\n", 1)[0])
     sections = ", ".join(f"{count} {name}" for name, count in header["sections"].items())
     return {
@@ -89,27 +103,53 @@ def metadata() -> dict[str, Any]:
                 "contentSize": f"{len(contents)} B",
                 "encodingFormat": "application/jsonlines",
                 "sha256": hashlib.sha256(contents).hexdigest(),
-            }
+            },
+            {
+                "@type": "cr:FileObject",
+                "@id": ROWS,
+                "name": ROWS,
+                "description": f"JSON lines, as written by: lilgym-mp data export builtin --out {ROWS}",
+                "contentUrl": ROWS,
+                "contentSize": f"{len(exported)} B",
+                "encodingFormat": "application/jsonlines",
+                "sha256": hashlib.sha256(exported).hexdigest(),
+            },
         ],
         "recordSet": [
+            _record_set(
+                "entries",
+                "an entry per statement; the first line, a header, has none of these fields. Start scenes, with labels,"
+                " are nested under 'starts' in the file.",
+                CORPUS.name,
+                FIELDS,
+            ),
+            _record_set(
+                "tasks",
+                "a row per task of both appearances, all splits and starts; 'scene', three lists of items, and 'tags'"
+                " are nested",
+                ROWS,
+                ROW_FIELDS,
+            ),
+        ],
+    }
+
+
+def _record_set(name: str, description: str, file: str, fields: Mapping[str, tuple[str, str]]) -> dict[str, Any]:
+    return {
+        "@type": "cr:RecordSet",
+        "@id": name,
+        "name": name,
+        "description": description,
+        "field": [
             {
-                "@type": "cr:RecordSet",
-                "@id": "entries",
-                "name": "entries",
-                "description": "an entry per statement; the first line, a header, has none of these fields. Start"
-                " scenes, with labels, are nested under 'starts' in the file.",
-                "field": [
-                    {
-                        "@type": "cr:Field",
-                        "@id": f"entries/{name}",
-                        "name": f"entries/{name}",
-                        "description": description,
-                        "dataType": data_type,
-                        "source": {"fileObject": {"@id": CORPUS.name}, "extract": {"column": name}},
-                    }
-                    for name, (data_type, description) in FIELDS.items()
-                ],
+                "@type": "cr:Field",
+                "@id": f"{name}/{column}",
+                "name": f"{name}/{column}",
+                "description": meaning,
+                "dataType": data_type,
+                "source": {"fileObject": {"@id": file}, "extract": {"column": column}},
             }
+            for column, (data_type, meaning) in fields.items()
         ],
     }
 

@@ -13,7 +13,7 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.contrib.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
-from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus import load_all_tasks, load_tasks
 from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scripts import load_script
 
@@ -84,11 +84,17 @@ def test_croissant__describes_the_corpus_file():
     assert written == load_script("write_croissant").text(), "run scripts/write_croissant.py"
 
 
-def test_croissant__is_valid_and_can_be_read():
+def test_croissant__is_valid_and_can_be_read(tmp_path: Path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
-    dataset = mlcroissant.Dataset(jsonld=str(ROOT / "data" / "croissant.json"))
+    for name in ("croissant.json", "builtin.jsonl.gz"):
+        (tmp_path / name).write_bytes((ROOT / "data" / name).read_bytes())
+    assert main(["data", "export", "builtin", "--out", str(tmp_path / "builtin-tasks.jsonl")]) == 0
+    dataset = mlcroissant.Dataset(jsonld=str(tmp_path / "croissant.json"))
     assert not dataset.metadata.ctx.issues.errors
     assert not dataset.metadata.ctx.issues.warnings
     _, *entries = dataset.records("entries")  # the first is the header
     assert len(entries) == 2_900
     assert entries[0]["entries/statement"].startswith(b"There should be")
+    rows = list(dataset.records("tasks"))
+    assert len(rows) == sum(map(len, load_all_tasks("builtin")))
+    assert {row["tasks/start"] for row in rows} == {b"scratch", b"flipit"}
