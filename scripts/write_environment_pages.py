@@ -127,7 +127,9 @@ def _introduction(table: str) -> Iterator[str]:
         "Four configurations: two appearances (Tower, Scatter), each with two kinds of start (Scratch, FlipIt). This "
         "page holds for all four; [Tower](tower.md) and [Scatter](scatter.md) describe observations and actions. "
         "`reset` draws a start scene uniformly, so a statement with four scenes comes up four times as often as one "
-        "with one scene. Two agents can share any of them: [proposer and verifier](../proposer_verifier.md)."
+        'with one scene. With `observation="arrays"`, the statement is token ids in the vocabulary of the train split, '
+        "padded with 0. `env.unwrapped.encode_action(array)` converts the released array form to an action index, "
+        "`decode_action(index)` does the reverse, and `lilgym_mp.action_masks(env)` says which actions are legal now."
     )
     yield table
 
@@ -166,10 +168,7 @@ def _observations(settings: Sequence[Settings]) -> Iterator[str]:
         ("key", "contents", '`observation="text"` (default)', '`observation="arrays"`'),
         [(f"`{key}`", PARTS[key], _space_text(text[key]), _space_text(arrays[key])) for key in text],
     )
-    yield (
-        f'With `image_size="native"`, images are {_space_text(native)}. With `observation="arrays"`, the statement is '
-        "token ids in the vocabulary of the train split, padded with 0."
-    )
+    yield f'With `image_size="native"`, images are {_space_text(native)}.'
 
 
 def _space(settings: Settings, **keywords: Any) -> spaces.Dict:
@@ -191,11 +190,7 @@ def _space_text(space: spaces.Space[Any]) -> str:
 def _actions(settings: Settings) -> Iterator[str]:
     appearance = settings.dynamics().appearance
     yield "## Actions"
-    yield (
-        f"`Discrete({appearance.action_count})`. `env.unwrapped.encode_action(array)` converts the released array form "
-        "to an action index, `decode_action(index)` does the reverse, and `lilgym_mp.action_masks(env)` says which "
-        "actions are legal now."
-    )
+    yield f"`Discrete({appearance.action_count})`:"
     yield from ACTION_TEXTS[settings.appearance](appearance)
 
 
