@@ -28,6 +28,7 @@ try:
 
     from lilgym_mp.learning.common.augmentation import Augmentation
     from lilgym_mp.learning.common.factored_policy import FactoredPolicy
+    from lilgym_mp.learning.common.model import Model
     from lilgym_mp.learning.common.states import BoxImageTable
     from lilgym_mp.learning.ppo.agent import ModelPolicy
     from lilgym_mp.learning.ppo.models import make_model
@@ -82,7 +83,7 @@ def padded(items: np.ndarray, slots: int) -> np.ndarray:
     return np.pad(items, ((0, 0), (0, 0), (0, slots - items.shape[2]), (0, 0)), constant_values=-1)
 
 
-def accuracy(model: torch.nn.Module, settings: EnvConfig) -> float:
+def accuracy(model: Model, settings: EnvConfig) -> float:
     """The share of dev's tasks that the most probable legal actions solve."""
     model.clear_cache()
     episodes = evaluate(ModelPolicy(model, mask=True, sampled=False), settings, "dev")
