@@ -115,15 +115,35 @@ def test_attributes__are_those_of_single_environments(made: Any, backend: str, w
         ours.env_method("explode")
 
 
-def test_attributes__of_wrappers_can_be_read(made: Any) -> None:
+def test_attributes__of_wrappers_can_be_read_and_set(made: Any) -> None:
     wrap = lambda envs: vector_wrappers.RecordEpisodeStatistics(vector_wrappers.NormalizeReward(envs))  # noqa: E731
     env = made(TOWER, "batched", seed=0, wrap=wrap)
     env.reset()
     env.step(np.ones(COUNT, np.int64))
     assert env.get_attr("gamma") == [0.99] * COUNT
     assert env.get_attr("episode_lengths", indices=[1]) == [1]
-    with pytest.raises(AttributeError, match="cannot set 'gamma' of environments in a batch; pass it when making"):
-        env.set_attr("gamma", 0.5)
+    env.set_attr("gamma", 0.5)
+    assert env.get_attr("gamma") == [0.5] * COUNT
+    with pytest.raises(AttributeError, match="cannot set 'gamma' of some environments in a batch alone"):
+        env.set_attr("gamma", 0.9, indices=[0])
+    for name in ("copy", "steps", "tasks"):
+        with pytest.raises(AttributeError, match=f"cannot set '{name}' of environments in a batch; pass it when"):
+            env.set_attr(name, False)
+
+
+@pytest.mark.parametrize("backend", ["batched", "dummy"])
+@pytest.mark.parametrize(
+    ("name", "instead"),
+    [
+        ("num_envs", "n_envs"),
+        ("vectorization_mode", "backend"),
+        ("max_episode_steps", "horizon"),
+        ("env_kwargs", "split="),
+    ],
+)
+def test_make__names_what_replaces_keywords_of_other_makers(backend: str, name: str, instead: str):
+    with pytest.raises(TypeError, match=f"unknown keyword '{name}'; use .*{instead}"):
+        make_vec_env(TOWER, 2, backend, **{name: 1})
 
 
 def test_wrapping__is_told_alike_by_all_backends(made: Any) -> None:

@@ -25,6 +25,26 @@ INSTEAD = {  # of keywords of the release, of Gymnasium, and of other kinds of e
 }
 
 
+SB3_INSTEAD = {  # of keywords that `lilgym_mp.sb3.make_vec_env` sets itself or has under another name
+    "num_envs": "n_envs=N",
+    "env_id": "id",
+    "wrapper_kwargs": "wrap=functools.partial(WRAPPER, ...)",
+    "monitor_kwargs": "monitor=False and VecMonitor(env, ...)",
+    "start_index": "seed=SEED + START_INDEX",
+    "autoreset_mode": "no other than the mode that Stable-Baselines3 needs",
+    **dict.fromkeys(("vectorization_mode", "vector_kwargs", "vec_env_kwargs"), "backend=... and its keywords"),
+    **{name: INSTEAD[name] for name in ("max_episode_steps", "env_kwargs", "wrapper_class", "vec_env_cls")},
+    "monitor_dir": INSTEAD["monitor_dir"],
+}
+
+
+def check_sb3_keywords(names: Iterable[str]) -> None:
+    """Raises TypeError naming what to use for a keyword of another maker of environments."""
+    for name in names:
+        if name in SB3_INSTEAD:
+            raise TypeError(f"unknown keyword {name!r}; use {SB3_INSTEAD[name]}")
+
+
 def check_keywords(unknown: Iterable[str], choices: Iterable[str]) -> None:
     """Raises TypeError for any keyword, naming what replaces it, or the choices."""
     for name in unknown:

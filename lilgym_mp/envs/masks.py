@@ -30,6 +30,15 @@ def attribute(env: AnyEnv, name: str) -> Any:
     raise AttributeError(f"neither {env.unwrapped!r} nor a wrapper around it has an attribute {name!r}")
 
 
+def set_wrapper_attribute(env: AnyEnv, name: str, value: Any) -> None:
+    """Sets an attribute of the outermost wrapper that has it. Raises AttributeError unless it is a wrapper's alone."""
+    *wrappers, innermost = layers(env)
+    owner = next((wrapper for wrapper in wrappers if name in vars(wrapper)), None)
+    if owner is None or hasattr(innermost, name):
+        raise AttributeError(f"cannot set {name!r} of environments in a batch; pass it when making the batch")
+    setattr(owner, name, value)
+
+
 def action_masks(env: AnyEnv) -> BoolArray:
     """(actions,), or (N, actions) for a vector environment: which actions are legal, after any masking by wrappers.
 

@@ -34,7 +34,6 @@ from lilgym_mp.wrappers import structured_observation_v0
 from lilgym_mp.wrappers.actions import FORCED_NOW
 
 IMAGE, ITEMS, STATEMENT, TARGET = "image", "item_array", "statement", "target"
-MAX_CACHED_BOXES = 100_000
 
 
 class LilGymPolicy(MaskableActorCriticPolicy):
@@ -108,7 +107,7 @@ class LilGymPolicy(MaskableActorCriticPolicy):
         return torch.from_numpy(policy.greedy() if deterministic else policy.sample(rng))
 
     def _states(self, observations: Mapping[str, Tensor]) -> States:
-        if len(self._table) > MAX_CACHED_BOXES:
+        if len(self._table) > 100_000:
             self._table, self._texts = BoxImageTable(), {}
         arrays = {name: values.cpu().numpy() for name, values in observations.items()}
         if ITEMS in arrays:

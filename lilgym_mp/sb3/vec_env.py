@@ -16,7 +16,8 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs.checks import checked_count, checked_options
-from lilgym_mp.envs.masks import attribute, layers
+from lilgym_mp.envs.keywords import check_sb3_keywords
+from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
 from lilgym_mp.envs.observation import ARRAYS
 from lilgym_mp.envs.preload import preload_tasks
 from lilgym_mp.envs.single import RESET_OPTIONS
@@ -26,7 +27,6 @@ from lilgym_mp.scene.choices import choose
 from lilgym_mp.wrappers import stop_forcing_v0
 from lilgym_mp.wrappers.transformation import to_python
 
-OF_STATES = ("state", "scene", "task")
 OF_BATCHES = ("autoreset_mode", "closed", "copy", "np_random", "num_envs", "reset", "states", "step", "unwrapped")
 BATCH_KEYWORDS = {"autoreset_mode", "copy", "evaluation", "num_envs", "vectorization_mode"}  # in the spec of a batch
 METHODS_OF_EACH = ("action_masks", "goal_reached", "render")  # the batch's return one row per environment
@@ -82,7 +82,7 @@ class BatchVecEnv(VecEnv):
     def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Each environment's attribute, under the names of single environments, from whichever wrapper has it."""
         env_ids = self._get_indices(indices)
-        if attr_name in OF_STATES:
+        if attr_name in ("state", "scene", "task"):
             states = attribute(self.venv, "states")()
             return [states[i] if attr_name == "state" else getattr(states[i], attr_name) for i in env_ids]
         if attr_name in METHODS_OF_EACH:
@@ -98,7 +98,9 @@ class BatchVecEnv(VecEnv):
         return [each.item() if isinstance(each, np.generic) else each for each in values]
 
     def set_attr(self, attr_name: str, value: Any, indices: VecEnvIndices = None) -> None:
-        raise AttributeError(f"cannot set {attr_name!r} of environments in a batch; pass it when making the batch")
+        if len(set(self._get_indices(indices))) < self.num_envs:
+            raise AttributeError(f"cannot set {attr_name!r} of some environments in a batch alone; leave out indices")
+        set_wrapper_attribute(self.venv, attr_name, value)
 
     def env_method(self, method_name: str, *args: Any, indices: VecEnvIndices = None, **kwargs: Any) -> Any:
         """What each environment's method returns; "action_masks" and "goal_reached": an array with one row per
@@ -150,7 +152,6 @@ def _subproc(id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> Subpro
 
 
 def _make(id: str, wrap: Wrap, kwargs: dict[str, Any]) -> gym.Env[Any, Any]:
-    # Unpickling it by its name imports this module, and so registers the environments, in processes that have not.
     return wrap(gym.make(id, **kwargs))
 
 
@@ -187,6 +188,7 @@ def make_vec_env(
     "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP, and learns from it.
     Other keywords: of `gymnasium.make`. Raises ValueError naming the choices, TypeError for an unknown keyword.
     """
+    check_sb3_keywords(kwargs)
     build = choose("backend", backend, BACKENDS)
     if same_statement != 1 or recolour or empty_starts:
         if "sampler" in kwargs:
@@ -197,8 +199,7 @@ def make_vec_env(
         kwargs["sampler"] = StatementSampler(id, kwargs.get("corpus", "builtin"), **sampling)
     outer = wrap or (lambda env: env)
     whole = (lambda env: outer(stop_forcing_v0(env, mode="observe"))) if stop_forcing else outer
-    kwargs = {"observation": ARRAYS, **kwargs}
-    env = build(id, checked_count("n_envs", n_envs), whole, kwargs)
+    env = build(id, checked_count("n_envs", n_envs), whole, {"observation": ARRAYS, **kwargs})
     if seed is not None:
         env.seed(seed)
     return VecMonitor(env) if monitor else env
