@@ -138,6 +138,14 @@ def test_behaviour_cloning__learns_from_a_data_set(run: Run, structured: Path) -
     assert re.fullmatch(r" +\d+  \d+\.\d\d  0\.\d{3}", last)
 
 
+@pytest.mark.filterwarnings("ignore")  # of d3rlpy's dependencies
+@pytest.mark.parametrize("method", ["cql", "bc"])
+def test_offline_rl__learns_from_a_data_set(run: Run, structured: Path, method: str) -> None:
+    _needs("offline_rl.py", "d3rlpy", "offline")
+    last = run("offline_rl.py", str(structured), "--method", method, "--minutes", "0.01").splitlines()[-1]
+    assert re.fullmatch(r" +\d+  0\.\d{3}", last)
+
+
 @pytest.mark.long
 def test_train_language_model__reports_both_phases(run: Run) -> None:
     _needs("train_language_model.py", "torch", "train")

@@ -269,15 +269,13 @@ def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, c
 
 
 def test_minari__is_compressed_and_extensible(minari: Any, tmp_path: Path):
-    from minari.data_collector import EpisodeBuffer
-
     command = ["data", "collect", "ScatterScratch", "--split", "dev", "--episodes", "20", "--jobs", "1"]
     assert main([*command, "--minari", "own-v0"]) == 0
     dataset = minari.load_dataset("own-v0")
     (file,) = (tmp_path / "own-v0" / "data").glob("*.hdf5")
     assert file.stat().st_size < sum(episode.observations["image"].nbytes for episode in dataset.iterate_episodes()) / 5
     first = dataset[0]
-    buffer = EpisodeBuffer(
+    buffer = minari.data_collector.EpisodeBuffer(
         observations={name: list(part) for name, part in first.observations.items()},
         actions=first.actions,
         rewards=first.rewards,
