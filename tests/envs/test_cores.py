@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -18,7 +20,7 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
-from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
+from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, kernels, make_core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.observation import item_capacity
@@ -253,3 +255,38 @@ def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]
             transition = dynamics.wait(state)
             assert side.core.state(env_id) == transition.state
             assert side.buffers.result[env_id] == transition.result.code
+
+
+def test_kernels__are_compiled_without_a_cache_where_none_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    def njit(**options: bool) -> Callable[..., object]:
+        def compiled(function: Callable[..., int]) -> object:
+            if options.pop("cache", False):
+                raise RuntimeError("cannot cache function: no locator available")
+            return ("compiled", function)
+
+        return compiled
+
+    monkeypatch.setattr(kernels, "njit", njit)
+    assert kernels._kernel(max) == ("compiled", max)
+
+
+WITHOUT_RUNTIME_OPTION = """
+from numba.core.options import DefaultOptions
+del DefaultOptions._nrt
+import gymnasium as gym, lilgym_mp
+from functools import partial
+from gymnasium.vector import AutoresetMode
+from lilgym_mp.envs.cores import kernels
+from lilgym_mp.testing import check_vector_env
+make, single = (partial(make, "lilgym_mp/ScatterFlipIt-v0") for make in (gym.make_vec, gym.make))
+check_vector_env(make, single, num_envs=8, modes=[AutoresetMode.NEXT_STEP], steps=14)
+print("options:", kernels._OPTIONS)
+"""
+
+
+@pytest.mark.long
+def test_batch__steps_the_same_with_a_numba_that_cannot_leave_out_its_runtime(tmp_path: Path) -> None:
+    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # the cache does not distinguish this option
+    command = [sys.executable, "-W", "ignore", "-c", WITHOUT_RUNTIME_OPTION]
+    done = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.stdout == "options: {}\n", done.stderr

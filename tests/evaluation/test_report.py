@@ -153,3 +153,8 @@ def test_markdown_pages__long_tables_and_listings_open_on_a_click():
     long, short = (markdown_table([("a", "b"), *[("1", "2")] * count]) for count in (25, 24))
     folded = f'<details markdown="1">\n<summary>25 rows</summary>\n\n{long}\n\n</details>'
     assert fold_long_blocks(f"# Title\n\n{long}\n\nA note.\n\n{short}") == f"# Title\n\n{folded}\n\nA note.\n\n{short}"
+
+
+def test_play_all__skips_policies_that_cannot_play_the_configuration():
+    tower_only = NamedPolicy("tower only", lambda settings: random_legal, configurations=("TowerScratch",))
+    assert not list(play_all([tower_only], EvaluationPlan(Settings("ScatterScratch"), "dev"), set()))

@@ -251,3 +251,30 @@ def test_command__a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch, caps
 def test_command__a_missing_runs_directory_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["serve", "--port", "0", "--runs", str(tmp_path / "none")]) == USAGE_ERROR
     assert "there is no such directory" in capsys.readouterr().err
+
+
+WRITE = """
+import sys
+from pathlib import Path
+from lilgym_mp.contrib.web.database import Database, PlayedEpisode, save_episode
+database = Database(Path(sys.argv[1]))
+for number in range(1_000_000):
+    with database.write() as connection:
+        save_episode(connection, PlayedEpisode(str(number), "v", "", "builtin", "TowerScratch", "dev", True, "t"))
+    print(number, flush=True)
+"""
+
+
+def test_database__whose_process_is_killed_while_it_writes_loses_nothing_acknowledged(tmp_path: Path):
+    path = tmp_path / "web.sqlite3"
+    command = [sys.executable, "-c", WRITE, str(path)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writing:
+        assert writing.stdout is not None
+        acknowledged = [int(writing.stdout.readline()) for _ in range(50)]
+        writing.kill()
+        acknowledged += map(int, writing.stdout.read().split())
+    with Database(path).read() as connection:
+        stored = {int(row["id"]) for row in connection.execute("SELECT id FROM played_episodes")}
+        assert connection.execute("PRAGMA integrity_check").fetchone()[0] == "ok"
+    assert set(acknowledged) <= stored
+    assert len(stored) <= len(acknowledged) + 1
