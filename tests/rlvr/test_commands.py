@@ -64,11 +64,11 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
 
 def test_score__two_replies_with_one_sample_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["prompts", "--task", "truth", "--count", "1", "--out", prompts]) == 0
+    assert main(["llm", "prompts", "--task", "truth", "--count", "1", "--out", prompts]) == 0
     name = json.loads(Path(prompts).read_text())["id"]
     lines = [{"id": name, "sample": 0, "reply": reply} for reply in ("true", "true", "false")]
     answers = written(tmp_path / "replies.jsonl", *lines)
-    assert main(["score", prompts, "--answers", answers]) == 2
+    assert main(["llm", "score", prompts, "--answers", answers]) == 2
     assert f"line 3: another reply to '{name}' as sample 0: {answers}, line 1" in capsys.readouterr().err
 
 

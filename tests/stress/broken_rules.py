@@ -38,7 +38,7 @@ RULES: Mapping[str, tuple[str, ...]] = {
     "lilgym_mp/scene/appearances/placement.py:PlacementTables.closest": ("tests/appearances/test_scatter.py",),
     "lilgym_mp/scene/appearances/placement.py:is_free": ("tests/appearances/test_scatter.py",),
     "lilgym_mp/scene/appearances/placement.py:snapped": ("tests/appearances", "tests/fidelity"),
-    "lilgym_mp/scene/appearances/placement.py:searched": ("tests/appearances",),
+    "lilgym_mp/scene/appearances/cell_search.py:searched": ("tests/appearances",),
     "lilgym_mp/scene/appearances/legality.py:BoxLegality.addable": ("tests/appearances/test_masks.py",),
     "lilgym_mp/scene/appearances/legality.py:BoxLegality._compute_covered": ("tests/appearances/test_masks.py",),
     "lilgym_mp/scene/appearances/tower.py:_legal_by_heights": ("tests/appearances",),

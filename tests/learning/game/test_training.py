@@ -159,7 +159,7 @@ def test_best_response__stopped_early_counts_for_nothing():
         ("both", "veto", "common", {}),
         ("cross-entropy", "veto", "correctness", {"ending": "verifier"}),
         ("cross-entropy", "joint", "common", {"ending": "agreement"}),
-        ("both", "joint", "common", {"ending": "either", "appearance": "scatter"}),
+        ("both", "joint", "common", {"ending": "either", "configuration": "ScatterFlipIt"}),
         ("cross-entropy", "audit", "hidden", {}),
         ("both", "audit", "brier", {"verdict_bins": 5}),
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
@@ -169,7 +169,8 @@ def test_best_response__stopped_early_counts_for_nothing():
 def test_train__every_protocol_gives_agents_that_play(
     tmp_path: Path, own: str, verifier: str, protocol: str, rewards: str, changes: dict[str, Any]
 ):
-    settings = GameSettings("TowerFlipIt", own, protocol=protocol, rewards=rewards, **changes)
+    changes = {"configuration": "TowerFlipIt", **changes}
+    settings = GameSettings(corpus=own, protocol=protocol, rewards=rewards, **changes)
     recipe = replace(SMALL, verifier=verifier, mask=verifier == "both", empty_starts=0.25)
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
