@@ -175,7 +175,7 @@ def test_train__every_protocol_gives_agents_that_play(
     trained(tmp_path, recipe=recipe, settings=settings)
     agent = open_agent(tmp_path, "cpu")
     assert isinstance(agent, GameAgent)
-    env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, start="flipit", split="dev", **changes)
+    env = parallel_env(protocol=protocol, rewards=rewards, corpus=own, split="dev", **changes)
     players = partner(agent, Role.PROPOSER), partner(agent, Role.VERIFIER)
     batched = measure(env, *players)
     single = measure(env, *(lambda turn, one=one: one(turn) for one in players))
