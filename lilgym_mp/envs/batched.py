@@ -144,7 +144,7 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
         if len(env_ids) < self.num_envs and not self._is_started:
             raise gym.error.ResetNeeded("the first reset must be of all environments; leave out reset_mask")
         seeds = self._fresh_seeds(seed, env_ids)
-        chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids] for column in (seeds, tasks))
+        chosen_seeds, chosen_tasks = ([column[env_id] for env_id in env_ids.tolist()] for column in (seeds, tasks))
         request = ResetRequest(env_ids, chosen_seeds, chosen_tasks, all_envs="reset_mask" not in options)
         self._add_tasks(self._everywhere(Engine.reset, request))
         for env_id in env_ids.tolist():

@@ -143,7 +143,7 @@ class Engine:
         buffers.result[env_ids] = NO_ACTION
         buffers.invalid[env_ids] = NO_REASON
         buffers.ended[env_ids] = False
-        return self._taken_tasks(always=any(isinstance(task, Task) for task in request.tasks))
+        return self._taken_tasks(always=Task in set(map(type, request.tasks)))
 
     def step(self) -> NewTasks | None:
         """Takes `buffers.action` in every environment, and resets as the autoreset mode says."""
@@ -188,7 +188,10 @@ class Engine:
         the last of them for the last environments, as Stable-Baselines3 counts."""
         global_id = self._first + env_id
         if not self._evaluation:
-            generator, drawn = self._generators[env_id], self._drawn[env_id]
+            drawn = self._drawn[env_id]
+            if self._sampler is None and drawn:
+                return drawn.pop()
+            generator = self._generators[env_id]
             assert generator is not None
             if self._sampler is not None and (choice := self._sampler(generator, global_id)) is not None:
                 is_new = isinstance(choice, Task)
