@@ -83,3 +83,8 @@ def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:
             continue
         seen.add(start)
         yield replace(task, id=f"{task.id}@{''.join(map(str, order))}", start=start)
+
+
+def well_spelt_ids(tasks: TaskSet) -> list[str]:
+    """The ids of the tasks whose statements are not tagged as mistyped; all ids if every one is."""
+    return [task_id for task_id in tasks.ids if "mistyped" not in tasks.tags(task_id)] or list(tasks.ids)

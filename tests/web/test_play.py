@@ -13,6 +13,7 @@ import pytest
 
 from lilgym_mp.contrib.web.bodies import png
 from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings
 from tests.web.web_app import Browser, server
 
@@ -154,6 +155,13 @@ def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp
     with closing(sqlite3.connect(tmp_path / "web.sqlite3")) as database:
         rows = database.execute("SELECT id, player, strict, shown_solution, outcome FROM played_episodes").fetchall()
     assert sorted(rows) == sorted([(shown["id"], "7", 0, 1, None), (unaided["id"], "7", 1, 0, "wrong_stop")])
+
+
+def test_drawn_tasks__are_not_mistyped():
+    tasks = load_tasks("builtin", "tower", "flipit", "dev")
+    mistyped = {task_id for task_id in tasks.ids if "mistyped" in tasks.tags(task_id)}
+    assert mistyped
+    assert set(well_spelt_ids(tasks)) == set(tasks.ids) - mistyped
 
 
 def test_task__with_an_unknown_id_or_configuration_is_refused(browser: Browser):

@@ -18,6 +18,7 @@ from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
 from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.contrib.web.trained_partners import PARSER
+from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
 from lilgym_mp.scene import Scene
@@ -56,7 +57,7 @@ def tasks(
     seed: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> JSON:
     """The ids of ten tasks; the same ones for the same arguments."""
-    ids = services.catalogue.tasks(configuration, split).ids
+    ids = well_spelt_ids(services.catalogue.tasks(configuration, split))
     return {"tasks": Random(seed).sample(ids, min(TASKS, len(ids)))}
 
 

@@ -20,6 +20,7 @@ from lilgym_mp.contrib.web.errors import http_error
 from lilgym_mp.contrib.web.field_types import ConfigurationName, Name, RandomId, SplitName
 from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import describe, named
@@ -144,10 +145,10 @@ class LoadedEpisode:
 
 
 def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:
-    """The task with that id, or a random one for None. Responds with 404 if there is none."""
+    """The task with that id, or a random well-spelt one for None. Responds with 404 if there is none."""
     tasks = catalogue.tasks(configuration, split)
     try:
-        return tasks[secrets.randbelow(len(tasks))] if task_id is None else tasks.by_id(task_id)
+        return tasks.by_id(secrets.choice(well_spelt_ids(tasks)) if task_id is None else task_id)
     except ValueError as fault:
         raise http_error(404, str(fault)) from None
 
