@@ -7,7 +7,6 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import cache, lru_cache
@@ -173,45 +172,16 @@ def _only(mask: int) -> int:
     return mask.bit_length() - 1
 
 
-def _only_in(masks: tuple[int, ...], tests: tuple[int, ...]) -> bool:
-    """Whether the only item selected by the masks (one per box) is also in the test masks. Raises FallbackError unless
-    exactly one item is selected."""
-    if sum([mask.bit_count() for mask in masks]) != 1:
-        raise FallbackError
-    return any(mask & test for mask, test in zip(masks, tests, strict=True))
-
-
-def _union(rows: Mapping[int, int], mask: int) -> int:
-    union = 0
-    for position in _bits(mask):
-        union |= rows[position]
-    return union
-
-
 def _occurring(mask: int, *by_value: int) -> int:
     """Bitmask of the values that occur: bit v is set when `mask` intersects the v-th mask of `by_value`."""
     return sum([1 << value for value, with_value in enumerate(by_value) if mask & with_value])
 
 
-def _mask_of(positions: list[int]) -> int:
-    mask = 0
-    for position in positions:
-        mask |= 1 << position
-    return mask
-
-
 # The only names that generated code can use, besides functions of a box
 NAMES: dict[str, Any] = {
-    "__builtins__": {"len": len, "sum": sum, "set": set, "bool": bool},
+    "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
     "only": _only,
-    "union": _union,
-    "only_in": _only_in,
-    "choose": itertools.combinations,
-    "comb": math.comb,
-    "empty": frozenset[Any](),
     "occurring": _occurring,
-    "mask_of": _mask_of,
     "check_size": check_size,
-    "FallbackError": FallbackError,
 }

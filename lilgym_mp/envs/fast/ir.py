@@ -6,7 +6,6 @@ evaluating a value never raises.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from enum import Enum
@@ -117,42 +116,12 @@ class ItemField(Code):
 
 
 @dataclass(frozen=True)
-class FieldList(Code):
-    """The list of a field of the items of a box that are in the mask."""
-
-    box: str
-    mask: Code
-    field: int
-
-
-@dataclass(frozen=True)
-class Listed(Code):
-    elements: tuple[Code, ...]
-
-
-@dataclass(frozen=True)
 class Where(Code):
     """The mask of the items in `mask` for whose `index` the condition is true."""
 
     index: str
     mask: Code
     condition: Code
-
-
-@dataclass(frozen=True)
-class TupleCount(Code):
-    """The number of tuples of items that satisfy the condition; a loop has its indices, and the mask they are from."""
-
-    loops: tuple[tuple[tuple[str, ...], Code], ...]
-    condition: Code
-
-
-@dataclass(frozen=True)
-class AllEqual(Code):
-    """Whether the values whose conditions are true have exactly one distinct value."""
-
-    values: tuple[Code, ...]
-    conditions: tuple[Code, ...]
 
 
 def operate(operator: str, *operands: Code) -> Code:
@@ -205,10 +174,6 @@ class AttributeValue(Attribute):
 
 class AttributeSet(Attribute):
     """A set of enum members, represented as a bitmask of their integer values."""
-
-
-class AttributeList(Attribute):
-    """A list of enum members, represented as a list of their integer values."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,53 +233,17 @@ class StaticList:
 
     elements: tuple[Value, ...]
     conditions: tuple[Bool, ...]
-    ordered: bool = True  # True: a list or tuple; False: a set, elements in scene order
 
     @property
     def total(self) -> bool:
-        return all(condition.total for condition in self.conditions)
+        return all_total((*self.elements, *self.conditions))
 
     @property
     def unconditional(self) -> bool:
         return all(condition == TRUE for condition in self.conditions)
 
-    @property
-    def is_indexable(self) -> bool:
-        return self.ordered and self.unconditional
 
-
-@dataclass(frozen=True)
-class UniqueItem:
-    """The only item of a collection that spans several boxes; its box is not known at compile time."""
-
-    of: Items
-    total: bool = False
-
-
-@dataclass(frozen=True)
-class Combinations:
-    """The list of `size`-element tuples of the items in `parts`; only its length is represented."""
-
-    parts: tuple[BoxItems, ...]
-    size: int
-    count: Code
-    total: bool = True
-    filtered: bool = False
-
-
-Value = (
-    Bool
-    | Int
-    | AttributeValue
-    | AttributeSet
-    | AttributeList
-    | ItemRef
-    | BoxRef
-    | Items
-    | StaticList
-    | UniqueItem
-    | Combinations
-)
+Value = Bool | Int | AttributeValue | AttributeSet | ItemRef | BoxRef | Items | StaticList
 Scope = dict[str, Value]
 
 
@@ -344,16 +273,10 @@ def max_elements(value: Value) -> int:
             return 1 + len(parts) * box_functions.MAX_BOX_ITEMS
         case BoxRef():
             return 1 + box_functions.MAX_BOX_ITEMS
-        case AttributeList():
-            return 1 + MAX_ITEMS
         case AttributeSet(enum=enum):
             return 1 + len(enum)
-        case Combinations(parts=parts, size=size):
-            return 1 + math.comb(len(parts) * box_functions.MAX_BOX_ITEMS, size) * (1 + size)
         case StaticList(elements=elements):
-            return (
-                1 + len(elements) + sum(max_elements(e) for e in elements if isinstance(e, StaticList | AttributeList))
-            )
+            return 1 + len(elements) + sum(max_elements(e) for e in elements if isinstance(e, StaticList))
         case _:
             return 1
 
@@ -361,7 +284,7 @@ def max_elements(value: Value) -> int:
 def max_measure_steps(value: Value) -> int:
     """Upper bound on the steps charged for measuring a value and, for a set, sorting it."""
     count = max_elements(value)
-    if isinstance(value, AttributeSet) or (isinstance(value, Items | StaticList) and not value.ordered):
+    if isinstance(value, AttributeSet) or (isinstance(value, Items) and not value.ordered):
         return 2 * count + costs.sort_steps(count, count)
     return 2 * count
 
@@ -373,19 +296,23 @@ def size_of(value: Value) -> int:
             return 0
         case StaticList(elements=elements, conditions=conditions):
             return sum(map(size_of, (*elements, *conditions)))
-        case Items(parts=parts) | UniqueItem(of=Items(parts=parts)):
+        case Items(parts=parts):
             return sum(0 if part.chosen is None else part.chosen.size for part in parts)
-        case Combinations(parts=parts, count=count):
-            return count.size + sum(0 if part.chosen is None else part.chosen.size for part in parts)
         case _:
             return value.code.size
 
 
-def as_static_list(values: AttributeSet) -> StaticList:
-    """An attribute set as a list of all members of the enum, each present if its bit is set."""
-    members = [AttributeValue(Number(value.value), enum=values.enum) for value in values.enum]
-    conditions = (Bool(has_bit(values.code, member.code), values.total) for member in members)
-    return StaticList(tuple(members), tuple(conditions))
+def static_list(elements: Iterable[Value]) -> StaticList:
+    """A list that has all these elements."""
+    listed = tuple(elements)
+    return StaticList(listed, (TRUE,) * len(listed))
+
+
+def attribute_set(values: Iterable[Value]) -> AttributeSet:
+    """The set of values of one attribute."""
+    listed = [value for value in values if isinstance(value, AttributeValue) or unsupported("set")]
+    (enum,) = {value.enum for value in listed} or unsupported("set")
+    return AttributeSet(bits_at(value.code for value in listed), all_total(listed), enum=enum)
 
 
 def all_total(values: Iterable[Any]) -> bool:
@@ -397,45 +324,28 @@ def negate(truth: Bool) -> Bool:
 
 
 def as_collection(value: Value) -> Value:
-    """Coerces a box, or a static tuple of items, to Items; other values are returned unchanged."""
-    if isinstance(value, BoxRef):
-        return Items((BoxItems(value.box, None),), ordered=True)
-    if isinstance(value, StaticList) and value.unconditional and value.elements:
-        items = [element for element in value.elements if isinstance(element, ItemRef)]
-        if len(items) == len(value.elements):  # one of several combinations, in scene order
-            parts: dict[str, list[Code]] = {}
-            for item in items:
-                parts.setdefault(item.box, []).append(item.code)
-            return Items(tuple(BoxItems(box, bits_at(indices)) for box, indices in parts.items()), ordered=True)
-    return value
+    """A box as Items; other values are returned unchanged."""
+    return Items((BoxItems(value.box, None),), ordered=True) if isinstance(value, BoxRef) else value
 
 
 def as_truth(value: Value) -> Bool:
-    match value:
-        case Bool():
-            return value
-        case Int() | AttributeSet():
-            return Bool(operate("!=", value.code, Number(0)), value.total)
-        case AttributeList():
-            return Bool(operate("nonempty", value.code), value.total)
-        case Items() | Combinations():
-            return existence(value)
-        case BoxRef():
-            return existence(Items((BoxItems(value.box, None),), ordered=True))
-        case StaticList():
-            return existence(value) if value.elements else FALSE
+    match as_collection(value):
+        case Bool() as truth:
+            return truth
+        case Int(code=code) | AttributeSet(code=code):
+            return Bool(operate("!=", code, Number(0)), value.total)
+        case Items() | StaticList() as collection:
+            return existence(collection)
         case _:
             return TRUE if value.total else unsupported("truth of a value that may raise")
 
 
-def existence(value: Items | StaticList | Combinations) -> Bool:
-    if isinstance(value, Combinations):
-        return Bool(operate("!=", value.count, Number(0)), value.total)
+def existence(value: Items | StaticList) -> Bool:
     if isinstance(value, StaticList):
         codes = [condition.code for condition in value.conditions]
     else:
         codes = [part.nonempty for part in value.parts]
-    return Bool(operate("or" if value.total else "|", *codes), value.total)
+    return Bool(operate("or" if value.total else "|", *codes), value.total) if codes else FALSE
 
 
 def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
@@ -454,17 +364,15 @@ def equality(left: Value, right: Value) -> Bool:
     """`left == right`, for operands of comparable types."""
     total = all_total((left, right))
     match left, right:
-        case (Bool() | Int(), Bool() | Int()):
+        case (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) if left.enum is right.enum:
             return Bool(operate("==", left.code, right.code), total)
-        case (
-            (AttributeValue(), AttributeValue()) | (AttributeSet(), AttributeSet()) | (AttributeList(), AttributeList())
-        ):
-            same = left.enum is right.enum
-            return Bool(operate("==", left.code, right.code), total) if same else unsupported("different attributes")
+        case (StaticList(), StaticList()) if left.unconditional and right.unconditional:
+            if len(left.elements) != len(right.elements):
+                return FALSE if total else unsupported("an element that may raise")
+            same = (equality(*pair).code for pair in zip(left.elements, right.elements, strict=True))
+            return conjunction((TRUE.code, *same), total=total)
         case (Items(), Items()) if left.ordered == right.ordered:
             return conjunction((operate("==", a.mask, b.mask) for a, b in paired_by_box(left, right)), total=total)
-        case (ItemRef(), ItemRef()) if left.box == right.box:
-            return Bool(operate("==", left.code, right.code), total)
         case (BoxRef(), BoxRef()):
             return TRUE if left.box == right.box else FALSE
         case _:

@@ -16,14 +16,7 @@ CALLS = {  # operators that are not written between their operands
     "negative": "-({})",  # 0 or, if true, a mask of all bits
     "bit_count": "({}).bit_count()",
     "only": "only({})",
-    "mask_of": "mask_of({})",
-    "only_in": "only_in({}, {})",
     "row": "{}[{}]",
-    "union": "union({}, {})",
-    "comb": "comb({}, {})",
-    "len": "len({})",
-    "distinct": "len(set({}))",
-    "nonempty": "({} != [])",
 }
 
 
@@ -61,7 +54,7 @@ def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], 
 
 
 def _has_loops(code: ir.Code) -> bool:
-    return isinstance(code, ir.Where | ir.TupleCount | ir.FieldList) or any(map(_has_loops, code.parts))
+    return isinstance(code, ir.Where) or any(map(_has_loops, code.parts))
 
 
 class _Printer:
@@ -92,19 +85,9 @@ class _Printer:
                 return self._call(code, in_loop)
             case ir.ItemField(box=box, item=item, field=field):
                 return f"{box}.items[{inner(item)}][{field}]"
-            case ir.FieldList(box=box, mask=mask, field=field):
-                return f"[{box}.items[i][{field}] for i in bits({inner(mask)})]"
-            case ir.Listed(elements=elements):
-                return f"[{', '.join(map(inner, elements))}]"
             case ir.Where(index=index, mask=mask, condition=condition):
                 condition = self.text(condition, in_loop=True)
                 return f"sum([1 << {index} for {index} in bits({inner(mask)}) if {condition}])"
-            case ir.TupleCount(loops=loops, condition=condition):
-                fors = (f"for {', '.join(n)}, in choose(bits({inner(mask)}), {len(n)})" for n, mask in loops)
-                return f"sum([1 {' '.join(fors)} if {self.text(condition, in_loop=True)}])"
-            case ir.AllEqual(values=values, conditions=conditions):
-                pairs = zip(map(inner, values), map(inner, conditions), strict=True)
-                return f"(len({' | '.join(f'({{{value} + 0}} if {given} else empty)' for value, given in pairs)}) == 1)"
             case ir.Apply(operator=operator, operands=operands):
                 return _applied(operator, list(map(inner, operands)))
             case _:
