@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
     if len(unsolved) > MOST_LISTED:
         print(f"... and {len(unsolved) - MOST_LISTED} more; --out FILE writes all")
     if args.out is not None:
-        write_json(args.out, {"summaries": {name: s._asdict() for name, s in summaries.items()}, "tasks": records})
+        write_json(args.out, {"summaries": summaries, "tasks": records})
         print(f"\nsolutions: {args.out}")
     return 0
 

@@ -5,7 +5,7 @@
 docs/solver.md describes the algorithm and its results. The modules:
 
     solver, solution         entry point, results and their values
-    goals, weighted_goals    goals as programs with targets; plans for several uncertain goals
+    weighted_goals           plans for several uncertain goals
     layered_search           breadth-first layers of a box, and search over scenes from those of each box
     tower_search             exact search for Tower
     scatter_search           search for Scatter: abstract scenes first, then refinement

@@ -6,20 +6,45 @@ distances of its boxes. So the nearest goals are found among the few class tripl
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple, Protocol
 
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Box, Scene
+from lilgym_mp.programs.task import ProgramGoal, Task
+from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.box_classes import BoxClasses
 from lilgym_mp.solver.layered_search import Budget, Layers
+from lilgym_mp.solver.program_features import program_features
+from lilgym_mp.solver.refinement import NoRefinement
+from lilgym_mp.solver.solution import ActionSet
 
 CACHE_SIZE = 512  # tuples of programs
 MAX_CACHED_TRUTHS = 200_000  # class triples, for one tuple of programs
 
 EditCounts = tuple[int, int, int]  # edits by box
 ClassTriple = tuple[int, int, int]  # class by box
+ClassGoal = tuple[EditCounts, ClassTriple]
+
+
+def has_program_goal(task: Task) -> bool:
+    """Whether success depends on program values alone, unlike e.g. in `corpus.matching`."""
+    return isinstance(task.goal, ProgramGoal)
+
+
+def programs_of(task: Task) -> tuple[str, ...]:
+    """The programs in the task's goal; the task's own if the goal is of another kind."""
+    return tuple(program for program, _ in _targets_of(task))
+
+
+def target_bits(task: Task) -> int:
+    """The targets of `programs_of(task)` as a bit mask; bit i is the target of program i."""
+    return sum(1 << index for index, (_, target) in enumerate(_targets_of(task)) if target)
+
+
+def _targets_of(task: Task) -> tuple[tuple[str, bool], ...]:
+    return task.goal.targets if isinstance(task.goal, ProgramGoal) else ((task.program, task.target),)
 
 
 class ReachableClasses:
@@ -60,11 +85,19 @@ class ClassSpace:
     """The abstract state space of some programs, whose states are class triples. Caches what is computed about it."""
 
     def __init__(self, programs: tuple[str, ...]) -> None:
-        self.classes = BoxClasses(programs)
-        self._programs = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
+        self._programs = programs
+        self._compiled = [(compile_program(program), 1 << index) for index, program in enumerate(programs)]
         self._truths: dict[ClassTriple, int] = {}
         self._reachable: dict[Layers[Any], ReachableClasses] = {}
-        self.retained: dict[str, Any] = {}  # objects to which the cached reachable classes refer
+
+    @cached_property
+    def classes(self) -> BoxClasses:
+        return BoxClasses(self._programs)
+
+    @cached_property
+    def abstraction(self) -> Abstraction:
+        """The abstraction of Scatter boxes under the features of all the programs."""
+        return Abstraction(program_features(*(program.tree for program, _ in self._compiled)))
 
     def reachable(self, layers: Layers[Any], box_cost: int = 1) -> ReachableClasses:
         """The reachable classes of the box that has these layers.
@@ -111,7 +144,81 @@ class ClassSpace:
             return self.truths((first, second, third))
         boxes = self.classes.representatives
         scene = Scene((boxes[first], boxes[second], boxes[third]))
-        return sum([bit for program, bit in self._programs if program(scene)])
+        return sum([bit for program, bit in self._compiled if program(scene)])
 
 
 class_space = lru_cache(maxsize=CACHE_SIZE)(ClassSpace)
+
+
+class FirstActions(NamedTuple):
+    """First actions on shortest paths to a goal."""
+
+    actions: frozenset[int]
+    complete: bool = True  # whether all of them are included
+
+    @classmethod
+    def union(cls, parts: Iterable[FirstActions], *, complete: bool = True) -> FirstActions:
+        actions: set[int] = set()
+        for part in parts:
+            actions |= part.actions
+            complete = complete and part.complete
+        return cls(frozenset(actions), complete)
+
+
+NO_ACTIONS = FirstActions(frozenset())
+
+
+class BoxReachability(Protocol):
+    """The classes that one box can reach, whether `edits` edits can lead there, and how."""
+
+    reachable: ReachableClasses
+
+    def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[Any] | NoRefinement: ...
+    def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None: ...
+    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions: ...
+
+
+class Reachability:
+    """The class triples that can be reached from a scene, and how. Methods raise BudgetExhaustedError."""
+
+    def __init__(self, space: ClassSpace, boxes: Sequence[BoxReachability]) -> None:
+        self._space = space
+        self._boxes = boxes
+
+    def goals_at(self, edits: int, targets: int, budget: Budget) -> Iterator[ClassGoal]:
+        """The class triples exactly `edits` edits away with these targets, and the edits of each box."""
+        return self._space.goals_at(edits, [box.reachable for box in self._boxes], targets, budget)
+
+    def edits_to(self, goal: ClassGoal, budget: Budget) -> list[Any] | None:
+        """Edits that lead to the goal; None if none were found."""
+        found: list[Any] = []
+        for box, edits, box_class in zip(self._boxes, *goal, strict=True):
+            refinement = box.refinement(edits, box_class, budget)
+            if isinstance(refinement, NoRefinement):
+                return None
+            found.extend(refinement)
+        return found
+
+    def first_actions(self, max_edits: int, targets: int, budget: Budget) -> ActionSet | None:
+        """The first actions on shortest paths to the nearest goals; None if these are not known to be feasible."""
+        for edits in range(1, max_edits + 1):
+            goals = list(self.goals_at(edits, targets, budget))
+            if goals:
+                found = FirstActions.union(self._first_actions(goals, budget))
+                actions = tuple(sorted(found.actions))
+                return ActionSet(actions, complete=found.complete, steps=edits + 1) if actions else None
+        return ActionSet((), complete=True, steps=0)
+
+    def _first_actions(self, goals: Iterable[ClassGoal], budget: Budget) -> Iterator[FirstActions]:
+        seen: set[tuple[int, int, int]] = set()
+        for edit_counts, triple in goals:
+            each = zip(self._boxes, edit_counts, triple, strict=True)
+            failures = [box.failure(edits, box_class, budget) for box, edits, box_class in each]
+            if any(failures):
+                yield FirstActions(frozenset(), complete=NoRefinement.INFEASIBLE in failures)
+                continue
+            for key in zip(range(BOX_COUNT), edit_counts, triple, strict=True):
+                if key not in seen:
+                    seen.add(key)
+                    index, edits, box_class = key
+                    yield self._boxes[index].first_actions(edits, box_class, budget)

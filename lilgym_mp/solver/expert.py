@@ -2,21 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.solver.solution import ActionSet, Solution
 from lilgym_mp.solver.solver import Solver
-
-
-class HasState(Protocol):
-    """What the expert needs of an environment: the MDP and its current state."""
-
-    @property
-    def dynamics(self) -> Dynamics: ...
-    @property
-    def state(self) -> State: ...
 
 
 class Expert:
@@ -39,7 +30,11 @@ class Expert:
 
         Raises TypeError if `env` is not an environment of this package, ValueError for a budget below 1.
         """
-        self._env = _unwrapped(env)
+        base: Any = getattr(env, "unwrapped", env)
+        base_type = cast("Any", type(base))  # `base.state` raises before the first reset, so ask the type
+        if not isinstance(getattr(base, "dynamics", None), Dynamics) or not hasattr(base_type, "state"):
+            raise TypeError(f"the expert needs an environment of lilgym-mp with `dynamics` and `state`, not {env!r}")
+        self._env = base
         self._solver = Solver(self._env.dynamics, budget)
         self._expected: State | None = None  # the state in which the plan continues
         self._planned: tuple[Action, ...] = ()
@@ -65,11 +60,3 @@ class Expert:
     def optimal_actions(self) -> ActionSet:
         """The first actions of shortest solutions from the current state."""
         return self._solver.optimal_actions(self._env.state)
-
-
-def _unwrapped(env: object) -> HasState:
-    inner: Any = getattr(env, "unwrapped", env)
-    env_type = cast("Any", type(inner))  # its `state` property raises before the first reset, so ask the type
-    if not isinstance(getattr(inner, "dynamics", None), Dynamics) or not hasattr(env_type, "state"):
-        raise TypeError(f"the expert needs an environment of lilgym-mp with `dynamics` and `state`, not {env!r}")
-    return inner

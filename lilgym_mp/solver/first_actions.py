@@ -9,13 +9,12 @@ not affect; otherwise a refinement is searched for in the edited box.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from lilgym_mp.scene import (
-    BOX_COUNT,
     BOX_PITCH,
     FOOTPRINT_COUNT,
     FOOTPRINT_SIDES,
@@ -23,7 +22,6 @@ from lilgym_mp.scene import (
     Box,
     Colour,
     Item,
-    Scene,
     Shape,
     Size,
 )
@@ -31,9 +29,9 @@ from lilgym_mp.scene.actions import AddItem
 from lilgym_mp.scene.appearances.placement import LARGEST_MOVE, SNAP_REACH
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver import edit_tables
-from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit, Abstraction
+from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
-from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, ReachableClasses
+from lilgym_mp.solver.class_search import NO_ACTIONS, ClassSpace, FirstActions
 from lilgym_mp.solver.layered_search import Budget
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
 
@@ -46,79 +44,13 @@ CLEARANCE = SNAP_REACH + LARGEST_MOVE + 1  # pixels between items beyond which n
 Remainder = tuple[AbstractEdit, ...]  # what remains of an abstract path after its first edit, in any order
 
 
-class FirstActions(NamedTuple):
-    """First actions on shortest paths to a goal."""
+class ScatterBox:
+    """The `BoxReachability` of Scatter. Methods raise BudgetExhaustedError."""
 
-    actions: frozenset[int]
-    complete: bool = True  # whether all of them are included
-
-    @classmethod
-    def union(cls, parts: Iterable[FirstActions], *, complete: bool = True) -> FirstActions:
-        actions: set[int] = set()
-        for part in parts:
-            actions |= part.actions
-            complete = complete and part.complete
-        return cls(frozenset(actions), complete)
-
-
-NO_ACTIONS = FirstActions(frozenset())
-
-
-class ScatterReachability:
-    """The box classes that can be reached from a scene, whether they are feasible, and how."""
-
-    def __init__(self, editors: Sequence[BoxEditor], scene: Scene, abstraction: Abstraction, space: ClassSpace) -> None:
-        self._boxes = [
-            _BoxReachability(abstraction, space, editor, box) for editor, box in zip(editors, scene.boxes, strict=True)
-        ]
-
-    @property
-    def reachable(self) -> list[ReachableClasses]:
-        return [box.reachable for box in self._boxes]
-
-    def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit] | None:
-        """Edits that lead to boxes of these classes, `edit_counts` in each box; None if none were found.
-
-        Raises BudgetExhaustedError.
-        """
-        edits: list[BoxEdit] = []
-        for box, box_edits, box_class in zip(self._boxes, edit_counts, triple, strict=True):
-            refinement = box.refinement(box_edits, box_class, budget)
-            if isinstance(refinement, NoRefinement):
-                return None
-            edits.extend(refinement)
-        return edits
-
-    def first_actions(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> FirstActions:
-        """The first actions on shortest paths to the feasible goals. Raises BudgetExhaustedError."""
-        return FirstActions.union(self._first_actions(goals, budget))
-
-    def _first_actions(self, goals: Iterable[tuple[EditCounts, ClassTriple]], budget: Budget) -> Iterator[FirstActions]:
-        seen: set[tuple[int, int, int]] = set()
-        for edit_counts, triple in goals:
-            failure = self._goal_failure(edit_counts, triple, budget)
-            yield FirstActions(frozenset(), complete=failure is not NoRefinement.UNDECIDED)
-            for key in zip(range(BOX_COUNT), edit_counts, triple, strict=True) if failure is None else ():
-                if key not in seen:
-                    seen.add(key)
-                    index, edits, box_class = key
-                    yield self._boxes[index].first_actions(edits, box_class, budget)
-
-    def _goal_failure(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> NoRefinement | None:
-        """None if the goal is feasible in each box; INFEASIBLE if it is not in some box, else UNDECIDED."""
-        goals = zip(self._boxes, edit_counts, triple, strict=True)
-        failures = [box.failure(edits, box_class, budget) for box, edits, box_class in goals]
-        infeasible = NoRefinement.INFEASIBLE in failures
-        return NoRefinement.INFEASIBLE if infeasible else next(filter(None, failures), None)
-
-
-class _BoxReachability:
-    """Reachable classes of one box."""
-
-    def __init__(self, abstraction: Abstraction, space: ClassSpace, editor: BoxEditor, box: Box) -> None:
+    def __init__(self, space: ClassSpace, editor: BoxEditor, box: Box) -> None:
         self.editor = editor
         self._box = box
-        self._abstraction = abstraction
+        self._abstraction = abstraction = space.abstraction
         self._item_classes = [abstraction.classes.of(item) for item in box.items]
         self._layers = abstraction.layers(box)
         self.reachable = space.reachable(self._layers, ABSTRACT_BOX_COST)
@@ -128,7 +60,7 @@ class _BoxReachability:
     # Feasibility
 
     def refinement(self, edits: int, box_class: int, budget: Budget) -> Refinement | NoRefinement:
-        """`edits` edits that lead to a box of the class. Raises BudgetExhaustedError."""
+        """`edits` edits that lead to a box of the class."""
         if not edits:
             return ()
         found = self._refinements.get((edits, box_class))
@@ -138,7 +70,7 @@ class _BoxReachability:
         return found
 
     def failure(self, edits: int, box_class: int, budget: Budget) -> NoRefinement | None:
-        """None if `edits` edits can lead to a box of the class, else why not. Raises BudgetExhaustedError."""
+        """None if `edits` edits can lead to a box of the class, else why not."""
         if edits == 1:
             return None if self.first_actions(edits, box_class, budget).actions else NoRefinement.INFEASIBLE
         found = self.refinement(edits, box_class, budget)
@@ -160,7 +92,7 @@ class _BoxReachability:
     # First actions
 
     def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
-        """The first actions on paths of `edits` edits to boxes of the class. Raises BudgetExhaustedError."""
+        """The first actions on paths of `edits` edits to boxes of the class."""
         if not edits:
             return NO_ACTIONS
         found = self._first_actions.get((edits, box_class))

@@ -73,66 +73,46 @@ def _ignore_interrupts() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-class Summary(NamedTuple):
-    """Statistics of reports."""
+Summary = Mapping[str, float]  # statistics of reports; steps are of the solved tasks, STOP included
 
-    tasks: int
-    solved: int
-    proven_optimal: int  # solved tasks with a proof of optimality
-    unsolvable: int  # proven unsolvable
-    not_found: int
-    mean_steps: float  # mean over the solved tasks, STOP included
-    most_steps: int
-    median_seconds: float
-    mean_seconds: float
-    slowest_seconds: float
-
-    @property
-    def solved_share(self) -> float:
-        """The share of solved tasks among those not proven unsolvable; 1 if there are none."""
-        solvable = self.tasks - self.unsolvable
-        return self.solved / solvable if solvable else 1.0
+COLUMNS = {  # of the table of summaries; times are in milliseconds
+    "tasks": "{tasks:,}",
+    "solved": "{solved:,} ({solved_percent:.2f} %)",
+    "proven shortest": "{proven_optimal:,}",
+    "unsolvable": "{unsolvable:,}",
+    "not found": "{not_found:,}",
+    "mean steps": "{mean_steps:.2f}",
+    "most": "{most_steps}",
+    "median ms": "{median_ms:.2f}",
+    "mean ms": "{mean_ms:.2f}",
+}
 
 
 def summarise(reports: Sequence[TaskReport]) -> Summary:
-    """Raises ValueError for no reports."""
+    """Statistics; `solved_percent` excludes tasks proven unsolvable. Raises ValueError for no reports."""
     if not reports:
         raise ValueError("cannot summarise zero reports")
     counts = Counter(report.solution.status for report in reports)
     steps = [report.solution.steps for report in reports if report.solution.solved]
-    seconds = [report.seconds for report in reports]
-    return Summary(
-        tasks=len(reports),
-        solved=counts[Status.SOLVED],
-        proven_optimal=sum(report.solution.proven_optimal for report in reports),
-        unsolvable=counts[Status.UNSOLVABLE],
-        not_found=counts[Status.NOT_FOUND],
-        mean_steps=mean(steps or [0]),
-        most_steps=max(steps, default=0),
-        median_seconds=median(seconds),
-        mean_seconds=mean(seconds),
-        slowest_seconds=max(seconds),
-    )
+    milliseconds = [1000 * report.seconds for report in reports]
+    solvable = len(reports) - counts[Status.UNSOLVABLE]
+    return {
+        "tasks": len(reports),
+        **{str(status): counts[status] for status in Status},
+        "solved_percent": 100 * counts[Status.SOLVED] / solvable if solvable else 100.0,
+        "proven_optimal": sum(report.solution.proven_optimal for report in reports),
+        "mean_steps": mean(steps or [0]),
+        "most_steps": max(steps, default=0),
+        "median_ms": median(milliseconds),
+        "mean_ms": mean(milliseconds),
+        "slowest_ms": max(milliseconds),
+    }
 
 
 def summary_rows(summaries: Mapping[str, Summary]) -> list[tuple[str, ...]]:
     """A header, and a row for each named summary."""
-    tables = [
-        {
-            "": name,
-            "tasks": f"{summary.tasks:,}",
-            "solved": f"{summary.solved:,} ({100 * summary.solved_share:.2f} %)",
-            "proven shortest": f"{summary.proven_optimal:,}",
-            "unsolvable": f"{summary.unsolvable:,}",
-            "not found": f"{summary.not_found:,}",
-            "mean steps": f"{summary.mean_steps:.2f}",
-            "most": str(summary.most_steps),
-            "median ms": f"{1000 * summary.median_seconds:.2f}",
-            "mean ms": f"{1000 * summary.mean_seconds:.2f}",
-        }
-        for name, summary in summaries.items()
-    ]
-    return [tuple(tables[0]), *(tuple(cells.values()) for cells in tables)]
+    rows = [(name, *(form.format(**summary) for form in COLUMNS.values())) for name, summary in summaries.items()]
+    return [("", *COLUMNS), *rows]
 
 
 def report_json(report: TaskReport, dynamics: Dynamics) -> dict[str, Any]:

@@ -4,33 +4,23 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from functools import lru_cache
+from contextlib import suppress
 
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
+from lilgym_mp.solver.abstraction import AbstractEdit
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
-from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.first_actions import ScatterReachability
-from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.class_search import Reachability, class_space, has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.first_actions import ScatterBox
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
-from lilgym_mp.solver.program_features import program_features
 from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
 from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
-ABSTRACTION_CACHE_SIZE = 256  # tuples of programs
 MAX_GOALS = 40  # abstract goals at one distance that are refined
 MAX_EXTRA_EDITS = 2  # distances tried beyond the abstract distance before the pruned search takes over
-
-
-@lru_cache(maxsize=ABSTRACTION_CACHE_SIZE)
-def abstraction_of(programs: tuple[str, ...]) -> Abstraction:
-    """The abstraction under the features of all these programs, shared by all tasks that have them."""
-    return Abstraction(program_features(*(compile_program(program).tree for program in programs)))
 
 
 class ScatterSearch:
@@ -63,13 +53,12 @@ class ScatterSearch:
 
     def is_abstractable(self, program: str) -> bool:
         """As in `TowerSearch`."""
-        return not abstraction_of((program,)).features.relational
+        return not class_space((program,)).abstraction.features.relational
 
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> ScatterReachability:
+    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability:
         space = class_space(programs)
-        # The cached reachable classes refer to the layers of one abstraction, which must outlive its own cache.
-        abstraction: Abstraction = space.retained.setdefault("abstraction", abstraction_of(programs))
-        return ScatterReachability(self._editors, scene, abstraction, space)
+        pairs = zip(self._editors, scene.boxes, strict=True)
+        return Reachability(space, [ScatterBox(space, editor, box) for editor, box in pairs])
 
     # First actions
 
@@ -77,24 +66,12 @@ class ScatterSearch:
         """First actions of shortest solutions; marked complete only if that is proven."""
         if state.task.solved_by(state.scene):
             return ActionSet((self._scatter.encode(STOP),), complete=True, steps=1)
-        abstractable = has_program_goal(state.task) and all(map(self.is_abstractable, programs_of(state.task)))
-        found = self._first_actions_by_class(state, max_edits, budget) if abstractable and self._exhaustive else None
+        programs, found = programs_of(state.task), None
+        if self._exhaustive and has_program_goal(state.task) and all(map(self.is_abstractable, programs)):
+            with suppress(BudgetExhaustedError):
+                reachability = self.reachability(programs, state.scene)
+                found = reachability.first_actions(max_edits, target_bits(state.task), budget)
         return self._first_actions_by_trial(state, max_edits, budget) if found is None else found
-
-    def _first_actions_by_class(self, state: State, max_edits: int, budget: Budget) -> ActionSet | None:
-        """First actions by class; None if the nearest abstract goals are infeasible or the budget is exhausted."""
-        programs, targets = programs_of(state.task), target_bits(state.task)
-        space, reachability = class_space(programs), self.reachability(programs, state.scene)
-        try:
-            for edits in range(1, max_edits + 1):
-                goals = list(space.goals_at(edits, reachability.reachable, targets, budget))
-                if goals:
-                    found = reachability.first_actions(goals, budget)
-                    actions = tuple(sorted(found.actions))
-                    return ActionSet(actions, complete=found.complete, steps=edits + 1) if actions else None
-        except BudgetExhaustedError:
-            return None
-        return ActionSet((), complete=True, steps=0)
 
     def _first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         """The first action of a solution; if that has one edit, every other edit that reaches a goal too."""
@@ -125,7 +102,7 @@ class _TaskSearch:
         self._is_goal = state.task.solved_by
         self._max_edits = max_edits
         self._budget = budget
-        self._abstraction = abstraction_of(programs_of(state.task))
+        self._abstraction = class_space(programs_of(state.task)).abstraction
         self.least_edits = 1
 
     def solution(self) -> list[BoxEdit] | None:

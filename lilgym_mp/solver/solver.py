@@ -10,8 +10,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter, Tower
-from lilgym_mp.solver.class_search import class_space
-from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.class_search import has_program_goal, programs_of, target_bits
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved
@@ -22,7 +21,6 @@ from lilgym_mp.solver.weighted_goals import (
     WeightedGoal,
     WeightedPlan,
     WeightedPlanner,
-    check_goals,
 )
 
 SEARCHES: Mapping[type, Callable[[Any, Dynamics], Search]] = {Tower: TowerSearch, Scatter: ScatterSearch}
@@ -73,12 +71,11 @@ class Solver:
         programs, budget, edits = programs_of(state.task), Budget(self.budget), 0
         if not (has_program_goal(state.task) and all(map(self._search.is_abstractable, programs))):
             return not_found(0, budget)
-        space, reachability = class_space(programs), self._search.reachability(programs, state.scene)
+        reachability = self._search.reachability(programs, state.scene)
         try:
             for edits in range(self._max_edits(state) + 1):
-                goals = space.goals_at(edits, reachability.reachable, target_bits(state.task), budget)
-                for edit_counts, triple in goals:
-                    found = reachability.edits_to(edit_counts, triple, budget) if edits >= min_edits else None
+                for goal in reachability.goals_at(edits, target_bits(state.task), budget):
+                    found = reachability.edits_to(goal, budget) if edits >= min_edits else None
                     return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
         except BudgetExhaustedError:
             pass
@@ -126,7 +123,6 @@ class Solver:
         Raises ValueError for no goals, a negative probability, `edits_left` or `edit_cost`, or a budget below 1, and
         ProgramError for an invalid program.
         """
-        check_goals(goals)
         if edits_left < 0:
             raise ValueError(f"edits_left must be at least 0, not {edits_left}")
         if not edit_cost >= 0:

@@ -6,7 +6,7 @@ serve every task. Only the program remains to be evaluated, scene by scene, near
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cache, partial
 
 from lilgym_mp.envs.rules import Dynamics, State
@@ -14,8 +14,16 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import PlacementRules, Tower
-from lilgym_mp.solver.class_search import ClassSpace, ClassTriple, EditCounts, class_space
-from lilgym_mp.solver.goals import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.class_search import (
+    NO_ACTIONS,
+    ClassSpace,
+    FirstActions,
+    Reachability,
+    class_space,
+    has_program_goal,
+    programs_of,
+    target_bits,
+)
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
 
@@ -42,28 +50,25 @@ def _successors(tower: Tower, placement: PlacementRules, box: Box) -> Iterator[t
             yield edit, after.boxes[0]
 
 
-class TowerReachability:
-    """The box classes that can be reached from a scene, and how."""
+class _TowerBox:
+    """The `BoxReachability` of Tower, where every path is feasible."""
 
-    def __init__(self, layers: Sequence[Layers[BoxEdit]], space: ClassSpace) -> None:
-        self._layers = layers
-        self.reachable = list(map(space.reachable, layers))
+    def __init__(self, index: int, layers: Layers[BoxEdit], space: ClassSpace) -> None:
+        self._index, self._layers = index, layers
+        self.reachable = space.reachable(layers)
 
-    def edits_to(self, edit_counts: EditCounts, triple: ClassTriple, budget: Budget) -> list[BoxEdit]:
-        """Edits that lead to boxes of these classes, `edit_counts` in each box. Raises BudgetExhaustedError."""
-        found: list[BoxEdit] = []
-        for index, (edits, box_class) in enumerate(zip(edit_counts, triple, strict=True)):
-            after, *_ = self.reachable[index].layer(edits, budget)[box_class]
-            found.extend(_path(self._layers[index], after, index))
-        return found
+    def refinement(self, edits: int, box_class: int, budget: Budget) -> Sequence[BoxEdit]:
+        after, *_ = self.reachable.layer(edits, budget)[box_class]
+        return _path(self._layers, after, self._index)
 
-    def first_actions(self, goals: Sequence[Collection[tuple[int, int]]], budget: Budget) -> set[int]:
-        """The first actions on shortest paths to goals: by box, pairs of edits and class."""
-        found: set[int] = set()
-        for index, (layers, reachable) in enumerate(zip(self._layers, self.reachable, strict=True)):
-            ends = [reachable.layer(edits, budget)[box_class] for edits, box_class in goals[index] if edits]
-            found.update(_ACTIONS[index][layers.path(box)[0]] for boxes in ends for box in boxes)
-        return found
+    def failure(self, edits: int, box_class: int, budget: Budget) -> None:
+        return None
+
+    def first_actions(self, edits: int, box_class: int, budget: Budget) -> FirstActions:
+        if not edits:
+            return NO_ACTIONS
+        goals = self.reachable.layer(edits, budget)[box_class]
+        return FirstActions(frozenset(_ACTIONS[self._index][self._layers.path(goal)[0]] for goal in goals))
 
 
 class TowerSearch:
@@ -96,49 +101,39 @@ class TowerSearch:
 
     def _solution_by_class(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
         reachability = self.reachability(programs_of(state.task), state.scene)
-        goal = next(self._class_goals(state, reachability, edits, budget), None)
-        return None if goal is None else reachability.edits_to(*goal, budget)
-
-    def _class_goals(
-        self, state: State, reachability: TowerReachability, edits: int, budget: Budget
-    ) -> Iterator[tuple[EditCounts, ClassTriple]]:
-        space = class_space(programs_of(state.task))
-        return space.goals_at(edits, reachability.reachable, target_bits(state.task), budget)
+        goal = next(reachability.goals_at(edits, target_bits(state.task), budget), None)
+        return None if goal is None else reachability.edits_to(goal, budget)
 
     def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""
         if state.task.solved_by(state.scene):
             return ActionSet((self._tower.encode(STOP),), complete=True, steps=1)
-        find = self._first_actions_by_class if has_program_goal(state.task) else self._first_actions_by_scene
         try:
-            for edits in range(1, max_edits + 1):
-                found = find(state, edits, budget)
-                if found:
-                    return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
+            if has_program_goal(state.task):
+                reachability = self.reachability(programs_of(state.task), state.scene)
+                found = reachability.first_actions(max_edits, target_bits(state.task), budget)
+                assert found is not None
+                return found
+            return self._first_actions_by_scene(state, max_edits, budget)
         except BudgetExhaustedError:
             return ActionSet((), complete=False, steps=0)
-        return ActionSet((), complete=True, steps=0)
 
-    def _first_actions_by_class(self, state: State, edits: int, budget: Budget) -> set[int]:
-        """The first actions of solutions with that many edits, given that no solution has fewer."""
-        reachability = self.reachability(programs_of(state.task), state.scene)
-        goals: list[set[tuple[int, int]]] = [set() for _ in range(BOX_COUNT)]  # by box
-        for edit_counts, triple in self._class_goals(state, reachability, edits, budget):
-            for box_goals, goal in zip(goals, zip(edit_counts, triple, strict=True), strict=True):
-                box_goals.add(goal)
-        return reachability.first_actions(goals, budget)
-
-    def _first_actions_by_scene(self, state: State, edits: int, budget: Budget) -> set[int]:
+    def _first_actions_by_scene(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         layers = self._layers(state.scene)
-        goals = goals_at(edits, layers, state.task.solved_by, budget)
-        return {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
+        for edits in range(1, max_edits + 1):
+            goals = goals_at(edits, layers, state.task.solved_by, budget)
+            found = {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
+            if found:
+                return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
+        return ActionSet((), complete=True, steps=0)
 
     def is_abstractable(self, program: str) -> bool:
         """Whether the classes of reachable boxes determine the program's value."""
         return True
 
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> TowerReachability:
-        return TowerReachability(self._layers(scene), class_space(programs))
+    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability:
+        space = class_space(programs)
+        return Reachability(space, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]

@@ -12,7 +12,6 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import ProgramGoal, Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
-from lilgym_mp.solver.class_search import class_space
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.tower_search import TowerSearch
@@ -57,16 +56,6 @@ class WeightedPlan:
         return len(self.actions)
 
 
-def check_goals(goals: Sequence[WeightedGoal]) -> None:
-    """Raises ValueError for no goals or an invalid probability, ProgramError for an invalid program."""
-    if not goals:
-        raise ValueError("there must be at least one goal to plan for")
-    for index, goal in enumerate(goals):
-        if not (goal.probability >= 0 and math.isfinite(goal.probability)):
-            raise ValueError(f"the probability of goal {index} must be a number of at least 0, not {goal.probability}")
-        compile_program(goal.program)
-
-
 class _Candidate(NamedTuple):
     """A candidate plan: edits and the goals that they satisfy."""
 
@@ -88,6 +77,7 @@ class _NoRefinementError(Exception):
     """No refinement was found for any of the nearest abstract goals."""
 
 
+@dataclass
 class WeightedPlanner:
     """Greedy search for a plan from one scene.
 
@@ -95,29 +85,26 @@ class WeightedPlanner:
     readings of a statement are nearly equivalent, so only a few goals need to be required.
     """
 
-    def __init__(
-        self,
-        search: Search,
-        dynamics: Dynamics,
-        goals: Sequence[WeightedGoal],
-        scene: Scene,
-        max_edits: int,
-        budget: Budget,
-        edit_cost: float = 0.0,
-    ) -> None:
-        """`edit_cost`: the probability that another edit must gain to be worth taking."""
+    search: Search
+    dynamics: Dynamics
+    given: Sequence[WeightedGoal]
+    scene: Scene
+    max_edits: int
+    budget: Budget
+    edit_cost: float = 0.0  # the probability that another edit must gain to be worth taking
+
+    def __post_init__(self) -> None:
+        """Raises ValueError for no goals or an invalid probability, ProgramError for an invalid program."""
+        if not self.given:
+            raise ValueError("there must be at least one goal to plan for")
         masses: dict[tuple[str, bool], list[float]] = {}
-        for program, target, probability in goals:
+        for index, (program, target, probability) in enumerate(self.given):
+            if not (probability >= 0 and math.isfinite(probability)):
+                raise ValueError(f"the probability of goal {index} must be a number of at least 0, not {probability}")
+            compile_program(program)
             masses.setdefault((program, target), []).append(probability)
-        merged = [WeightedGoal(program, target, math.fsum(masses[program, target])) for program, target in masses]
-        self._given = goals
+        merged = [WeightedGoal(*goal, math.fsum(each)) for goal, each in masses.items()]
         self._goals = sorted(merged, key=lambda goal: -goal.probability)
-        self._search = search
-        self._dynamics = dynamics
-        self._scene = scene
-        self._max_edits = max_edits
-        self._budget = budget
-        self._edit_cost = edit_cost
 
     def plan(self) -> WeightedPlan:
         """The best of several greedy plans: from the most probable goal, then from omitted goals that weigh as much."""
@@ -126,21 +113,21 @@ class WeightedPlanner:
         highest = left[0].probability if left else 0.0
         while left and len(best.satisfied) < len(self._goals):
             first, *others = left
-            reachable = _mass(left) - self._edit_cost * min(1, self._max_edits)
-            best_value = best.mass - self._edit_cost * len(best.edits)
+            reachable = _mass(left) - self.edit_cost * min(1, self.max_edits)
+            best_value = best.mass - self.edit_cost * len(best.edits)
             if max(reachable - best_value, first.probability - highest) < -ROUNDING:
                 break
             found = self._greedy([first, *(goal for goal in self._goals if goal.probability > 0 and goal != first)])
             left = [goal for goal in others if goal not in found.satisfied]
-            best = found if found.beats(best, self._edit_cost) else best
-        satisfied = tuple(index for index, goal in enumerate(self._given) if best.satisfies(goal))
+            best = found if found.beats(best, self.edit_cost) else best
+        satisfied = tuple(index for index, goal in enumerate(self.given) if best.satisfies(goal))
         actions = (*best.edits, STOP) if satisfied else ()
-        return WeightedPlan(actions, satisfied, best.mass, self._budget.spent)
+        return WeightedPlan(actions, satisfied, best.mass, self.budget.spent)
 
     def _candidate(self, edits: Sequence[Action]) -> _Candidate:
-        scene, appearance = self._scene, self._dynamics.appearance
+        scene, appearance = self.scene, self.dynamics.appearance
         for edit in edits:
-            scene = appearance.apply(scene, edit, self._dynamics.rules.placement).scene
+            scene = appearance.apply(scene, edit, self.dynamics.rules.placement).scene
         satisfied = frozenset(goal for goal in self._goals if goal.holds(scene))
         return _Candidate(edits, satisfied, _mass(satisfied))
 
@@ -151,7 +138,7 @@ class WeightedPlanner:
         for goal in goals:
             if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
                 extended, found = self._with_goal(goal, required, best)
-                if found.beats(best, self._edit_cost):
+                if found.beats(best, self.edit_cost):
                     required, best = extended, found
         return best
 
@@ -167,7 +154,7 @@ class WeightedPlanner:
             found = self._shortest(extended, len(best.edits))
             if found is None:
                 break
-            result = found if found.beats(result, self._edit_cost) else result
+            result = found if found.beats(result, self.edit_cost) else result
             lost = best.satisfied - found.satisfied
             if not lost:
                 break
@@ -178,7 +165,7 @@ class WeightedPlanner:
         """The shortest plan found that satisfies all these goals; it has at least `least_edits` edits."""
         budget = Budget(self._share())
         try:
-            if all(self._search.is_abstractable(goal.program) for goal in required):
+            if all(self.search.is_abstractable(goal.program) for goal in required):
                 return self._by_class(required, least_edits, budget)
         except _NoRefinementError:
             pass
@@ -186,25 +173,24 @@ class WeightedPlanner:
             if len(self._goals) > 1:
                 return None
         finally:
-            self._budget.spend(budget.spent)
+            self.budget.spend(budget.spent)
         return self._by_solving(required)
 
     def _share(self) -> int:
         """The budget of one search: all that is left for a single goal, else a fraction."""
-        return self._budget.left // (1 if len(self._goals) == 1 else BUDGET_DIVISOR)
+        return self.budget.left // (1 if len(self._goals) == 1 else BUDGET_DIVISOR)
 
     def _by_class(self, required: Sequence[WeightedGoal], least_edits: int, budget: Budget) -> _Candidate | None:
         """Raises BudgetExhaustedError, and _NoRefinementError where only geometry rules out the nearest goals."""
         programs = tuple(dict.fromkeys(goal.program for goal in required))
-        space = class_space(programs)
         targets = sum(1 << programs.index(goal.program) for goal in required if goal.target)
-        reachability = self._search.reachability(programs, self._scene)
+        reachability = self.search.reachability(programs, self.scene)
         failed = False
-        max_edits = min(self._max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self._max_edits
+        max_edits = min(self.max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self.max_edits
         for edit_count in range(least_edits, max_edits + 1):
             found: list[_Candidate] = []
-            for edit_counts, triple in space.goals_at(edit_count, reachability.reachable, targets, budget):
-                edits = reachability.edits_to(edit_counts, triple, budget)
+            for goal in reachability.goals_at(edit_count, targets, budget):
+                edits = reachability.edits_to(goal, budget)
                 failed = failed or edits is None
                 found.extend([] if edits is None else [self._candidate(edits)])
                 if len(found) + failed == MAX_TIES:
@@ -219,9 +205,9 @@ class WeightedPlanner:
         """Solves the conjunction of the goals as a task."""
         budget = Budget(self._share())
         targets = tuple((goal.program, goal.target) for goal in required)
-        task = Task("", "", *targets[0], self._scene, ProgramGoal(targets))
-        solution = self._search.solve(State(task, self._scene, 0), self._max_edits, budget)
-        self._budget.spend(solution.scenes)
+        task = Task("", "", *targets[0], self.scene, ProgramGoal(targets))
+        solution = self.search.solve(State(task, self.scene, 0), self.max_edits, budget)
+        self.budget.spend(solution.scenes)
         return self._candidate(solution.actions[:-1]) if solution.solved else None
 
 
