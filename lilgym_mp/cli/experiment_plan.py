@@ -145,12 +145,12 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
         raise table.error("learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
     learner = find_learner(kind)
     recipe_keys = [field.name for field in fields(learner.recipe) if field.name != "seed"]
-    table.check_keys((*LEARNER_KEYS, *learner.numbers, *learner.texts, *recipe_keys))
+    table.check_keys((*LEARNER_KEYS, *learner.option_kinds(), *recipe_keys))
     name = table.values.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
         raise table.error("name", f"must consist of letters, digits and -, _, +, not {name!r}")
     configurations = table.distinct("configurations", list(experiment.configurations), experiment.configurations)
-    if learner.plays_everything and "configurations" in table.values:
+    if learner.config is None and "configurations" in table.values:
         raise table.error("configurations", "one agent plays all configurations; leave the key out")
     seeds = table.seeds(experiment.seeds)
     modes = table.distinct("actions", [GREEDY], [GREEDY, SAMPLED])
@@ -162,13 +162,13 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
     corpus = table.value("corpus", own_corpus, "a string")
     if corpus != own_corpus:
         table.check_environment(["corpus"], configurations, "train", corpus=corpus)
-    training = ["--corpus", corpus, *(() if learner.plays_everything else settings)]
-    for configuration in (None,) if learner.plays_everything else configurations:
+    training = ["--corpus", corpus, *(() if learner.config is None else settings)]
+    for configuration in (None,) if learner.config is None else configurations:
         budget, recipe = _checked_options(table, learner, configuration, options)
         played = _played_configurations(configuration, recipe, experiment.configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played)
         evaluate = (*evaluate, *experiment.evaluation, *(["--passes", str(passes)] if passes > 1 else []))
-        if not learner.records:
+        if learner.plays_games:
             evaluate = ("evaluate", *experiment.environment[:2])
         own = [configuration] if configuration else []
         for seed in seeds:
@@ -177,7 +177,7 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
                 ("train", kind, *own, "--seed", str(seed), *training, *_flags(options)),
                 tuple((*evaluate, "--split", split) for split in experiment.splits),
                 budget,
-                learner.records,
+                not learner.plays_games,
             )
 
 
@@ -198,21 +198,17 @@ def _checked_options(
     table: _Table, learner: Learner, configuration: str | None, options: Mapping[str, Any]
 ) -> tuple[tuple[str, float], Any]:
     """The learner's budget, and the recipe that its options make."""
-    settings = {key: value for key, value in options.items() if key not in learner.numbers}
-    for key in (key for key in options if key in learner.numbers):
-        value, number = options[key], float | int if key == "minutes" else int
-        if isinstance(value, bool) or not isinstance(value, number) or value <= 0:
-            raise table.error(key, f"must be a number above 0, not {value!r}")
-    defaults = {field.name: field.default for field in fields(learner.recipe)}
-    for key, value in settings.items():
-        expected = str if key in learner.texts else type(defaults[key])
+    kinds = {**{field.name: type(field.default) for field in fields(learner.recipe)}, **learner.option_kinds()}
+    for key, value in options.items():
+        expected = kinds[key]
         if type(value) is not expected and not (expected is float and type(value) is int):
             raise table.error(key, f"must be of type {expected.__name__}, not {value!r}")
     try:
-        recipe = learner.make_recipe(configuration or "", settings)
+        recipe = learner.make_recipe(configuration or "", options)
+        budget = learner.budget(options)
     except ValueError as error:
         raise CommandError(f"{table.path}: {table.prefix.rstrip('.')}: {error}") from None
-    return learner.budget({**learner.numbers, **options}), recipe
+    return budget, recipe
 
 
 def _flags(options: Mapping[str, Any]) -> Iterator[str]:

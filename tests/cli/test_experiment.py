@@ -132,7 +132,7 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
         ('corpus = "/nowhere/at/all.jsonl"\n' + SMALL, "corpus: .*nowhere"),
         ('rules = "mine"\n' + SMALL, "rules: .*'mine'.*paper"),
         (SMALL + "envs = true", r"learners\[0\]\.envs: must be of type int, not True"),
-        (SMALL + "steps = 0", r"learners\[0\]\.steps: must be a number above 0"),
+        (SMALL + "steps = 0", r"learners\[0\]: --steps must be at least 1, not 0"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
         (SMALL + "passes = 0", r"learners\[0\]\.passes: must be a whole number above 0, not 0"),
         (SMALL + '[[learners]]\nlearner = "ppo"', "learners: two have the same name"),

@@ -14,7 +14,7 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.imitation import training as imitation
-from lilgym_mp.learning.imitation.recipe import default_recipe
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 from lilgym_mp.learning.ppo.recipe import make_recipe
@@ -39,7 +39,8 @@ def interrupt(progress: object) -> None:
 def test_ppo__goes_on_to_the_steps_it_was_begun_with(own: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     recipe = make_recipe("ours", "TowerScratch", seed=3, **PPO)
     settings = Settings("TowerScratch", corpus=own, horizon=7)
-    train_ppo(settings, recipe, tmp_path / "run", steps=96, device="cpu", on_progress=interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        train_ppo(settings, recipe, tmp_path / "run", steps=96, device="cpu", on_progress=interrupt)
     assert main(["train", "ppo", "--resume", "--out", str(tmp_path / "run")]) == 0
     assert "96 steps, resumed after 32" in capsys.readouterr().out
     assert open_agent(tmp_path / "run").description.details["steps"] == 96
@@ -57,7 +58,7 @@ def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
 @pytest.mark.long
 def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     settings = Settings("TowerFlipIt", corpus=own, horizon=7)
-    recipe = default_recipe("tower", **IMITATION)
+    recipe = ImitationRecipe.of("TowerFlipIt", **IMITATION)
     monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.1)
     with pytest.raises(KeyboardInterrupt):
         imitation.train_imitation(
@@ -72,7 +73,8 @@ def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path:
 def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe = ParserRecipe(seed=2, **PARSER)
     monkeypatch.setattr(parsing, "REPORT_EVERY", 20)
-    parsing.train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        parsing.train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
     assert not (tmp_path / "run" / "agent.safetensors").exists()
     assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
     saved = open_agent(tmp_path / "run").description.recipe

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -16,38 +15,37 @@ from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.contrib.report.learning_curves import progress_curves
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
 from lilgym_mp.learning.common.model_file import ModelDescription, save_model
-from lilgym_mp.learning.common.recipes import setting
+from lilgym_mp.learning.common.recipes import Recipe, RunOptions, setting
 
 PACKAGE = "guessing_package"
 
 
-@dataclass
-class Guesses:
+@dataclass(frozen=True)
+class Guesses(Recipe):
     """A recipe."""
 
     seed: int = setting(0, "seed")
     boldness: float = setting(0.5, "how bold the guesses are", 0, 1)
 
 
+@dataclass(frozen=True)
+class Options(RunOptions):
+    updates: int = setting(9, "guesses", 1)
+
+
 @pytest.fixture(autouse=True)
-def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[argparse.Namespace]]:
-    """The commands that the learner was given."""
-    given: list[argparse.Namespace] = []
+def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, Any]]]:
+    """The arguments that its function was given."""
+    given: list[dict[str, Any]] = []
     module: Any = ModuleType(f"{PACKAGE}.learner", "Guesses.\n\nGuesses boldly.")
     agent: Any = ModuleType(f"{PACKAGE}.agent")
     agent.load_agent = lambda path, device: f"agent of {path.name} on {device}"
-    module.LEARNER = Learner(
-        add_options=lambda parser: parser.add_argument("--boldness", type=float),
-        train=lambda args: given.append(args) or 0,
-        recipe=Guesses,
-        make_recipe=lambda configuration, options: Guesses(**options),
-        budget=lambda options: ("guesses", options["guesses"]),
-        progress=("luck", "mean luck"),
-        numbers={"guesses": 9},
-    )
+    agent.train = lambda settings, **arguments: given.append({"settings": settings, **arguments})
+    module.LEARNER = Learner(Guesses, Options, f"{PACKAGE}.agent:train", progress=("luck", "mean luck"))
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.learner", module)
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.agent", agent)
     monkeypatch.setitem(PACKAGES, "guessing", PACKAGE)
@@ -56,9 +54,12 @@ def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[argparse.Namespac
     cli.make_parser.cache_clear()
 
 
-def test_new_learner__has_a_train_command(guessing: list[argparse.Namespace]) -> None:
-    assert cli.main(["train", "guessing", "--boldness", "0.25"]) == 0
-    assert guessing[0].boldness == 0.25
+def test_new_learner__has_a_train_command(guessing: list[dict[str, Any]], tmp_path: Path) -> None:
+    words = ["train", "guessing", "TowerFlipIt", "--boldness", "0.25", "--updates", "1e1", "--out", str(tmp_path)]
+    assert cli.main(words) == 0
+    (given,) = guessing
+    assert (given["settings"], given["recipe"]) == (EnvConfig("TowerFlipIt"), Guesses(boldness=0.25))
+    assert (given["updates"], given["out"], given["threads"]) == (10, tmp_path, 1)
 
 
 def test_new_learner__can_be_part_of_an_experiment(tmp_path: Path) -> None:
@@ -76,7 +77,7 @@ def test_new_learner__can_be_part_of_an_experiment(tmp_path: Path) -> None:
         "--boldness",
         "0.75",
     )
-    assert run.budget == ("guesses", 9)
+    assert run.budget == ("updates", 9)
 
 
 def test_new_learner__has_agents_that_can_be_opened(tmp_path: Path) -> None:
@@ -101,5 +102,4 @@ def test_new_learner__has_a_training_curve() -> None:
 def test_learners__have_a_recipe_and_a_budget(name: str) -> None:
     learner = find_learner(name)
     assert isinstance(learner.make_recipe("TowerScratch", {}), learner.recipe)
-    _, end = learner.budget(learner.numbers)
-    assert end > 0
+    assert learner.budget({})[1] > 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import cached_property, partial
@@ -12,11 +13,12 @@ import numpy as np
 from lilgym_mp.corpus import TaskSet, Vocabulary
 from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_count, checked_flag
-from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.config import EnvConfig, setting
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig, Role
 from lilgym_mp.envs.proposer_verifier.rewards import (
+    PRESETS,
     Costs,
     Intent,
     Rewards,
@@ -31,23 +33,39 @@ from lilgym_mp.scene.render import shrink_of
 Value = TypeVar("Value")
 
 
+REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
+
+
+def read_rewards(text: str) -> Rewards:
+    """A name of rewards, or JSON of them. Raises ValueError."""
+    if not text.startswith("{"):
+        return text
+    try:
+        return json.loads(text)
+    except ValueError as error:
+        raise ValueError(f"not valid JSON: {error}") from None
+
+
 @dataclass(frozen=True)
 class GameSettings(EnvConfig):
     """The configuration of a game; docs/proposer_verifier.md describes the fields."""
 
     configuration: str = "TowerScratch"
     _: KW_ONLY
-    protocol: str = "veto"  # "veto", "joint", "audit" or "critique"
-    ending: str | None = None  # who may end the episode: "agreement", "proposer", "verifier", "either"
-    rewards: Rewards = "common"  # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
-    false_accept_cost: float = 1.0  # of the reward "correctness"
-    false_reject_cost: float = 1.0
-    sneaky_share: float = 0.5  # probability of a sneaky episode, if the proposer's intent is hidden
+    protocol: str = setting("veto", "(default: veto)", choices=list(PROTOCOLS))
+    ending: str | None = setting(None, "who may end the game (default: the protocol's)", choices=list(ENDINGS))
+    # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
+    rewards: Rewards = setting("common", REWARDS_HELP, parse=read_rewards)
+    false_accept_cost: float = setting(1.0, "cost of a false accept in the reward `correctness` (default: 1)", float)
+    false_reject_cost: float = setting(1.0, "cost of a false reject in the reward `correctness` (default: 1)", float)
+    sneaky_share: float = setting(0.5, "share of sneaky games, if intents are hidden (default: 0.5)", float)
     views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
-    message_size: int | Mapping[str, int] | None = None  # messages besides silence: for both, or {agent: number}
-    message_cost: float = 0.0  # to the sender, for each message but silence
-    verdict_bins: int | None = None  # audit: number of probabilities to choose from; None: true or false
-    exchanges: int = 3  # critique: rejections in a round before the next proposal needs no answer
+    message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
+        None, "messages besides silence, for both agents (default: the protocol's)", parse=int
+    )
+    message_cost: float = setting(0.0, "cost of a message to its sender (default: 0)", float)
+    verdict_bins: int | None = setting(None, "audit: probabilities to choose from (default: true or false)", int)
+    exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer (default: 3)", int)
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
 

@@ -1,11 +1,11 @@
-"""Hyperparameters as dataclass fields with a description, bounds and choices. Imports no torch."""
+"""Hyperparameters and further options of training, as dataclass fields with descriptions. Imports no torch."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import Field, asdict, dataclass, field, fields
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from lilgym_mp.evaluation.options import flag_name
 from lilgym_mp.scene.choices import choose
@@ -19,28 +19,52 @@ def setting(
     *,
     choices: Iterable[str] = (),
     multiple_of: int = 0,
+    kind: type[Any] | None = None,
+    **shown: Any,
 ) -> Any:
-    """A field of a recipe; `description` is its help text on the command line, `choices` are for strings."""
+    """A field of a recipe or of a run's options; `description` is its help text on the command line.
+
+    `choices` are for strings. `kind`: the type of an option whose default is None. `shown`: how the command line shows
+    an option: its `metavar`, `nargs`, or another `flag`.
+    """
     metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
-    return field(default=default, metadata={**metadata, "multiple_of": multiple_of})
+    more = {"multiple_of": multiple_of, "kind": kind or type(default), "shown": shown}
+    return field(default=default, metadata={**metadata, **more})
 
 
 class Recipe:
     """Base of recipes: frozen dataclasses whose fields are made by `setting`."""
 
     __slots__ = ()
+    dashes: ClassVar[str] = ""  # before names in errors
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the first setting out of bounds, its value and its bounds or choices."""
         for each in self.settings():
             value, (lowest, highest) = getattr(self, each.name), each.metadata["bounds"]
+            name = self.dashes + flag_name(each.name)
             if each.metadata["choices"]:
-                choose(flag_name(each.name), value, dict.fromkeys(each.metadata["choices"]))
+                choose(name, value, dict.fromkeys(each.metadata["choices"]))
+            elif value is None or each.metadata["kind"] not in (bool, int, float):
+                continue
             elif not lowest <= value <= highest:
                 upper = "" if highest == math.inf else f" and at most {highest:g}"
-                raise ValueError(f"{flag_name(each.name)} must be at least {lowest:g}{upper}, not {value}")
+                raise ValueError(f"{name} must be at least {lowest:g}{upper}, not {value}")
             elif (factor := each.metadata["multiple_of"]) and value % factor:
-                raise ValueError(f"{flag_name(each.name)} must be a multiple of {factor}, not {value}")
+                raise ValueError(f"{name} must be a multiple of {factor}, not {value}")
+
+    @classmethod
+    def of(cls, configuration: str, named: str | None = None, **changes: Any) -> Self:
+        """The recipe for a configuration, or the one `named` so if a learner has several, with some settings changed.
+
+        Raises ValueError naming the choices, or a setting and its bounds.
+        """
+        return cls(**{**cls.defaults(configuration), **changes})
+
+    @classmethod
+    def defaults(cls, configuration: str) -> Mapping[str, Any]:
+        """The settings for a configuration that differ from the fields' defaults."""
+        return {}
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)  # pyright: ignore[reportArgumentType]
@@ -65,6 +89,28 @@ class Recipe:
         for name in data:
             if name not in cls.names():
                 raise ValueError(f"unknown setting {name!r} of a recipe; choose from {', '.join(cls.names())}")
+
+
+class RunOptions(Recipe):
+    """Base of the options of a run besides its environment and recipe: frozen dataclasses made like recipes."""
+
+    __slots__ = ()
+    dashes = "--"
+
+    @classmethod
+    def remembered(cls, saved: Mapping[str, Any]) -> dict[str, Any]:
+        """The options, by name, that a saved run's identity or its own options contain."""
+        kinds = {each.name: each.metadata["kind"] for each in cls.settings()}
+        return {name: kind(saved[name]) for name, kind in kinds.items() if saved.get(name) is not None}
+
+
+@dataclass(frozen=True, slots=True)
+class UpdateBudget(RunOptions):
+    """Options of learners whose budget is counted in updates of the optimiser."""
+
+    updates: int = setting(1_000, "updates of the optimiser", 1)
+    minutes: float | None = setting(None, "end after this CPU time, even if fewer were made", kind=float, metavar="N")
+    seed: int = setting(0, "random seed of network and data")
 
 
 @dataclass(frozen=True, slots=True)

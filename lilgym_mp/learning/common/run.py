@@ -1,4 +1,4 @@
-"""The loop of a training run in memory: steps, reports and checkpoints until its budget is spent, or Ctrl-C."""
+"""A training run in memory, of any learner: steps, reports and checkpoints until its budget is spent, or Ctrl-C."""
 
 from __future__ import annotations
 
@@ -7,15 +7,23 @@ import os
 import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from threading import current_thread, main_thread
-from typing import Any, Generic, NamedTuple, TypeVar
+from typing import Any, ClassVar, Generic, NamedTuple, TypedDict, TypeVar
 
 import torch
 
-from lilgym_mp.learning.common.run_directory import NotFiniteError, RunDirectory, TrainingError, TrainingRunError
+from lilgym_mp.learning.common.model_file import select_device, torch_threads
+from lilgym_mp.learning.common.run_directory import (
+    NotFiniteError,
+    RunDirectory,
+    TrainingError,
+    TrainingRunError,
+    begin_run,
+)
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0
@@ -69,18 +77,48 @@ class Every(NamedTuple):
     seconds: float = 0.0  # CPU time
 
 
-class TimedRun(ABC, Generic[Measured]):
-    """A run in memory."""
+class Session(TypedDict, total=False):
+    """Keyword arguments of every learner's function that trains."""
 
-    files: RunDirectory
+    device: str  # "auto", "cpu" or "cuda"
+    threads: int  # of the CPU; 1 by default
+    resume: bool  # continue the run in the directory, which must have the same settings
+    say: Callable[[str], object]  # is given lines about the run, to be printed
+    on_progress: Callable[[Any], object]  # is given each line of progress.jsonl
+
+
+def _ignore(given: object) -> None:
+    pass
+
+
+class TrainingRun(ABC, Generic[Measured]):
+    """A run in memory.
+
+    Ctrl-C or SIGTERM end it after the current step, with a checkpoint; then KeyboardInterrupt is raised. A second one
+    raises it at once.
+    """
+
     counters: Counters  # the learner's own
+    files: RunDirectory
+    saves_agent_early: ClassVar[bool] = False  # also when it is interrupted
 
-    def __init__(self, budget: Budget, report_every: Every | None = None, save_every: Every | None = None) -> None:
+    def __init__(
+        self,
+        out: Path,
+        budget: Budget,
+        session: Session,
+        report_every: Every | None = None,
+        save_every: Every | None = None,
+    ) -> None:
+        """`out`: the run directory, empty or new unless the run is resumed. Raises ValueError for an invalid budget."""
         budget.check()
-        self.budget = budget
+        self.budget, self.out, self.resume = budget, out, session.get("resume", False)
+        self.device = select_device(session.get("device", "auto"))
+        self.say, self._on_progress = session.get("say", _ignore), session.get("on_progress", _ignore)
         self._report_every = report_every or Every(seconds=REPORT_SECONDS)
         self._save_every = save_every or Every(seconds=SAVE_SECONDS)
         self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
+        self.stop = StopRequest()
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
@@ -95,8 +133,48 @@ class TimedRun(ABC, Generic[Measured]):
         """One step of the algorithm, with data collection when it is due. Raises NotFiniteError."""
 
     @abstractmethod
-    def report(self, recent: Sequence[Measured]) -> None:
-        """Reports the steps since the last report."""
+    def progress_line(self, recent: Sequence[Measured]) -> Any:
+        """The line of progress.jsonl, a NamedTuple with a `note`, about the steps since the last one."""
+
+    @abstractmethod
+    def finish(self) -> Any:
+        """Saves the agent and returns it; the last checkpoint has been saved."""
+
+    @classmethod
+    def trained(cls, out: Path, budget: Budget, session: Session, *arguments: Any) -> Any:
+        """The agent of a run that is made with these arguments. Raises KeyboardInterrupt if it was interrupted."""
+        with torch_threads(session.get("threads", 1)):
+            return cls(out, budget, session, *arguments).train()
+
+    def begin(self, identity: Mapping[str, Any], **options: Any) -> None:
+        """Begins or reopens the run directory, and remembers the budget and these options. Raises TrainingRunError."""
+        self.files = begin_run(self.out, identity, resume=self.resume)
+        self._options = {**self.budget.options(), **options}
+
+    def introduction(self) -> str:
+        """What is printed when training begins."""
+        return ""
+
+    def train(self) -> Any:
+        self._check_unspent()
+        self.files.remember(**self._options)
+        if introduction := self.introduction():
+            self.say(introduction)
+        with stop_on_signals() as self.stop:
+            self.learn()
+            self.save()
+            if self.stop.requested and not self.saves_agent_early:
+                raise KeyboardInterrupt
+            agent = self.finish()
+        spent = f"{self.spent():,} {self.budget.unit}, {round(self.seconds() / 60, 2):g} CPU minutes"
+        self.say(f"saved {self.files.agent_file} after {spent}")
+        if self.stop.requested:
+            raise KeyboardInterrupt
+        return agent
+
+    def learn(self) -> None:
+        """Trains until the budget is spent or a stop is requested."""
+        self.optimise()
 
     def seconds(self) -> float:
         """CPU time."""
@@ -125,35 +203,47 @@ class TimedRun(ABC, Generic[Measured]):
     def is_over(self) -> bool:
         return self.progress() >= 1
 
-    def check_unspent(self) -> None:
-        """Raises TrainingRunError if a resumed run has spent the budget."""
-        if self.spent() and self.is_over():
+    def _check_unspent(self) -> None:
+        """Raises TrainingRunError if a resumed run has spent the budget and saved its agent."""
+        if self.spent() and self.is_over() and self.files.agent_file.exists():
             given = " or ".join(f"--{name}" for name, value in self.budget.options().items() if value is not None)
             raise TrainingRunError(
                 f"the run in {self.files.path} already has {self.spent():,} {self.budget.unit};"
                 f" request more with {given}"
             )
 
-    def optimise(self, stop: StopRequest | None = None) -> None:
-        """Takes steps until the budget is spent, or a stop is requested. Raises TrainingRunError if it allows none."""
-        recent: list[Measured] = []
+    def optimise(
+        self,
+        step: Callable[[], Any] | None = None,
+        progress_line: Callable[[Sequence[Any]], Any] | None = None,
+        until: float = 1.0,
+    ) -> None:
+        """Takes steps until a fraction of the budget is spent, or a stop is requested.
+
+        Raises TrainingRunError if the budget allows none, TrainingError if a loss is not finite.
+        """
+        recent: list[Any] = []
         saved = reported = Every(self.spent(), self.seconds())
-        while not self.is_over() and not (stop is not None and stop.requested):
+        while not self.is_over() and self.progress() < until and not self.stop.requested:
             with self.errors_located():
-                recent.append(self.step())
+                recent.append((step or self.step)())
             now = Every(self.spent(), self.seconds())
             if _is_due(now, reported, self._report_every):
-                self.report(recent)
+                self._report((progress_line or self.progress_line)(recent))
                 recent, reported = [], now
             if _is_due(now, saved, self._save_every):
                 self.save()
                 saved = now
         if recent:
-            self.report(recent)
+            self._report((progress_line or self.progress_line)(recent))
         if not self.spent() and self.is_over():
             raise TrainingRunError(
                 f"{self.budget.minutes:g} minutes were spent before the first update; give more minutes"
             )
+
+    def _report(self, line: Any) -> None:
+        self.files.record(line._asdict())
+        self._on_progress(line)
 
     @contextmanager
     def errors_located(self) -> Iterator[None]:
@@ -168,14 +258,6 @@ class TimedRun(ABC, Generic[Measured]):
             ) from None
 
     @contextmanager
-    def saved_on_interrupt(self) -> Iterator[None]:
-        try:
-            yield
-        except KeyboardInterrupt:
-            self.save()
-            raise
-
-    @contextmanager
     def collecting(self) -> Iterator[None]:
         """Counts the time spent in the block as data collection."""
         began = self.seconds()
@@ -186,17 +268,19 @@ class TimedRun(ABC, Generic[Measured]):
         spent = {"seconds": self.wall_seconds(), "cpu_seconds": self.seconds()}
         self.files.save_checkpoint({**self.state(), "counters": {**asdict(self.counters), **spent}})
 
-    def load(self, device: Any) -> None:
-        """Continues from the checkpoint, if there is one. Raises TrainingRunError."""
-        if self.files.has_checkpoint:
-            with self.files.checkpoint(device) as state:
-                counted = state["counters"]  # older checkpoints have those of all learners
-                for field in fields(self.counters):
-                    setattr(self.counters, field.name, counted[field.name])
-                self.restore(state)
-                for name, tensor in (state.get("network") or state["networks"]).items():
-                    if not torch.isfinite(tensor).all():
-                        raise ValueError(f"{name} holds non-finite values")
+    def load(self) -> bool:
+        """Continues from the checkpoint if the run is resumed and has one. Raises TrainingRunError."""
+        if not self.resume or not self.files.has_checkpoint:
+            return False
+        with self.files.checkpoint(self.device) as state:
+            counted = state["counters"]  # older checkpoints have those of all learners
+            for field in fields(self.counters):
+                setattr(self.counters, field.name, counted[field.name])
+            self.restore(state)
+            for name, tensor in (state.get("network") or state["networks"]).items():
+                if not torch.isfinite(tensor).all():
+                    raise ValueError(f"{name} holds non-finite values")
+        return True
 
     def statistics(self) -> dict[str, float]:
         """Details of the model file."""

@@ -131,11 +131,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     file = path / RUN_FILE
     if resume:
         run = _read_run(path)
-        for name, kept, requested in _differences(run.identity, identity):
-            raise TrainingRunError(
-                f"the run in {path} has {name} {shown(kept)}, but {shown(requested)} was requested;"
-                " leave the option out, or choose another directory"
-            )
+        check_same(path, run.identity, identity)
         return run
     writable_directory(path)
     if file.exists():
@@ -146,16 +142,13 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     return run
 
 
-def resumable_run(path: Path, required: Mapping[str, Any], recipe: type[Any]) -> tuple[RunDirectory, Any]:
-    """The run to be resumed in a directory, and its recipe, made by the dataclass `recipe`.
-
-    `required`: values that its identity must have. Raises TrainingRunError naming both values otherwise.
-    """
-    run = begin_run(path, required, resume=True)
-    try:
-        return run, recipe(**run.identity["recipe"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise TrainingRunError(f"{path / RUN_FILE}: cannot be used: {error}") from None
+def check_same(path: Path, saved: Mapping[str, Any], requested: Mapping[str, Any]) -> None:
+    """Raises TrainingRunError naming the first setting requested that the run in the directory has otherwise."""
+    for name, kept, value in _differences(saved, requested):
+        raise TrainingRunError(
+            f"the run in {path} has {name} {shown(kept)}, but {shown(value)} was requested;"
+            " leave the option out, or choose another directory"
+        )
 
 
 def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iterator[tuple[str, Any, Any]]:

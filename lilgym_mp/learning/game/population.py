@@ -5,6 +5,7 @@ What a best response earns is the verifier's exploitability: the share of games 
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +17,7 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.learning.common.agents import AgentError, agent_file
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE
 from lilgym_mp.learning.game.agent import load_agent
-from lilgym_mp.learning.game.recipe import GameRecipe, make_recipe
+from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.training import train_game
 
 SNEAKY, FAIR = "sneaky", "correctness"
@@ -43,13 +44,11 @@ def best_response(
     with TemporaryDirectory() as temporary:
         agent = train_game(
             replace(settings, rewards=rewards),
-            replace(recipe or make_recipe(configuration), seed=seed),
+            replace(recipe or GameRecipe.of(configuration), seed=seed),
             out or Path(temporary) / "run",
             partners={role.other: [frozen]},
             **options,
         )
-    if agent.description.details["interrupted"]:
-        raise KeyboardInterrupt
     found = agent.partner(role)
     assert found is not None
     return found
@@ -68,8 +67,8 @@ def train_rounds(
     """The proposers' run directories after `rounds` rounds: `first`, then each round's sneaky best response.
 
     Each round trains `out`/verifier-N against all proposers so far, anew or, with a `warm` recipe, from the last
-    round's, then `out`/sneak-N against it; each with the budget and other `options` of `train_game`. Runs that are
-    finished are kept, and interrupted ones resumed; it ends with an interrupted one.
+    round's, then `out`/sneak-N against it; each with the budget and other `options` of `train_game`, whose errors it
+    raises. Runs that are finished are kept, and interrupted ones resumed.
     """
     proposers = list(first)
     for path in proposers:
@@ -81,18 +80,43 @@ def train_rounds(
         earlier = out / f"verifier-{index - 1}" if recipe.warm and index else None
         seeded = replace(recipe, seed=recipe.seed + index)
         against = {Role.PROPOSER: proposers}
-        if not _learn(fair, seeded, verifier, partners=against, start_from=earlier, **options):
-            break
-        if not _learn(fair, seeded, sneak, partners={Role.VERIFIER: [verifier]}, **options):
-            break
+        _learn(fair, seeded, verifier, partners=against, start_from=earlier, **options)
+        _learn(fair, seeded, sneak, partners={Role.VERIFIER: [verifier]}, **options)
         proposers = [*proposers, sneak]
         on_round(index, verifier)
     return proposers
 
 
-def _learn(settings: GameSettings, recipe: GameRecipe, out: Path, **options: Any) -> bool:
-    """Trains a run unless it is finished, resuming an interrupted one; returns whether it is finished."""
-    if (out / AGENT_FILE).exists() and not load_agent(out / AGENT_FILE).description.details["interrupted"]:
-        return True
-    agent = train_game(settings, recipe, out, resume=(out / RUN_FILE).exists(), **options)
-    return not agent.description.details["interrupted"]
+def _learn(settings: GameSettings, recipe: GameRecipe, out: Path, **options: Any) -> None:
+    """Trains a run unless it is finished, resuming an interrupted one."""
+    if not (out / AGENT_FILE).exists() or load_agent(out / AGENT_FILE).description.details["interrupted"]:
+        train_game(settings, recipe, out, resume=(out / RUN_FILE).exists(), **options)
+
+
+def train(
+    settings: GameSettings,
+    recipe: GameRecipe,
+    out: Path,
+    *,
+    proposers: Sequence[Path] | None = None,
+    verifiers: Sequence[Path] | None = None,
+    rounds: int | None = None,
+    **options: Any,
+) -> None:
+    """Trains as the command does: against these partners, or in population rounds.
+
+    The last round's verifier becomes the agent of `out`. `options` as for `train_game`, with its errors.
+    """
+    if rounds is None:
+        partners = {Role.PROPOSER: proposers or (), Role.VERIFIER: verifiers or ()}
+        train_game(settings, recipe, out, partners=partners, **options)
+        return
+    if not proposers or verifiers:
+        raise ValueError("--rounds begins with trained proposers: name their runs with --proposers")
+
+    def report(index: int, verifier: Path) -> None:
+        options["say"](f"round {index}: {verifier} and its sneaky best response are trained")
+        shutil.copyfile(verifier / AGENT_FILE, out / AGENT_FILE)
+
+    shared = {name: options[name] for name in ("steps", "minutes", "device", "threads", "say")}
+    train_rounds(settings, recipe, out, proposers, rounds=rounds, on_round=report, **shared)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,8 +44,7 @@ class GameRecipe(UpdateRecipe):
     def learns_claims(self) -> bool:
         return self.verifier != "ppo"
 
-
-def make_recipe(configuration: str, **changes: Any) -> GameRecipe:
-    """The recipe for a configuration, with some settings changed. Raises ValueError naming the choices."""
-    start = choose("configuration", configuration, CONFIGURATIONS)[1]
-    return GameRecipe(**{"empty_starts": 0.25 if start == "flipit" else 0.0, **changes})
+    @classmethod
+    def defaults(cls, configuration: str) -> Mapping[str, Any]:
+        is_flipit = choose("configuration", configuration, CONFIGURATIONS)[1] == "flipit"
+        return {"empty_starts": 0.25 if is_flipit else 0.0}

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -18,9 +18,9 @@ from lilgym_mp.envs.proposer_verifier.settings import with_tasks
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import AgentError, agent_file
 from lilgym_mp.learning.common.model import as_numpy
-from lilgym_mp.learning.common.model_file import load_model, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.common.run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.common.model_file import load_model, weights_digest
+from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
+from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
@@ -32,7 +32,6 @@ from lilgym_mp.learning.game.agent import (
     load_agent,
     make_network,
     network_names,
-    settings_from_json,
     tensors_of,
 )
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
@@ -62,6 +61,13 @@ class Progress(NamedTuple):
     claim_loss: float | None
     claim_accuracy: float | None
 
+    @property
+    def note(self) -> str:
+        success, j = (
+            "-" if share is None else f"{100 * share:.0f}{unit}" for share, unit in ((self.success, " %"), (self.j, ""))
+        )
+        return f"{self.turns_per_second:,.0f}/s, success {success}, J {j}"
+
 
 @dataclass
 class GameCounters(Counters):
@@ -80,65 +86,53 @@ def train_game(
     steps: int | None = None,
     partners: Mapping[Role, Sequence[Path | Partner]] | None = None,
     start_from: Path | None = None,
-    device: str = "auto",
-    resume: bool = False,
-    threads: int = 1,
-    on_begin: Callable[[Run], object] = lambda run: None,
-    on_progress: Callable[[Progress, float], object] = lambda progress, done: None,
+    **session: Unpack[Session],
 ) -> GameAgent:
     """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first; saves and returns the agents.
 
     `partners`: by role, run directories or partners; an agent that has any does not learn, and each game is played
-    with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start.
-    `on_progress` is also given the fraction of the budget spent. `out`, `resume` and signals as for `train_ppo`; with
-    `steps` alone, a resumed run trains the same agents as an uninterrupted one.
-    Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`, TrainingError when a loss is not
-    finite, CorpusError for unusable data.
+    with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start. `out`,
+    signals and errors as for `train_ppo`; with `steps` alone, a resumed run trains the same agents as an uninterrupted
+    one.
     """
-    with torch_threads(threads), stop_on_signals() as stop:
-        budget = Budget("steps", steps, minutes)
-        run = Run(settings, recipe, out, dict(partners or {}), start_from, device, budget, resume=resume)
-        run.check_unspent()
-        run.files.remember(**budget.options())
-        run.on_progress = on_progress
-        on_begin(run)
-        run.optimise(stop)
-        return run.finish(stop)
+    return Run.trained(
+        out, Budget("steps", steps, minutes), session, settings, recipe, dict(partners or {}), start_from
+    )
 
 
-class Run(TimedRun["Progress"]):
+class Run(TrainingRun[Progress]):
     """A run in memory; a step is a rollout with its updates."""
 
-    on_progress: Callable[[Progress, float], object]
+    saves_agent_early = True
 
     def __init__(
         self,
+        out: Path,
+        budget: Budget,
+        session: Session,
         settings: GameSettings,
         recipe: GameRecipe,
-        out: Path,
         partners: dict[Role, Sequence[Path | Partner]],
         start_from: Path | None,
-        device: str,
-        budget: Budget,
-        *,
-        resume: bool,
     ) -> None:
-        super().__init__(budget, Every())
+        super().__init__(out, budget, session, Every())
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
-        self.recipe, self._device = recipe, select_device(device)
+        self.recipe = recipe
         partners = {role: found for role, found in partners.items() if found}
         self.roles = [role for role in Role if role not in partners]
         if not self.roles:
             raise ValueError("no agent is left to learn: name partners for one of them only")
         self.tasks = training_tasks(settings.single(), recipe)
         setup = with_tasks(settings.setup(), self.tasks.tasks)
-        opened = {role: [_partner(one, role, settings, device) for one in given] for role, given in partners.items()}
+        opened = {
+            role: [_partner(one, role, settings, str(self.device)) for one in given] for role, given in partners.items()
+        }
         torch.manual_seed(recipe.seed)
         actors, critic = self._make_networks(start_from, setup.game)
         self._actors, self._critic = actors, critic
-        self.networks = nn.ModuleDict({**actors, **({} if critic is None else {CRITIC: critic})}).to(self._device)
-        self.files = begin_run(out, _identity(settings, recipe, self.tasks.sha256, partners, start_from), resume=resume)
+        self.networks = nn.ModuleDict({**actors, **({} if critic is None else {CRITIC: critic})}).to(self.device)
+        self.begin(_identity(settings, recipe, self.tasks.sha256, partners, start_from))
         self._network_of = network_names(self.roles, recipe)
         self._optimisers = {
             name: make_optimiser(nn.ModuleList([network, *([critic] if critic else [])]), recipe)
@@ -147,8 +141,7 @@ class Run(TimedRun["Progress"]):
         self._rng = np.random.default_rng(recipe.seed)
         self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
-        if resume:
-            self.load(self._device)
+        self.load()
 
     def _make_networks(self, start_from: Path | None, game: Any) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
         """The agents' networks by name, and the central critic."""
@@ -166,6 +159,16 @@ class Run(TimedRun["Progress"]):
         for name, tensors in weights.items():
             networks[name].load_state_dict(tensors, strict=False)
         return networks, networks.pop(CRITIC, None)
+
+    def introduction(self) -> str:
+        settings, recipe = self.settings, self.recipe
+        learning = " and ".join(AGENTS[role] for role in self.roles)
+        return (
+            f"{settings.protocol}, rewards {settings.rewards}, corpus {settings.corpus}, {len(self.tasks.tasks):,}"
+            f" training tasks; {learning} learn{'s' * (len(self.roles) == 1)}, {recipe.algorithm}, verifier by"
+            f" {recipe.verifier}\n"
+            f"{self.trained_parameters:,} trained parameters, seed {recipe.seed}; run directory: {self.out}"
+        )
 
     @property
     def trained_parameters(self) -> int:
@@ -245,7 +248,7 @@ class Run(TimedRun["Progress"]):
             return self._evaluate_rows(rollout, cells[rows], role_of[rows])
 
         statement_of = rollout.statement_of.reshape(-1)[cells]
-        return Experience.of(self.recipe, joined, advantages, statement_of, evaluate, self._device)
+        return Experience.of(self.recipe, joined, advantages, statement_of, evaluate, self.device)
 
     def _own_turns(self, role: Role, rollout: Rollout) -> dict[str, Any]:
         """The complete own turns of an agent, with advantages of unit scale."""
@@ -273,7 +276,7 @@ class Run(TimedRun["Progress"]):
         _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
         states = rollout.states(boxes_of[firsts], cells[firsts])
         policies: list[tuple[Tensor, AgentPolicy]] = []
-        values = torch.zeros(len(cells), device=self._device)
+        values = torch.zeros(len(cells), device=self.device)
         for role in Role:
             mine = np.flatnonzero(roles == role)
             if not len(mine):
@@ -283,7 +286,7 @@ class Run(TimedRun["Progress"]):
             legal = None if turns.legal is None else turns.legal.reshape(-1, turns.legal.shape[-1])[own]
             context, facts = (array.reshape(-1, array.shape[-1])[own] for array in (turns.context, turns.facts))
             policy, found = self._evaluate(role, states, torch.from_numpy(state_of[mine]), context, facts, legal)
-            rows = torch.from_numpy(mine).to(self._device)
+            rows = torch.from_numpy(mine).to(self.device)
             policies.append((rows, policy))
             values = values.index_copy(0, rows, found)
         return _MixedPolicy(policies), values
@@ -334,10 +337,8 @@ class Run(TimedRun["Progress"]):
             claim_accuracy=accuracy,
         )
 
-    def report(self, recent: Sequence[Progress]) -> None:
-        for progress in recent:
-            self.files.record(progress._asdict())
-            self.on_progress(progress, self.progress())
+    def progress_line(self, recent: Sequence[Progress]) -> Progress:
+        return recent[-1]
 
     # Files
 
@@ -356,9 +357,8 @@ class Run(TimedRun["Progress"]):
         self._memory.restore(state["claims"])
         self._rng.bit_generator.state = json.loads(state["random"])
 
-    def finish(self, stop: StopRequest) -> GameAgent:
+    def finish(self) -> GameAgent:
         """Saves the agents."""
-        self.save()
         counters, actors = self.counters, self._actors
         statistics = {
             "steps": counters.steps,
@@ -367,7 +367,7 @@ class Run(TimedRun["Progress"]):
             "cpu_minutes": round(self.seconds() / 60, 2),
             "seed": self.recipe.seed,
             "trained_parameters": self.trained_parameters,
-            "interrupted": stop.requested,
+            "interrupted": self.stop.requested,
         }
         description = describe(self.settings, self.recipe, self.roles, next(iter(actors.values())), statistics)
         tensors = {
@@ -465,25 +465,3 @@ def _partner_identity(partner: Path | Partner) -> str:
     if not isinstance(partner, Path):
         return repr(partner)
     return str(partner) if str(partner) in SCRIPTED_VERIFIERS else f"{partner}: {weights_digest(agent_file(partner))}"
-
-
-def saved_arguments(out: Path, required: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings, recipe, partners, start and remembered options of the run in a directory, as for `train_game`.
-
-    `required`: values the run's identity must have. Raises TrainingRunError naming both values otherwise.
-    """
-    run, recipe = resumable_run(out, {"learner": KIND, **required}, GameRecipe)
-    identity = run.identity
-    try:
-        return {
-            "settings": settings_from_json(identity["game"]),
-            "recipe": recipe,
-            "partners": {
-                Role[name.upper()]: [Path(one.rsplit(": ", 1)[0]) for one in given]
-                for name, given in identity["partners"].items()
-            },
-            "start_from": None if identity["start_from"] is None else Path(identity["start_from"]),
-            "options": run.options,
-        }
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise TrainingRunError(f"{out / 'run.json'}: cannot be used: {error}") from None

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import Recipe, setting
 from lilgym_mp.scene.choices import choose
 
@@ -49,10 +50,9 @@ class ImitationRecipe(Recipe):
     held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
     reduced_precision: bool = setting(True, "compute in bfloat16 where safe")
 
-
-def default_recipe(appearance: str, **changes: Any) -> ImitationRecipe:
-    """The recipe for "tower" or "scatter", with some settings changed."""
-    return ImitationRecipe(**{**choose("appearance", appearance, _BY_APPEARANCE), **changes})
+    @classmethod
+    def defaults(cls, configuration: str) -> Mapping[str, Any]:
+        return _BY_APPEARANCE[choose("configuration", configuration, CONFIGURATIONS)[0]]
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {

@@ -6,10 +6,10 @@ The algorithm itself is in `update`.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -20,11 +20,8 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.learning.common import run
 from lilgym_mp.learning.common.agents import scratch_tasks
-from lilgym_mp.learning.common.model_file import select_device
-from lilgym_mp.learning.common.run import Budget, Counters, TimedRun
-from lilgym_mp.learning.common.run_directory import begin_run
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
 from lilgym_mp.learning.imitation.batches import BatchSampler
@@ -56,6 +53,12 @@ class Progress(NamedTuple):
     actions: float | None = None  # loss of the sets of optimal actions
     truth_accuracy: float | None = None
 
+    @property
+    def note(self) -> str:
+        if self.actions is None or self.truth_accuracy is None:
+            return f"text layers, loss {self.text or 0:.2f}"
+        return f"{self.states:,} states, loss {self.actions:.2f}, truth {100 * self.truth_accuracy:.1f} %"
+
 
 @dataclass
 class ImitationCounters(Counters):
@@ -73,44 +76,33 @@ def train_imitation(
     updates: int | None = None,
     minutes: float | None = None,
     seed: int = 0,
-    device: str = "auto",
-    resume: bool = False,
     teacher: Path | None = None,
-    on_progress: Callable[[Progress], object] = lambda progress: None,
+    **session: Unpack[Session],
 ) -> ImitationAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
     The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
-    with `updates` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
-    must have the same recipe and seed. With a `teacher`, the run of a reward model, its search is imitated instead of
-    the expert: expert iteration, from rewards and the rules of editing.
-    Raises ValueError for an invalid budget or settings, TrainingRunError for an unusable `out`, TrainingError when the
-    loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a checkpoint first.
+    with `updates` alone equal arguments give equal agents. With a `teacher`, the run of a reward model, its search is
+    imitated instead of the expert: expert iteration, from rewards and the rules of editing. `out`, signals and errors
+    as for `train_ppo`, but an interrupted run saves no agent.
     """
-    budget = Budget("updates", updates, minutes)
-    run = _Run(settings, recipe, out, budget, seed, device, on_progress, resume=resume, teacher=teacher)
-    run.learn()
-    return run.finish()
+    return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed, teacher)
 
 
-class _Run(TimedRun[StepResult]):
+class _Run(TrainingRun[StepResult]):
     def __init__(
         self,
-        settings: Settings,
-        recipe: ImitationRecipe,
         out: Path,
         budget: Budget,
+        session: Session,
+        settings: Settings,
+        recipe: ImitationRecipe,
         seed: int,
-        device: str,
-        on_progress: Callable[[Progress], object],
-        *,
-        resume: bool,
         teacher: Path | None,
     ) -> None:
-        super().__init__(budget)
+        super().__init__(out, budget, session)
         self.counters: ImitationCounters = ImitationCounters()
-        self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
-        self._device = select_device(device)
+        self._settings, self._recipe, self._seed = settings, recipe, seed
         tasks = settings.make("train").tasks
         self._excluded = held_out_digests(settings.corpus)
         identity = {
@@ -124,8 +116,7 @@ class _Run(TimedRun[StepResult]):
         }
         self._teacher = None if teacher is None else open_teacher(teacher)
         self._planner = None if self._teacher is None else self._teacher.planner(settings)
-        self.files = begin_run(out, identity, resume=resume)
-        self.files.remember(**budget.options())
+        self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(
             entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
@@ -137,12 +128,11 @@ class _Run(TimedRun[StepResult]):
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
         self._imitation = self._new_imitation(entries)
-        if resume:
-            self.load(self._device)
+        self.load()
 
     def _new_imitation(self, entries: Sequence[DatasetEntry]) -> Imitation:
         recipe, is_flipit = self._recipe, self._settings.start == FLIPIT
-        network = make_network(self._architecture, recipe.dropout).to(self._device)
+        network = make_network(self._architecture, recipe.dropout).to(self.device)
         rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
         empty_starts = recipe.empty_starts if is_flipit else 0.0
         collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
@@ -156,7 +146,7 @@ class _Run(TimedRun[StepResult]):
             entries,
             distinct_starts(entries) if is_flipit else [],
             collector,
-            BatchSampler(table, collector.heads, self._tokenizer, self._device, recipe),
+            BatchSampler(table, collector.heads, self._tokenizer, self.device, recipe),
             policy,
             self._dynamics,
             stops_first=not is_flipit,
@@ -174,14 +164,16 @@ class _Run(TimedRun[StepResult]):
 
     def learn(self) -> None:
         """Pretrains, then alternates data collection and optimiser steps until the budget is spent."""
-        with self.saved_on_interrupt(), self.errors_located():
-            self._pretrain_text()
-            with self.collecting():
-                self._imitation.collect_first()
-            if not self.counters.begun_at:
+        self._pretrain_text()
+        if self.stop.requested:
+            return
+        with self.collecting():
+            self._imitation.collect_first()
+        if not self.counters.begun_at:
+            with self.errors_located():
                 self._pretrain_geometry()
-                self.counters.begun_at = self.progress()
-            self.optimise()
+            self.counters.begun_at = self.progress()
+        self.optimise()
 
     def step(self) -> StepResult:
         counters, done = self.counters, self.progress()
@@ -215,25 +207,24 @@ class _Run(TimedRun[StepResult]):
             self._recipe,
             self._seed,
         )
-        recent: list[float] = []
-        reported = self.seconds()
-        while (done := self.progress() / fraction) < 1:
-            recent.append(text.step(done))
+
+        def step() -> float:
+            loss = text.step(self.progress() / fraction)
             self.counters.updates += 1
-            if self.seconds() - reported > run.REPORT_SECONDS:
-                self._report_progress(text=round(float(np.mean(recent)), 4))
-                recent, reported = [], self.seconds()
+            return loss
+
+        self.optimise(step, lambda recent: self._line(text=round(float(np.mean(recent)), 4)), fraction)
         self.save()
 
     # Files
 
-    def report(self, recent: Sequence[StepResult]) -> None:
+    def progress_line(self, recent: Sequence[StepResult]) -> Progress:
         truth, actions, truth_accuracy, _ = np.mean(recent, axis=0).round(4).tolist()
-        self._report_progress(truth=truth, actions=actions, truth_accuracy=truth_accuracy)
+        return self._line(truth=truth, actions=actions, truth_accuracy=truth_accuracy)
 
-    def _report_progress(self, **losses: float) -> None:
+    def _line(self, **losses: float) -> Progress:
         counters = self.counters
-        progress = Progress(
+        return Progress(
             updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
@@ -241,8 +232,6 @@ class _Run(TimedRun[StepResult]):
             sets=self._imitation.collector.expert_queries,
             **losses,
         )
-        self.files.record(progress._asdict())
-        self._on_progress(progress)
 
     def state(self) -> dict[str, Any]:
         return self._imitation.state()
@@ -252,7 +241,6 @@ class _Run(TimedRun[StepResult]):
 
     def finish(self) -> ImitationAgent:
         """Tunes the stop rules on the held-out statements, and saves the agent."""
-        self.save()
         imitation = self._imitation
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}

@@ -6,11 +6,10 @@ import hashlib
 import math
 import random
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import asdict
+from collections.abc import Collection, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import torch
 
@@ -23,18 +22,15 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.learning.common import program_batches
-from lilgym_mp.learning.common.model_file import ModelDescription, select_device
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
-from lilgym_mp.learning.common.run import Budget, Counters, Every, TimedRun, stop_on_signals
-from lilgym_mp.learning.common.run_directory import RunDirectory, begin_run
+from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
+from lilgym_mp.learning.parsing.agent import KIND, ParseAndPlanAgent, describe
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 
-KIND = "parse-and-plan"
-VERSION = 1
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 REPORT_EVERY = 50  # updates
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -49,6 +45,10 @@ class Progress(NamedTuple):
     of_updates: int  # of the whole training
     loss: float  # mean since the last report
     cpu_seconds: float  # CPU time of this process since training began, including data preparation
+
+    @property
+    def note(self) -> str:
+        return f"loss {self.loss:.3f}, {self.cpu_seconds / 60:.1f} CPU minutes"
 
 
 class TrainingData(NamedTuple):
@@ -67,25 +67,15 @@ def train_parser(
     recipe: ParserRecipe,
     out: Path,
     *,
-    device: str = "auto",
-    resume: bool = False,
     save_every: int = 500,
-    on_progress: Callable[[Progress], object] = lambda progress: None,
-) -> RunDirectory:
-    """Trains one parser for all appearances in the corpus, and saves its agent in `out`.
+    **session: Unpack[Session],
+) -> ParseAndPlanAgent:
+    """Trains one parser for all appearances in the corpus; saves and returns the agent.
 
-    Ctrl-C stops after the current step and saves a checkpoint; `resume` continues from the last one. Equal corpus,
-    recipe and number of threads give equal agents; a resumed run draws different random numbers.
-    Raises TrainingRunError for an unusable directory, CorpusError for an unusable corpus, TrainingError when the loss
-    is not finite; the last checkpoint is kept.
+    Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers. `out`,
+    signals and errors as for `train_ppo`, but an interrupted run saves no agent.
     """
-    with stop_on_signals() as stop:
-        run = _Run(corpus, recipe, out, device, save_every, on_progress, resume=resume)
-        run.optimise(stop)
-        run.save()
-        if run.is_over():
-            run.finish()
-    return run.files
+    return _Run.trained(out, Budget("updates", recipe.updates), session, corpus, recipe, save_every)
 
 
 def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
@@ -128,25 +118,16 @@ def _generated(
         )
 
 
-class _Run(TimedRun[float]):
+class _Run(TrainingRun[float]):
     """A run in memory; a step is one of the optimiser."""
 
     def __init__(
-        self,
-        corpus: str,
-        recipe: ParserRecipe,
-        out: Path,
-        device: str,
-        save_every: int,
-        on_progress: Callable[[Progress], object],
-        *,
-        resume: bool,
+        self, out: Path, budget: Budget, session: Session, corpus: str, recipe: ParserRecipe, save_every: int
     ) -> None:
-        super().__init__(Budget("updates", recipe.updates), Every(REPORT_EVERY), Every(save_every))
+        super().__init__(out, budget, session, Every(REPORT_EVERY), Every(save_every))
         self.counters = Counters()
-        self._corpus, self._recipe, self._on_progress = corpus, recipe, on_progress
-        self._device = select_device(device)
-        if not resume:
+        self._corpus, self._recipe = corpus, recipe
+        if not self.resume:
             writable_directory(out)  # before the data takes its time
         self._data = data = load_training_data(corpus, recipe)
         identity = {
@@ -156,17 +137,16 @@ class _Run(TimedRun[float]):
             "held_out_sha256": data.held_out_sha256,
             "recipe": recipe.to_json(),
         }
-        self.files = begin_run(out, identity, resume=resume)
+        self.begin(identity)
         torch.manual_seed(recipe.seed)
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
-        self._network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(self._device)
+        self._network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(self.device)
         self._optimiser = torch.optim.AdamW(
             self._network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         self._rng = random.Random(f"batches {recipe.seed}")
         self._batches = self._drawn()
-        if resume:
-            self.load(self._device)
+        self.load()
 
     def step(self) -> float:
         """One optimiser step; returns the loss. Raises NotFiniteError."""
@@ -195,7 +175,7 @@ class _Run(TimedRun[float]):
             self._indices,
             recipe.batch_size,
             self._rng,
-            self._device,
+            self.device,
         )
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
@@ -207,10 +187,8 @@ class _Run(TimedRun[float]):
         ]
         return words, [TOKENS.index(token) for token in pair.tokens]
 
-    def report(self, recent: Sequence[float]) -> None:
-        progress = Progress(self.counters.updates, self._recipe.updates, sum(recent) / len(recent), self.seconds())
-        self.files.record(progress._asdict())
-        self._on_progress(progress)
+    def progress_line(self, recent: Sequence[float]) -> Progress:
+        return Progress(self.counters.updates, self._recipe.updates, sum(recent) / len(recent), self.seconds())
 
     def state(self) -> dict[str, Any]:
         return {"network": self._network.state_dict(), "optimiser": self._optimiser.state_dict()}
@@ -220,7 +198,7 @@ class _Run(TimedRun[float]):
         self._optimiser.load_state_dict(state["optimiser"])
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 
-    def finish(self) -> None:
+    def finish(self) -> ParseAndPlanAgent:
         """Calibrates the parser and saves the agent."""
         data, recipe, corpus = self._data, self._recipe, self._corpus
         parser = Parser(self._network.eval(), data.vocabulary)
@@ -228,19 +206,15 @@ class _Run(TimedRun[float]):
         covered = [correct is not None for _, correct in predictions]
         parser.temperature = calibrated_temperature(predictions)
         calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
-        configurations = tuple(
-            name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in data.corpus.appearances
-        )
-        supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
-        details = {
-            **parser.to_details(),
+        statistics = {
             "coverage": sum(covered) / len(covered) if covered else 1.0,
-            "calibration": asdict(calibration),
             "cpu_seconds": round(self.seconds(), 1),
         }
-        recorded = {"corpus": corpus, **recipe.to_json()}
-        description = ModelDescription(KIND, VERSION, configurations, supervision, recorded, details)
+        appearances = data.corpus.appearances
+        generates = bool(data.generated)
+        description = describe(corpus, recipe, parser, calibration, appearances, statistics, generates=generates)
         self.files.save_agent(description, self._network.state_dict())
+        return ParseAndPlanAgent(description, parser)
 
 
 # Calibration on held-out statements

@@ -61,6 +61,18 @@ class PPORecipe(UpdateRecipe):
                 "nlvr-reward and recolour exclude each other: the corpus has no recoloured scenes; add --no-recolour"
             )
 
+    @classmethod
+    def of(cls, configuration: str, named: str | None = None, **changes: Any) -> PPORecipe:
+        """`named`: one of RECIPES, by default `ours`, or a TOML file."""
+        cls.check_known(changes)
+        choose("configuration", configuration, CONFIGURATIONS)
+        name, model = named or DEFAULT_RECIPE, changes.get("model", DEFAULT_MODEL)
+        if name not in RECIPES and Path(name).suffix == ".toml":
+            from_file = _of_file(Path(name))
+            model = changes.get("model", from_file.get("model", model))
+            return cls(**{**_ours(configuration, model), **from_file, **changes})
+        return cls(**{**choose("recipe", name, RECIPES)(configuration, model), **changes})
+
 
 def _paper(configuration: str, model: str) -> dict[str, Any]:
     appearance, start = CONFIGURATIONS[configuration]
@@ -138,15 +150,7 @@ def make_recipe(name: str, configuration: str, **changes: Any) -> PPORecipe:
 
     Raises ValueError naming the choices, the file, or a setting and its bounds.
     """
-    PPORecipe.check_known(changes)
-    choose("configuration", configuration, CONFIGURATIONS)
-    model = changes.get("model", DEFAULT_MODEL)
-    if name not in RECIPES and Path(name).suffix == ".toml":
-        from_file = _of_file(Path(name))
-        model = changes.get("model", from_file.get("model", model))
-        return PPORecipe(**{**_ours(configuration, model), **from_file, **changes})
-    settings = choose("recipe", name, RECIPES)(configuration, model)
-    return PPORecipe(**{**settings, **changes})
+    return PPORecipe.of(configuration, name, **changes)
 
 
 def _of_file(path: Path) -> dict[str, Any]:

@@ -6,11 +6,11 @@ The algorithm itself is in `update`.
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -22,9 +22,8 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import Model
-from lilgym_mp.learning.common.model_file import DeviceError, select_device, torch_threads, weights_digest
-from lilgym_mp.learning.common.run import Budget, Counters, Every, StopRequest, TimedRun, stop_on_signals
-from lilgym_mp.learning.common.run_directory import begin_run
+from lilgym_mp.learning.common.model_file import DeviceError, weights_digest
+from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, training_tasks
 from lilgym_mp.learning.common.update import (
     Experience,
@@ -37,7 +36,7 @@ from lilgym_mp.learning.common.update import (
 )
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
 from lilgym_mp.learning.ppo.models import make_model
-from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance
@@ -62,6 +61,11 @@ class Progress(NamedTuple):
     entropy: float
     clipped: float  # fraction of probability ratios outside the clip range
 
+    @property
+    def note(self) -> str:
+        accuracy = "-" if self.accuracy is None else f"{100 * self.accuracy:.0f} %"
+        return f"{self.steps_per_second:,.0f} steps/s, training accuracy {accuracy}"
+
 
 @dataclass
 class PPOCounters(Counters):
@@ -79,60 +83,43 @@ def train_ppo(
     steps: int,
     recipe_name: str = "ours",
     weights: Path | None = None,
-    device: str = "auto",
-    resume: bool = False,
     save_every: int = 100_000,
     evaluate_every: int | None = None,
-    threads: int = 1,
-    on_progress: Callable[[Progress], object] = lambda progress: None,
-    on_begin: Callable[[Run], object] = lambda run: None,
+    **session: Unpack[Session],
 ) -> PPOAgent:
     """Trains for `steps` environment steps in total, rounded up to whole rollouts; saves and returns the agent.
 
     `out`: an empty or new directory, or with `resume` that of the run to continue, which must have the same settings,
     recipe and weights. With `evaluate_every` the agent is evaluated on dev (`DevEvaluation`) at the start, at intervals
-    of that many steps, and at the end, without affecting training. Ctrl-C and SIGTERM save and stop after the current
-    rollout, a second one immediately. With equal seed and threads an interrupted and resumed run trains the same agent
-    as an uninterrupted one. Raises ValueError for invalid arguments, TrainingRunError for an unusable `out`,
-    TrainingError when the loss is not finite, CorpusError for unusable data.
+    of that many steps, and at the end, without affecting training. With equal seed and threads an interrupted and
+    resumed run trains the same agent as an uninterrupted one. Ctrl-C and SIGTERM save the agent after the current
+    rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError for an unusable
+    `out`, TrainingError when the loss is not finite, CorpusError for unusable data.
     """
-    with torch_threads(threads), stop_on_signals() as stop:
-        run = Run(
-            settings, recipe, out, recipe_name, weights, device, Budget("steps", steps), save_every, resume=resume
-        )
-        run.files.remember(steps=steps, evaluate_every=evaluate_every)
-        run.check_unspent()
-        run.on_progress = on_progress
-        if evaluate_every:
-            run.curve = LearningCurve(settings, recipe, evaluate_every, run.files)
-        on_begin(run)
-        run.optimise(stop)
-        return run.finish(stop)
+    own = settings, recipe, recipe_name, weights, save_every, evaluate_every
+    return Run.trained(out, Budget("steps", steps), session, *own)
 
 
-class Run(TimedRun["Progress"]):
+class Run(TrainingRun[Progress]):
     """A run in memory; a step is a rollout with its updates."""
 
-    curve: LearningCurve | None = None
-    on_progress: Callable[[Progress], object]
+    saves_agent_early = True
 
     def __init__(
         self,
+        out: Path,
+        budget: Budget,
+        session: Session,
         settings: Settings,
         recipe: PPORecipe,
-        out: Path,
         recipe_name: str,
         weights: Path | None,
-        device: str,
-        budget: Budget,
         save_every: int,
-        *,
-        resume: bool,
+        evaluate_every: int | None,
     ) -> None:
-        super().__init__(budget, Every(), Every(save_every))
+        super().__init__(out, budget, session, Every(), Every(save_every))
         self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
-        self._device = select_device(device)
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
         appearance = make_appearance(settings.appearance, settings.grid)
         settings.make(TRAINING_SPLIT)
@@ -147,15 +134,14 @@ class Run(TimedRun["Progress"]):
             "weights": None if weights is None else str(weights),
             "weights_sha256": None if weights is None else weights_digest(weights),
         }
-        self.files = begin_run(out, identity, resume=resume)
-        _to(self.model, self._device)
+        self.begin(identity, evaluate_every=evaluate_every)
+        _to(self.model, self.device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._collector = RolloutCollector(settings, recipe, self.tasks)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
-        if resume and self.files.has_checkpoint:
-            self.load(self._device)
-        else:
+        self.curve = LearningCurve(settings, recipe, evaluate_every, self.files) if evaluate_every else None
+        if not self.load():
             self._collector.reset(self._rng)
 
     @property
@@ -163,6 +149,25 @@ class Run(TimedRun["Progress"]):
         """The configurations the agent plays: with empty starts, its appearance's Scratch too."""
         scratch = configuration_name(self._settings.appearance, SCRATCH)
         return (self._settings.configuration, *([scratch] if self.tasks.plays_empty_starts else []))
+
+    def introduction(self) -> str:
+        recipe, model, steps = self.recipe, self.model, self.counters.steps
+        resumed = f", resumed after {steps:,}" if steps else ""
+        frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
+        reported = REPORTED_PARAMETERS.get(recipe.model)
+        return (
+            f"{self.configurations[0]}, corpus {self._settings.corpus}, {len(self.tasks.tasks):,} training tasks,"
+            f" {len(self.tasks.validation):,} for validation; {self.budget.amount:,} steps{resumed}\n"
+            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}"
+            f"{'' if reported is None else f' ({reported})'}; {'PPO+SF' if recipe.stop_forcing else 'PPO'},"
+            f" {'a' if recipe.mask else 'no'} mask of legal actions, seed {recipe.seed}\n"
+            f"run directory: {self.out}"
+        )
+
+    def learn(self) -> None:
+        self.optimise()
+        if not self.stop.requested:
+            self._validate()
 
     def is_over(self) -> bool:
         return super().is_over() or self.validation.is_out_of_patience
@@ -197,14 +202,14 @@ class Run(TimedRun["Progress"]):
             with self._precision():
                 return policy_and_values(self.model, rollout.states(rows), mask)
 
-        return Experience.of(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self._device)
+        return Experience.of(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self.device)
 
     def _precision(self) -> Any:
-        is_faster = self._device.type == "cuda"
+        is_faster = self.device.type == "cuda"
         if self.recipe.model in TRANSFORMERS and hasattr(torch.cpu, "get_capabilities"):  # of newer torch
             is_faster |= torch.cpu.get_capabilities().get("amx_bf16", False)
         if self.recipe.reduced_precision and is_faster:
-            return torch.autocast(self._device.type, torch.bfloat16)
+            return torch.autocast(self.device.type, torch.bfloat16)
         return nullcontext()
 
     def _progress(self, mean: Losses, start_seconds: float) -> Progress:
@@ -229,10 +234,8 @@ class Run(TimedRun["Progress"]):
             clipped=round(float(mean.clipped), 5),
         )
 
-    def report(self, recent: Sequence[Progress]) -> None:
-        for progress in recent:
-            self.files.record(progress._asdict())
-            self.on_progress(progress)
+    def progress_line(self, recent: Sequence[Progress]) -> Progress:
+        return recent[-1]
 
     def _validate(self) -> None:
         with self.paused():
@@ -262,16 +265,15 @@ class Run(TimedRun["Progress"]):
         self._rng.bit_generator.state = json.loads(state["random"])
         self._collector.restore_episodes(state["episodes"])
 
-    def finish(self, stop: StopRequest) -> PPOAgent:
+    def finish(self) -> PPOAgent:
         """Saves the agent: with the best validated weights, or the current ones without validation."""
-        if not stop.requested:
-            self._validate()
-        self.save()
-        if self.curve is not None and not stop.requested:
+        if self.curve is not None and not self.stop.requested:
             self._add_point()
         counters, validated, best_weights = self.counters, self.validation.state, self.validation.best_weights
         if best_weights is not None:
             self.model.load_state_dict(best_weights)
+            accuracy = f"{100 * (validated.best or 0):.1f} %"
+            self.say(f"best checkpoint: after {validated.best_steps:,} steps, with a validation accuracy of {accuracy}")
         statistics = {
             "steps": counters.steps,
             "episodes": counters.episodes,
@@ -282,7 +284,7 @@ class Run(TimedRun["Progress"]):
             "frozen_parameters": self.model.frozen_parameters,
             "validation_accuracy": validated.best,
             "validation_steps": validated.best_steps if best_weights is not None else None,
-            "interrupted": stop.requested,
+            "interrupted": self.stop.requested,
         }
         description = describe(
             self._settings, self.recipe, self._recipe_name, self.configurations, self.model, statistics

@@ -6,7 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import Recipe, setting
+from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +38,9 @@ class RewardModelRecipe(Recipe):
     beam: int = setting(16, "scenes kept by the search", 1)
     edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
 
-
-def default_recipe(appearance: str, **changes: Any) -> RewardModelRecipe:
-    """The recipe for "tower" or "scatter", with some settings changed."""
-    return RewardModelRecipe(**{**_BY_APPEARANCE[appearance], **changes})
+    @classmethod
+    def defaults(cls, configuration: str) -> Mapping[str, Any]:
+        return _BY_APPEARANCE[choose("configuration", configuration, CONFIGURATIONS)[0]]
 
 
 _BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
@@ -29,9 +29,8 @@ from lilgym_mp.learning.common.labelled_scenes import (
     stored,
     truths_of,
 )
-from lilgym_mp.learning.common.model_file import select_device
-from lilgym_mp.learning.common.run import Budget, Counters, TimedRun
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError, begin_run
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 from lilgym_mp.learning.common.words import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
 from lilgym_mp.learning.reward_model.features import BoxTable
@@ -64,6 +63,12 @@ class Progress(NamedTuple):
     accuracy: float
     held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
 
+    @property
+    def note(self) -> str:
+        held_out = self.held_out_accuracy
+        known = "" if held_out is None else f", held out {100 * held_out:.1f} %"
+        return f"{self.stops:,} stops, loss {self.loss:.2f}, truth {100 * self.accuracy:.1f} %{known}"
+
 
 @dataclass
 class RewardModelCounters(Counters):
@@ -80,40 +85,30 @@ def train_reward_model(
     updates: int | None = None,
     minutes: float | None = None,
     seed: int = 0,
-    device: str = "auto",
-    resume: bool = False,
-    on_progress: Callable[[Progress], object] = lambda progress: None,
+    **session: Unpack[Session],
 ) -> RewardModelAgent:
     """Trains an agent, saves it as `out`/agent.safetensors and returns it.
 
     The budget is `updates` of the optimiser, or `minutes` of CPU time, everything included, whichever is spent first;
-    with `updates` alone equal arguments give equal agents. `resume` continues from the last checkpoint in `out`, which
-    must have the same recipe and seed. Raises ValueError for an invalid budget or settings, TrainingRunError for an
-    unusable `out`, TrainingError when the loss is not finite, CorpusError for unusable data. KeyboardInterrupt saves a
-    checkpoint first.
+    with `updates` alone equal arguments give equal agents. `out`, signals and errors as for `train_ppo`, but an
+    interrupted run saves no agent.
     """
-    run = _Run(settings, recipe, out, Budget("updates", updates, minutes), seed, device, on_progress, resume=resume)
-    run.learn()
-    return run.finish()
+    return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed)
 
 
-class _Run(TimedRun[tuple[float, float]]):
+class _Run(TrainingRun[tuple[float, float]]):
     def __init__(
         self,
-        settings: Settings,
-        recipe: RewardModelRecipe,
         out: Path,
         budget: Budget,
+        session: Session,
+        settings: Settings,
+        recipe: RewardModelRecipe,
         seed: int,
-        device: str,
-        on_progress: Callable[[Progress], object],
-        *,
-        resume: bool,
     ) -> None:
-        super().__init__(budget)
+        super().__init__(out, budget, session)
         self.counters: RewardModelCounters = RewardModelCounters()
-        self._settings, self._recipe, self._seed, self._on_progress = settings, recipe, seed, on_progress
-        self._device = select_device(device)
+        self._settings, self._recipe, self._seed = settings, recipe, seed
         tasks = settings.make("train").tasks
         played = {settings.configuration: tasks, **scratch_tasks(settings)}
         self._configurations = tuple(played)
@@ -124,8 +119,7 @@ class _Run(TimedRun[tuple[float, float]]):
             "seed": seed,
             "tasks_sha256": tasks.provenance.sha256,
         }
-        self.files = begin_run(out, identity, resume=resume)
-        self.files.remember(**budget.options())
+        self.begin(identity)
         self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
         if recipe.own_tasks:
             self._entries += _own_entries(settings, [*self._entries, *self._held_out])
@@ -133,26 +127,24 @@ class _Run(TimedRun[tuple[float, float]]):
         self._table = BoxTable(settings.appearance)
         self._collector = Collector(settings.dynamics(), self._table, self._rng)
         vocabulary = vocabulary_of(entry.statement for entry in self._entries)
-        self._reader = InputReader(vocabulary, self._table, self._device)
+        self._reader = InputReader(vocabulary, self._table, self.device)
         # the search begins new tables as it goes
-        self._search_reader = InputReader(vocabulary, BoxTable(settings.appearance), self._device)
+        self._search_reader = InputReader(vocabulary, BoxTable(settings.appearance), self.device)
         torch.manual_seed(seed)
-        self._networks = Networks(recipe, vocabulary, self._table).to(self._device)
+        self._networks = Networks(recipe, vocabulary, self._table).to(self.device)
         self._averaged = copy.deepcopy(self._networks).eval().requires_grad_(requires_grad=False)
         self._optimiser = torch.optim.AdamW(
             self._networks.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
-        if resume:
-            self.load(self._device)
+        self.load()
 
     # Training
 
     def learn(self) -> None:
         """Collects the first data, then alternates optimiser steps and data collection until the budget is spent."""
-        with self.saved_on_interrupt():
-            if not self.counters.updates:
-                self._collect_first()
-            self.optimise()
+        if not self.counters.updates:
+            self._collect_first()
+        self.optimise()
 
     def step(self) -> tuple[float, float]:
         if self._is_collection_due():
@@ -198,7 +190,7 @@ class _Run(TimedRun[tuple[float, float]]):
         truths = np.stack([truths_of(entry, row) for entry, row in zip(entries, indices, strict=True)])
         features, local = self._reader.scenes(scenes)
         logits = network(network.read(*columns), features, local)
-        return logits, torch.from_numpy(truths.astype(np.float32)).to(self._device)
+        return logits, torch.from_numpy(truths.astype(np.float32)).to(self.device)
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
@@ -282,11 +274,11 @@ class _Run(TimedRun[tuple[float, float]]):
 
     # Files
 
-    def report(self, recent: Sequence[tuple[float, float]]) -> None:
+    def progress_line(self, recent: Sequence[tuple[float, float]]) -> Progress:
         counters, collector = self.counters, self._collector
         loss, accuracy = np.mean(recent, axis=0).round(4).tolist()
         held_out = self._held_out_accuracy()
-        progress = Progress(
+        return Progress(
             counters.updates,
             counters.labels,
             collector.stops,
@@ -297,8 +289,6 @@ class _Run(TimedRun[tuple[float, float]]):
             accuracy,
             None if held_out is None else round(held_out, 4),
         )
-        self.files.record(progress._asdict())
-        self._on_progress(progress)
 
     def state(self) -> dict[str, Any]:
         return {
@@ -319,7 +309,6 @@ class _Run(TimedRun[tuple[float, float]]):
 
     def finish(self) -> RewardModelAgent:
         """Saves the averaged network as the agent."""
-        self.save()
         statistics = {
             "seed": self._seed,
             "updates": self.counters.updates,

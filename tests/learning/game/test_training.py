@@ -30,13 +30,15 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.run import Budget
+from lilgym_mp.learning.common.commands import resumed
+from lilgym_mp.learning.common.run import Budget, Session
 from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, make_network
+from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
-from lilgym_mp.learning.game.training import Progress, Run, saved_arguments, train_game
+from lilgym_mp.learning.game.training import Progress, Run, train_game
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.learning.conftest import equal, weights
@@ -142,7 +144,7 @@ def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: P
 
 
 def test_best_response__stopped_early_counts_for_nothing():
-    def interrupt(progress: Progress, done: float) -> None:
+    def interrupt(progress: Progress) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
     settings = GameSettings(protocol="audit")
@@ -196,9 +198,7 @@ def test_train__every_protocol_gives_agents_that_play(
 def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path):
     heard: list[Progress] = []
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        trained(
-            tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=lambda progress, done: heard.append(progress)
-        )
+        trained(tmp_path / name, recipe=replace(SMALL, seed=seed), on_progress=heard.append)
     assert [progress.steps for progress in heard] == [64, 128] * 3
     recorded = [json.loads(line) for line in (tmp_path / "a" / "progress.jsonl").read_text().splitlines()]
     assert [line["steps"] for line in recorded] == [64, 128]
@@ -209,12 +209,14 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
     trained(tmp_path / "whole", 256, schedule_free())
 
-    def interrupt(progress: Progress, done: float) -> None:
+    def interrupt(progress: Progress) -> None:
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
-    cut = trained(tmp_path / "cut", 256, schedule_free(), on_progress=interrupt)
-    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (128, True)
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path / "cut", 256, schedule_free(), on_progress=interrupt)
+    details = open_agent(tmp_path / "cut").description.details
+    assert (details["steps"], details["interrupted"]) == (128, True)
     assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
     with pytest.raises(TrainingRunError, match="already has 256 steps"):
@@ -237,9 +239,8 @@ def test_train__survives_being_killed(tmp_path: Path):
         time.sleep(0.1)
     process.kill()
     process.wait()
-    arguments = saved_arguments(tmp_path / "run", {})
-    assert arguments.pop("options") == {"steps": 100_000_000}
-    assert train_game(out=tmp_path / "run", steps=256, resume=True, **arguments).description.details["steps"] == 256
+    assert main(["train", "game", "--resume", "--out", str(tmp_path / "run"), "--steps", "256"]) == 0
+    assert open_agent(tmp_path / "run").description.details["steps"] == 256
 
 
 def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
@@ -275,7 +276,7 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
     trained(tmp_path / "scripted", settings=veto, partners={Role.VERIFIER: [Path("always-accept")]})
     identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
     assert identity["partners"] == {"verifier": ["always-accept"]}
-    assert saved_arguments(tmp_path / "scripted", {})["partners"] == {Role.VERIFIER: [Path("always-accept")]}
+    assert resumed(tmp_path / "scripted", "game", LEARNER, {}, {}, {})[2].verifiers == [Path("always-accept")]
     with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):
         trained(tmp_path / "fourth", settings=veto, partners={Role.PROPOSER: [tmp_path / "both"]})
     with pytest.raises(ValueError, match="no agent is left to learn"):
@@ -285,7 +286,8 @@ def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learn
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     single = PPORecipe(envs=4, same_statement=1, rollout=32, batch_size=16, epochs=1, recolour=False, empty_starts=0)
     agent = train_ppo(Settings("TowerScratch"), single, tmp_path / "single", steps=32, device="cpu")
-    run = Run(JOINT, SMALL, tmp_path / "game", {}, tmp_path / "single", "cpu", Budget(None, 64), resume=False)
+    budget, session = Budget("steps", 64), Session(device="cpu")
+    run = Run(tmp_path / "game", budget, session, JOINT, SMALL, {}, tmp_path / "single")
     own = run.networks["shared"].state_dict()
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
 
@@ -346,7 +348,7 @@ def test_recipe__rejects_invalid_values(changes: dict[str, Any], error: str):
 def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
     trained(tmp_path / "run")
     with pytest.raises(TrainingRunError, match="has protocol joint, but veto was requested"):
-        saved_arguments(tmp_path / "run", {"game": {"protocol": "veto"}})
+        resumed(tmp_path / "run", "game", LEARNER, {"protocol": "veto"}, {}, {})
     copy = shutil.copytree(tmp_path / "run", tmp_path / "copy")
     state = torch.load(copy / "checkpoint.pt", weights_only=True)
     torch.save({**state, "networks": {}}, copy / "checkpoint.pt")
@@ -375,7 +377,7 @@ def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, cap
     assert load_agent(tmp_path / "rounds" / "agent.safetensors").partner(Role.VERIFIER) is not None
     capsys.readouterr()
     for wrong, error in (
-        (["--minutes", "0"], "--minutes must be above 0, not 0"),
+        (["--minutes", "0"], "minutes must be above 0, not 0"),
         (["--rewards", "{"], "--rewards: not valid JSON"),
         (["--rewards", "none"], "unknown rewards 'none'; choose from"),
         (["--rounds", "2"], "--rounds begins with trained proposers"),

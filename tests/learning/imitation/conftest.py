@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe, default_recipe
+from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {
@@ -76,7 +76,7 @@ def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 def small_recipe(settings: Settings, **changes: Any) -> ImitationRecipe:
-    return default_recipe(settings.appearance, **{**SMALL, **changes})
+    return ImitationRecipe.of(settings.configuration, **{**SMALL, **changes})
 
 
 def progress_lines(out: Path) -> list[dict[str, Any]]:

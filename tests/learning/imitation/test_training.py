@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -106,7 +107,7 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     recipe = small_recipe(settings)
 
     def killed(progress: training.Progress) -> None:
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGTERM)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import random
+import signal
 import subprocess
 import sys
 import textwrap
@@ -254,8 +255,8 @@ def test_training__is_reproducible_by_seed(tmp_path: Path):
     recipe = dataclasses.replace(SMALL, updates=5)
     files: list[bytes] = []
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
-        run = train_parser(str(own), dataclasses.replace(recipe, seed=seed), tmp_path / name, device="cpu")
-        _, tensors = load_model(run.agent_file)
+        train_parser(str(own), dataclasses.replace(recipe, seed=seed), tmp_path / name, device="cpu")
+        _, tensors = load_model(tmp_path / name / AGENT_FILE)
         files.append(b"".join(tensor.numpy().tobytes() for tensor in tensors.values()))
     assert files[0] == files[1] != files[2]
 
@@ -265,7 +266,8 @@ def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
     recipe = dataclasses.replace(SMALL, updates=40)
 
     def interrupt(progress: object) -> None:
-        raise KeyboardInterrupt
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)  # at once, without a checkpoint
 
     monkeypatched = 10
     with pytest.MonkeyPatch.context() as patch:

@@ -22,9 +22,11 @@ from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
-from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run, resumable_run
+from lilgym_mp.learning.common.commands import resumed
+from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.agent import describe
+from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
@@ -147,8 +149,10 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, ow
         if progress.steps == 64:
             os.kill(os.getpid(), signal.SIGINT)
 
-    cut = trained(tmp_path / "cut", 128, recipe, settings, on_progress=interrupt)
-    assert (cut.description.details["steps"], cut.description.details["interrupted"]) == (64, True)
+    with pytest.raises(KeyboardInterrupt):
+        trained(tmp_path / "cut", 128, recipe, settings, on_progress=interrupt)
+    details = open_agent(tmp_path / "cut", "cpu").description.details
+    assert (details["steps"], details["interrupted"]) == (64, True)
     trained(tmp_path / "cut", 128, recipe, settings, resume=True)
     assert equal(tmp_path / "whole", tmp_path / "cut")
     whole, resumed = (lines(tmp_path / name / "progress.jsonl") for name in ("whole", "cut"))
@@ -405,10 +409,10 @@ def test_train__accumulated_gradient_equals_the_full_one(tmp_path: Path):
     ],
 )
 def test_resume__rejects_a_different_run_naming_both_values(begun_run: Path, required: dict[str, Any], error: str):
+    environment, recipe = required.pop("environment", {}), required.pop("recipe", {})
     with pytest.raises(TrainingRunError, match=error):
-        resumable_run(begun_run, required, PPORecipe)
-    run, recipe = resumable_run(begun_run, {}, PPORecipe)
-    assert (Settings.from_json(run.identity["environment"]), recipe) == (TOWER, SMALL)
+        resumed(begun_run, "ppo", LEARNER, environment, recipe, required)
+    assert resumed(begun_run, "ppo", LEARNER, {}, {}, {}) == (TOWER, SMALL, PPOOptions(steps=32))
 
 
 def test_resume__rejects_a_changed_corpus(tmp_path: Path):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe, default_recipe
+from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from tests.learning.imitation.conftest import statements
 
 __all__ = ["small_recipe", "statements"]
@@ -28,4 +28,4 @@ SMALL: dict[str, Any] = {
 
 
 def small_recipe(settings: Settings, **changes: Any) -> RewardModelRecipe:
-    return default_recipe(settings.appearance, **{**SMALL, **changes})
+    return RewardModelRecipe.of(settings.configuration, **{**SMALL, **changes})

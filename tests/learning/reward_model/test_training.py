@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import signal
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -205,7 +206,7 @@ def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Pa
     def interrupted(run: training._Run) -> tuple[float, float]:
         done.append(1)
         if len(done) == 8:
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return step(run)
 
     settings = Settings("TowerFlipIt", corpus=statements)
