@@ -11,7 +11,7 @@ import json
 import sys
 from pathlib import Path
 
-from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
+from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.evaluation.files import SUFFIX
 
 
@@ -22,7 +22,7 @@ def digest(directory: Path) -> str:
         _, *lines = gzip.decompress(file.read_bytes()).decode().splitlines()
         for line in lines:
             shown = phenomena(json.loads(line)["program"])
-            names = json.dumps([name for name in Phenomenon if name in shown], separators=(",", ":"))
+            names = json.dumps([name for name in RULES if name in shown], separators=(",", ":"))
             if '"phenomena":' not in line:
                 line = line.replace(',"tags":', f',"phenomena":{names},"tags":', 1)
             found.update(line.encode() + b"\n")

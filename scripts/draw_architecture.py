@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report.plotting import new_figure, save
+from lilgym_mp.contrib.report.charts import new_figure, save
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = "lilgym_mp"

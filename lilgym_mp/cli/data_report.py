@@ -68,7 +68,7 @@ def _statements_table(statistics: CorpusStatistics) -> str:
         overlap = None if group.split == "train" else statistics.overlap(group)
         sizes = map(len, (group.programs, group.forms, group.vocabulary))
         lengths = sum(group.word_counts) / len(group.word_counts), max(group.word_counts)
-        rows.append([f"{group.appearance} {group.split}", *sizes, *lengths, *(overlap[1:] if overlap else [None] * 3)])
+        rows.append([f"{group.appearance} {group.split}", *sizes, *lengths, *(overlap or [None] * 3)])
     return table((*own, "in train", "form in train", "new words"), rows)
 
 

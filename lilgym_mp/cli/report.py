@@ -8,7 +8,6 @@ with the expert and random policies.
 from __future__ import annotations
 
 import argparse
-import json
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from pathlib import Path
 from lilgym_mp.evaluation.episodes import read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.options import CommandError, add_split
-from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE
+from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE, begin_run
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -28,9 +27,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="directories or files written by `evaluate --record` or `experiment`, or run directories",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the report")
-    parser.add_argument(
-        "--tags", type=Path, metavar="FILE", help="JSON file with manually annotated phenomena: a list by statement"
-    )
     parser.add_argument(
         "--document",
         type=Path,
@@ -50,13 +46,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.report import make_report
-    from lilgym_mp.contrib.report.html_report import check_directory
-    from lilgym_mp.contrib.report.markdown_report import check_document
+    from lilgym_mp.contrib.report.writing import check_output
     from lilgym_mp.evaluation.recording import check_recording
 
-    check_directory(args.out)
-    if args.document is not None:
-        check_document(args.document)
+    check_output(args.out, args.document)
     recordings = {path: _recordings(path) for path in args.paths}
     runs = [path for path, files in recordings.items() if not files and (path / AGENT_FILE).is_file()]
     paths = [path for path in args.paths if path not in runs]
@@ -74,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
                 _evaluate(unrecorded, Path(recordings), args.corpus, args.split)
                 paths.append(Path(recordings))
             command = " ".join(["lilgym-mp", *args.argv])
-            page = make_report(paths, args.out, tags=args.tags, runs=runs, document=args.document, command=command)
+            page = make_report(paths, args.out, runs=runs, document=args.document, command=command)
     except ImportError as error:
         raise CommandError(str(error)) from None
     print(f"report: {page}")
@@ -93,21 +86,20 @@ def _evaluate(paths: Sequence[Path], directory: Path, corpus: str | None, split:
     """Evaluates and records the runs, the expert and random policies."""
     from lilgym_mp.cli import parse_args
 
-    for corpus_name in dict.fromkeys(corpus or training_corpus_of(path) for path in paths):
-        runs = [path for path in paths if (corpus or training_corpus_of(path)) == corpus_name]
-        options = ["--policy", "expert", "random-legal", "random-type", "--corpus", corpus_name, "--split", split]
-        args = parse_args(["evaluate", *map(str, runs), *options, "--record", str(directory), "--optimal"])
+    corpora = {path: corpus or training_corpus_of(path) for path in paths}
+    for name in dict.fromkeys(corpora.values()):
+        runs = [str(path) for path in paths if corpora[path] == name]
+        options = ["--policy", "expert", "random-legal", "random-type", "--corpus", name, "--split", split]
+        args = parse_args(["evaluate", *runs, *options, "--record", str(directory), "--optimal"])
         args.run(args)
 
 
 def training_corpus_of(path: Path) -> str:
     """The corpus that a run was trained on, from its description. Raises CommandError."""
-    file = path / RUN_FILE
     try:
-        data = json.loads(file.read_text(encoding="utf-8"))
-        identity = data.get("identity", data)
+        identity = begin_run(path, {}, resume=True).identity
         return str(identity["corpus"] if "corpus" in identity else identity["environment"]["corpus"])
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError):
         raise CommandError(
-            f"{file}: does not say which corpus the run was trained on; name one with --corpus"
+            f"{path / RUN_FILE}: does not say which corpus the run was trained on; name one with --corpus"
         ) from None

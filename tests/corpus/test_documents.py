@@ -12,7 +12,7 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
-from lilgym_mp.contrib.report.phenomena import SyntacticPhenomenon, syntactic_phenomena
+from lilgym_mp.contrib.report.phenomena import SYNTAX_RULES, syntactic_phenomena
 from lilgym_mp.corpus import load_all_tasks, load_tasks
 from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scripts import load_script
@@ -52,7 +52,7 @@ def test_official_page__syntactic_shares_match_the_rules(official_data: Path):
                 name = f"{appearance.capitalize()}{'Scratch' if start == 'scratch' else 'FlipIt'} {split}"
                 (row,) = [line.split("|") for line in text.splitlines() if line.startswith(f"| {name} |")]
                 total = len(tasks)
-                coordination, preposition = (counts[one] for one in SyntacticPhenomenon)
+                coordination, preposition = (counts[one] for one in SYNTAX_RULES)
                 assert row[2].strip() == f"{100 * coordination / total:.1f} ({coordination} of {total:,})"
                 assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
 

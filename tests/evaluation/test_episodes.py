@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lilgym_mp.contrib.report.phenomena import Phenomenon, phenomena
+from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
@@ -160,7 +160,7 @@ def test_read__errors_name_file_and_line(recording: Recording, change: Any, mess
 def test_read__accepts_older_recordings_with_phenomena_and_their_digest_is_the_same(recording: Recording):
     def as_before(rows: list[Any]) -> None:
         for row in rows[1:]:
-            tags = [name for name in Phenomenon if name in phenomena(row["program"])]
+            tags = [name for name in RULES if name in phenomena(row["program"])]
             rest = {name: row.pop(name) for name in list(row)[list(row).index("tags") :]}
             row.update(phenomena=tags, **rest)
 

@@ -93,7 +93,7 @@ def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> N
 
 def test_new_learner__has_a_training_curve() -> None:
     curve = TrainingCurve(Path("run"), "guessing", "TowerScratch", ({"steps": 1, "luck": 0.5},))
-    chart: Any = progress_curves(ReportData((), (curve,)))
+    (chart,) = progress_curves(ReportData((), (curve,)))
     (axes,) = chart.figure.axes
     assert (axes.get_title("left"), axes.get_ylabel()) == ("guessing TowerScratch", "mean luck")
 

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import to_hex
 
-from lilgym_mp.contrib.report.html_report import chapters
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import load_report_data
+from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, named
 
@@ -108,7 +109,8 @@ def trained(
         "recipe": {"seed": seed, **recipe},
         "tasks_sha256": "e" * 64,
     }
-    (directory / "run.json").write_text(json.dumps({"identity": identity, "made": {"commit": "abc"}}))
+    run = {"format": FORMAT, "version": VERSION, "identity": identity, "made": {"commit": "abc"}}
+    (directory / "run.json").write_text(json.dumps(run))
     progress = [{"steps": 10 * (step + 1), "accuracy": 0.2 * (seed + step + 1)} for step in range(2 + seed)]
     (directory / "progress.jsonl").write_text("\n".join(map(json.dumps, progress)))
     keys = ("steps", "accuracy", "accuracy_with_image", "image_accuracy")
@@ -139,7 +141,7 @@ def write_example(directory: Path) -> None:
 
 def report_text(directory: Path) -> str:
     """Every table of the report on the recordings, and what its charts show."""
-    items = [item for _, made in chapters(load_report_data([directory]), None) for item in made]
+    items = [item for made in chapters(load_report_data([directory])).values() for item in made]
     return "\n".join(part for item in items for part in (*_described(item), ""))
 
 

@@ -15,7 +15,7 @@ import pytest
 from matplotlib.container import BarContainer
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.contrib.report import ReportError, html_report, make_report, markdown_report
+from lilgym_mp.contrib.report import ReportError, make_report, writing
 from lilgym_mp.contrib.report import items as report_items
 from lilgym_mp.contrib.report.aggregation import (
     MeanStd,
@@ -27,12 +27,11 @@ from lilgym_mp.contrib.report.aggregation import (
 )
 from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
 from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, line_chart
-from lilgym_mp.contrib.report.difficulty import comparison_items
-from lilgym_mp.contrib.report.html_report import chapters
 from lilgym_mp.contrib.report.items import Chart, MissingItem, Table, format_cell
-from lilgym_mp.contrib.report.language import accuracy_by_phenomenon, read_tags
 from lilgym_mp.contrib.report.learning_curves import dev_curves
-from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
+from lilgym_mp.contrib.report.report_data import load_report_data
+from lilgym_mp.contrib.report.results import paired_tests
+from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
@@ -53,16 +52,6 @@ def test_report__has_the_recorded_numbers_and_charts(tmp_path: Path):
     assert report_text(tmp_path) == GOLDEN.read_text(encoding="utf-8"), "python -m tests.report.recordings"
 
 
-@pytest.fixture
-def data(tmp_path: Path) -> ReportData:
-    written(tmp_path)
-    return load_report_data([tmp_path])
-
-
-def runs(data: ReportData) -> tuple[Recording, ...]:
-    return data.entries[0].runs
-
-
 def plain(cell: Any) -> Any:
     """Without the interval."""
     return MeanStd(*cell[:3]) if isinstance(cell, MeanStd) else cell
@@ -80,21 +69,6 @@ def test_error_kind__without_the_experts_solution_is_a_later_stop():
 
 def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
     assert str(mean_std([100 / 591, 0, 0])) == "0.06 ± 0.10"
-
-
-def test_phenomena__tags_are_rule_made_unless_a_file_is_given(data: ReportData, tmp_path: Path):
-    (table,) = accuracy_by_phenomenon(data, None)
-    by_name = {row[0]: row[1:] for row in rows(table)}
-    assert by_name["existence"] == (4, 6, 192, MeanStd(pytest.approx(100 / 3), None, 1))
-    assert by_name["negation"] == (1, 1, 52, MeanStd(0.0, None, 1))
-    assert by_name["syntax: coordination"] == (0, 0, 20, None)
-    assert "the words of the statement for the two rows of syntax" in table.note
-    assert "rule-made" in table.title
-    (tmp_path / "tags.json").write_text('{"No blue.": ["negation", "syntax: coordination"]}')
-    (table,) = accuracy_by_phenomenon(data, read_tags(tmp_path / "tags.json"))
-    by_name = {row[0]: row[1:] for row in rows(table)}
-    assert by_name["syntax: coordination"] == (1, 1, 20, MeanStd(100.0, None, 1))
-    assert "hand-made" in table.title
 
 
 def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
@@ -152,7 +126,7 @@ def test_paired_tests__p_is_corrected_for_the_tests_of_the_table(tmp_path: Path)
     for agent, successes in (("first", 60), ("second", 60), ("third", 70)):
         written(tmp_path, accuracies(*[[1]] * successes, *[[0]] * (100 - successes)), agent=agent)
     data = load_report_data([tmp_path])
-    (table,) = comparison_items(data)
+    (table,) = paired_tests(data)
     difference = paired_difference(data.entries[0].runs, data.entries[2].runs)
     assert difference is not None
     three_times = f"{3 * difference.p_value:.4f}"
@@ -164,7 +138,7 @@ def test_chapters__missing_items_say_why(tmp_path: Path):
     written(tmp_path, [episode("horizon", *["REMOVE(0, 0)"] * 12, optimal_actions=None)], expert=False)
     missing = {
         item.item: item
-        for _, items in chapters(load_report_data([tmp_path]), None)
+        for items in chapters(load_report_data([tmp_path])).values()
         for item in items
         if isinstance(item, MissingItem)
     }
@@ -194,7 +168,7 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
     assert digests(tmp_path) == before
     assert "http" not in page.replace("http://www.w3.org", "")  # no external resources
     suffixes = {Table: ("tables", "csv", "md", "tex"), Chart: ("figures", "svg", "png", "pdf"), MissingItem: ("",)}
-    for _, items in chapters(load_report_data([tmp_path / "kept"]), None):
+    for items in chapters(load_report_data([tmp_path / "kept"])).values():
         for item in items:
             assert f'id="{item.name}"' in page
             folder, *kinds = suffixes[type(item)]
@@ -204,8 +178,7 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves pictures empty, as drawing is slow."""
-    for module in (html_report, markdown_report):
-        monkeypatch.setattr(module, "save", lambda figure, path, kind: path.write_bytes(b""))
+    monkeypatch.setattr(writing, "save", lambda figure, path, kind: path.write_bytes(b""))
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -244,31 +217,21 @@ def cut(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("prepare", "words", "said"),
+    ("prepare", "said"),
     [
-        (lambda place: (place / "empty").mkdir(), ["empty"], "empty contains no training run and no recorded episodes"),
-        (lambda place: None, ["absent"], "absent: there is no such file"),
-        (lambda place: cut(written(place / "kept")), ["kept"], "truncated"),
-        (lambda place: (place / "x").write_text("hello"), ["x"], "damaged, or not a file of recorded episodes"),
-        (lambda place: written(place / "kept"), ["kept", "--tags", "{}/no"], "no: cannot be read"),
+        (lambda place: place.mkdir(), "kept contains no training run and no recorded episodes"),
+        (lambda place: None, "kept: there is no such file"),
+        (lambda place: cut(written(place)), "truncated"),
+        (lambda place: place.write_text("hello"), "damaged, or not a file of recorded episodes"),
     ],
 )
 def test_report_command__bad_input_is_reported_in_one_line_and_nothing_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], words: list[str], said: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], prepare: Callable[[Path], object], said: str
 ):
-    prepare(tmp_path)
-    place, *options = words
-    command = ["report", str(tmp_path / place), *(word.format(tmp_path) for word in options)]
-    assert main([*command, "--out", str(tmp_path / "out")]) == USAGE_ERROR
+    prepare(tmp_path / "kept")
+    assert main(["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out")]) == USAGE_ERROR
     assert said in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
-
-
-def test_report__an_unknown_phenomenon_in_hand_made_tags_is_named_with_the_choices(tmp_path: Path):
-    (tmp_path / "tags.json").write_text('{"A statement.": ["irony"]}')
-    with pytest.raises(ReportError, match=r"tags\.json.*'A statement\.'.*'irony'.*choose from existence"):
-        read_tags(tmp_path / "tags.json")
+    assert [path.name for path in tmp_path.iterdir() if path.name != "kept"] == []
 
 
 def test_report__a_directory_with_other_files_is_not_touched_and_a_file_refused(tmp_path: Path):

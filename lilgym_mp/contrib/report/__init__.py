@@ -4,7 +4,7 @@
 Does not import torch.
 """
 
-from lilgym_mp.contrib.report.html_report import make_report
 from lilgym_mp.contrib.report.report_data import ReportError
+from lilgym_mp.contrib.report.writing import make_report
 
 __all__ = ["ReportError", "make_report"]

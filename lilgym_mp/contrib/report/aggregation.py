@@ -49,11 +49,6 @@ class MeanStd(NamedTuple):
     __str__ = text
 
 
-def every(episode: RecordedEpisode) -> bool:
-    """The predicate that all episodes satisfy."""
-    return True
-
-
 def success(episode: RecordedEpisode) -> float:
     """In per cent."""
     return 100.0 * episode.is_success
@@ -66,13 +61,13 @@ def mean_std(values: Sequence[float]) -> MeanStd | None:
     return MeanStd(mean(values), stdev(values) if len(values) > 1 else None, len(values))
 
 
-def accuracy_where(runs: Iterable[Recording], predicate: Predicate = every) -> MeanStd | None:
-    """Accuracy over runs in per cent on the episodes that satisfy a predicate, with its interval."""
+def accuracy_where(runs: Iterable[Recording], predicate: Predicate | None = None) -> MeanStd | None:
+    """Accuracy over runs in per cent on all episodes, or those that satisfy a predicate, with its interval."""
     return mean_where(runs, success, predicate)
 
 
-def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate = every) -> MeanStd | None:
-    """Mean over runs of a value of the episodes that satisfy a predicate, with its interval."""
+def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate | None = None) -> MeanStd | None:
+    """Mean over runs of a value of all episodes, or those that satisfy a predicate, with its interval."""
     kept = [chosen for run in runs if (chosen := list(filter(predicate, run.episodes)))]
     found = mean_std([mean(map(value, episodes)) for episodes in kept])
     if found is None:
@@ -90,22 +85,15 @@ class Difference(NamedTuple):
     p_value: float  # two-sided; null hypothesis: no difference
 
 
-class Totals(NamedTuple):
-    """Sums of a value, and numbers of episodes, by run and statement."""
-
-    statements: tuple[str, ...]
-    values: np.ndarray  # (runs, statements)
-    episodes: np.ndarray  # (runs, statements)
-
-
-def add_up(runs: Sequence[Sequence[RecordedEpisode]], value: Value) -> Totals:
-    statements = tuple(sorted({episode.statement for episodes in runs for episode in episodes}))
+def add_up(runs: Sequence[Sequence[RecordedEpisode]], value: Value) -> np.ndarray:
+    """(2, runs, statements) sums of a value, and numbers of episodes."""
+    statements = sorted({episode.statement for episodes in runs for episode in episodes})
     column = {statement: index for index, statement in enumerate(statements)}
     totals = np.zeros((2, len(runs), len(statements)))
     for row, episodes in enumerate(runs):
         for episode in episodes:
             totals[:, row, column[episode.statement]] += value(episode), 1
-    return Totals(statements, *totals)
+    return totals
 
 
 def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -> Difference | None:
@@ -119,7 +107,7 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
     if not shared:
         return None
     kept = [add_up([[e for e in episodes if e.statement in shared] for episodes in runs], success) for runs in recorded]
-    points = float(np.subtract(*(each.values.sum() / each.episodes.sum() for each in kept)))
+    points = float(np.subtract(*(values.sum() / episodes.sum() for values, episodes in kept)))
     differences = np.subtract(*(_resampled_means(each, seed) for seed, each in enumerate(kept, start=1)))
     deviation = float(differences.std())
     if deviation > 0:
@@ -131,18 +119,18 @@ def paired_difference(first: Iterable[Recording], second: Iterable[Recording]) -
 
 def holm(p_values: Sequence[float]) -> list[float]:
     """The p-values corrected for their number (Holm, 1979)."""
-    corrected = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, index in enumerate(sorted(range(len(p_values)), key=lambda index: p_values[index])):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
-        corrected[index] = largest
-    return corrected
+    order = np.argsort(p_values)
+    corrected = np.zeros(len(order))
+    scaled = np.asarray(p_values)[order] * np.arange(len(order), 0, -1)
+    corrected[order] = np.minimum(1, np.maximum.accumulate(scaled))
+    return corrected.tolist()
 
 
-def _resampled_means(totals: Totals, run_seed: int = 1) -> np.ndarray:
+def _resampled_means(totals: np.ndarray, run_seed: int = 1) -> np.ndarray:
     """(RESAMPLES,) means by a hierarchical bootstrap: of the runs, and of the statements with all of their episodes."""
-    by_run = (_resampled(len(totals.statements), 0) @ each.T for each in totals[1:])
-    values, episodes = ((each * _resampled(len(totals.values), run_seed)).sum(1) for each in by_run)
+    _, runs, statements = totals.shape
+    by_run = (_resampled(statements, 0) @ each.T for each in totals)
+    values, episodes = ((each * _resampled(runs, run_seed)).sum(1) for each in by_run)
     return values / np.maximum(episodes, 1)
 
 

@@ -1,4 +1,4 @@
-"""Behaviour of agents: rollout statistics, error categories, and maps of actions."""
+"""Behaviour of agents: rollout statistics, errors, maps of actions, and how well they stop."""
 
 from __future__ import annotations
 
@@ -7,42 +7,33 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from lilgym_mp.contrib.report import paper
-from lilgym_mp.contrib.report.aggregation import MeanStd, Value
-from lilgym_mp.contrib.report.charts import BarPanel, bar_chart, heat_maps
+from lilgym_mp.contrib.report.aggregation import MeanStd, Value, mean_where
+from lilgym_mp.contrib.report.breakdowns import NEEDS_EXPERT
+from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, heat_maps, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
 from lilgym_mp.evaluation.episodes import RecordedEpisode
+from lilgym_mp.evaluation.runs import scenes
+from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.scene.appearances import InvalidReason
 
-ADDS, REMOVES = (AddBlock, AddItem), (RemoveBlock, RemoveItem)
-EDIT_TYPES: Mapping[str, tuple[type, ...]] = {"ADD": ADDS, "REMOVE": REMOVES}
+EDIT_TYPES: Mapping[str, tuple[type, ...]] = {"ADD": (AddBlock, AddItem), "REMOVE": (RemoveBlock, RemoveItem)}
 
 
-def ends_with_stop(episode: RecordedEpisode) -> bool:
-    """Whether the agent ended the episode with STOP."""
-    return isinstance(episode.actions[-1], Stop)
+def _count(name: str) -> Value:
+    return lambda episode: sum(isinstance(action, EDIT_TYPES[name]) for action in episode.actions)
 
 
-def count_actions(episode: RecordedEpisode, types: tuple[type, ...]) -> int:
-    return sum(isinstance(action, types) for action in episode.actions)
-
-
-# By name, a value of each episode, of which the mean is shown.
 ROLLOUT_STATISTICS: Mapping[str, Value] = {
-    "without STOP (%)": lambda episode: 100.0 * (not ends_with_stop(episode)),
+    "without STOP (%)": lambda episode: 100.0 * (not isinstance(episode.actions[-1], Stop)),
     "with an invalid action (%)": lambda episode: 100.0 * (episode.invalid_reason is not None),
     "mean actions": lambda episode: len(episode.actions),
-    "mean ADD": lambda episode: count_actions(episode, ADDS),
-    "mean REMOVE": lambda episode: count_actions(episode, REMOVES),
+    **{f"mean {name}": _count(name) for name in EDIT_TYPES},
 }
-
-
-def behaviour_items(data: ReportData) -> Iterator[Item]:
-    yield from figures_6_and_9(data)
-    yield from errors(data)
-    yield figure_10(data)
+"""By name, a value of each episode, of which the mean is shown."""
 
 
 def figures_6_and_9(data: ReportData) -> Iterator[Item]:
@@ -72,7 +63,7 @@ INVALID_REASON_GROUPS: Mapping[str, tuple[InvalidReason, ...]] = {
     "does not fit": (InvalidReason.OUT_OF_BOX, InvalidReason.FULL_TOWER),
     "on top": (InvalidReason.OVERLAP,),
 }
-DIRECT, EARLY, ERRONEOUS, LATER = "direct", "early", "erroneous", "later"
+ERROR_KINDS = (*INVALID_REASON_GROUPS, "direct stop", "early stop", "erroneous stop", "later stop", "horizon")
 STOP_NOTE = (
     "A wrong STOP is direct if it is the first action, early if the expert needs fewer actions from there than from the"
     " start, and otherwise erroneous. A later STOP is early or erroneous; the expert was not run (--optimal) or knows"
@@ -80,30 +71,18 @@ STOP_NOTE = (
 )
 
 
-def wrong_stop_kind(episode: RecordedEpisode) -> str | None:
-    """The kind of wrong STOP that ended the episode; None if none did."""
-    if episode.outcome != "wrong_stop":
-        return None
-    if len(episode.actions) == 1:
-        return DIRECT
-    if episode.actions_left is None or episode.optimal_actions is None:
-        return LATER
-    return EARLY if episode.actions_left < episode.optimal_actions else ERRONEOUS
-
-
 def error_kind(episode: RecordedEpisode) -> str | None:
     """Reason of the invalid action, kind of wrong STOP, or "horizon"; None for a success."""
     if episode.is_success:
         return None
-    if (stop := wrong_stop_kind(episode)) is not None:
-        return f"{stop} stop"
-    if episode.invalid_reason is not None:
-        return next(name for name, reasons in INVALID_REASON_GROUPS.items() if episode.invalid_reason in reasons)
-    return "horizon"
-
-
-STOP_KINDS = tuple(f"{kind} stop" for kind in (DIRECT, EARLY, ERRONEOUS, LATER))
-ERROR_KINDS = (*INVALID_REASON_GROUPS, *STOP_KINDS, "horizon")
+    if episode.outcome == "wrong_stop":
+        if len(episode.actions) == 1:
+            return "direct stop"
+        if episode.actions_left is None or episode.optimal_actions is None:
+            return "later stop"
+        return "early stop" if episode.actions_left < episode.optimal_actions else "erroneous stop"
+    groups = (name for name, reasons in INVALID_REASON_GROUPS.items() if episode.invalid_reason in reasons)
+    return next(groups, "horizon")
 
 
 def errors(data: ReportData) -> Iterator[Item]:
@@ -119,7 +98,10 @@ def errors(data: ReportData) -> Iterator[Item]:
             rows.append([entry.agent, configuration, len(failed), *shares])
             if failed:
                 values[entry.agent] = list(shares)
-        rows += [list(row) for row in _published(configuration)]
+        for (model, name), published in paper.ERRORS.items():
+            if name == configuration:
+                shares = [None if part is None else whole * part / 100 for whole, parts in published for part in parts]
+                rows.append([f"{model} †", configuration, 50, *shares, None, None])
         if values:
             panels.append(BarPanel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
     title = f"Errors on {data.main_split}, in per cent of failed episodes"
@@ -129,40 +111,89 @@ def errors(data: ReportData) -> Iterator[Item]:
         yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors", data.looks))
 
 
-def _published(configuration: str) -> Iterator[Sequence[Cell]]:
-    for (model, name), errors in paper.ERRORS.items():
-        if name == configuration:
-            shares = [None if part is None else whole * part / 100 for whole, parts in errors for part in parts]
-            yield [f"{model} †", configuration, 50, *shares, None, None]
-
-
-def figure_10(data: ReportData) -> Item:
-    """Where actions go, by cell and type."""
+def figure_10(data: ReportData) -> Iterator[Item]:
+    """Maps of actions by cell and type."""
     title = f"Where actions go on {data.main_split}, in per cent of the agent's edits"
     grid = data.header.settings.grid
     entries = [entry for entry in data.main_results if entry.header.settings.dynamics().appearance.grid is not None]
     if not entries or isinstance(grid, str):
         why = "the grid is native" if entries else "no configuration whose actions name cells was evaluated"
-        return MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
-    panels = [_maps(entry, grid) for entry in entries]
+        yield MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
+        return
     note = f"Cells of the {grid[0]} x {grid[1]} grid; each map has its own scale."
-    return Chart("Figure 10", title, heat_maps(panels), note)
+    yield Chart("Figure 10", title, heat_maps([_maps(entry, grid) for entry in entries]), note)
 
 
 def _maps(entry: AgentResults, grid: tuple[int, int]) -> list[tuple[str, np.ndarray]]:
-    """Titled maps of all edits and of each type, in per cent of all edits."""
-    by_type = {name: action_map(entry, grid, types) for name, types in EDIT_TYPES.items()}
-    all_edits = np.sum([*by_type.values()], axis=0)
-    return [
-        (f"{entry.agent}, {entry.configuration}: {name}", 100 * counts / max(1, all_edits.sum()))
-        for name, counts in {"all": all_edits, **by_type}.items()
-    ]
-
-
-def action_map(entry: AgentResults, grid: tuple[int, int], types: tuple[type, ...]) -> np.ndarray:
-    """(rows, columns) counts of actions of the given types by grid cell."""
-    counts = np.zeros(grid[::-1], np.int64)
+    """Titled (rows, columns) maps of all edits and of each type, in per cent of all edits."""
+    maps = {name: np.zeros(grid[::-1], np.int64) for name in ("all", *EDIT_TYPES)}
     for edit in (action for run in entry.runs for episode in run.episodes for action in episode.actions):
-        if isinstance(edit, types) and isinstance(edit, AddItem | RemoveItem):
-            counts[edit.row, edit.column] += 1
-    return counts
+        if isinstance(edit, AddItem | RemoveItem):
+            for name in ("all", "ADD" if isinstance(edit, AddItem) else "REMOVE"):
+                maps[name][edit.row, edit.column] += 1
+    total = max(1, maps["all"].sum())
+    return [(f"{entry.agent}, {entry.configuration}: {name}", 100 * counts / total) for name, counts in maps.items()]
+
+
+BINS = 10  # bins of the probability of STOP
+
+
+def calibration(data: ReportData) -> Iterator[Item]:
+    """How often STOP would have been right, by the probability that the agent assigned to STOP."""
+    title = f"Calibration of STOP on {data.main_split}"
+    panels: list[tuple[str, str, str, list[Line]]] = []
+    for configuration in data.configurations:
+        drawn = [line for entry in data.of(configuration) if (line := calibration_line(entry)) is not None]
+        if drawn:
+            panels.append((configuration, "probability of STOP", "share of scenes that are solved", drawn))
+    if panels:
+        note = f"All scenes in which an agent chose an action, in {BINS} equal bins of its probability of STOP."
+        yield Chart("Calibration of STOP", title, line_chart(panels, data.looks, diagonal=True), note)
+    else:
+        yield MissingItem("Calibration of STOP", title, "no agent here reports its probability of STOP")
+
+
+def calibration_line(entry: AgentResults) -> Line | None:
+    """Mean probability of STOP and share of solved scenes per non-empty bin; None without any probabilities."""
+    bins: list[list[tuple[float, bool]]] = [[] for _ in range(BINS)]
+    for run in entry.runs:
+        for episode in run.episodes:
+            if episode.stop_probabilities is not None:
+                solved = stop_would_succeed(run.header.settings, episode)
+                for pair in zip(episode.stop_probabilities, solved, strict=True):
+                    bins[min(BINS - 1, int(pair[0] * BINS))].append(pair)
+    points = [[sum(values) / len(pairs) for values in zip(*pairs, strict=True)] for pairs in bins if pairs]
+    return Line(entry.agent, [x for x, _ in points], [y for _, y in points]) if points else None
+
+
+def stop_would_succeed(settings: Settings, episode: RecordedEpisode) -> list[bool]:
+    """For each action, whether STOP would have succeeded instead."""
+    program = compile_program(episode.program)
+    visited = scenes(settings.dynamics(), episode.start, episode.actions)[:-1]
+    return [program(scene) == episode.target for scene in visited]
+
+
+def regret(data: ReportData) -> Iterator[Item]:
+    """Extra actions of successes compared with the expert, and the share of optimal episodes."""
+    title = f"Extra actions compared with the expert on {data.main_split}"
+    rows = [[entry.agent, entry.configuration, *_regret(entry)] for entry in data.main_results if entry.header.expert]
+    if not rows:
+        yield MissingItem("Regret", title, NEEDS_EXPERT)
+        return
+    note = "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones."
+    columns = ("agent", "configuration", "extra actions of a success", "successes optimal (%)", "episodes optimal (%)")
+    yield table("Regret", title, columns, rows, note)
+
+
+def _regret(entry: AgentResults) -> Sequence[Cell]:
+    def solved(episode: RecordedEpisode) -> bool:
+        return episode.is_success and episode.optimal_actions is not None
+
+    def extra(episode: RecordedEpisode) -> int:
+        return len(episode.actions) - (episode.optimal_actions or 0)
+
+    def optimal(episode: RecordedEpisode) -> float:
+        return 100.0 * (solved(episode) and extra(episode) <= 0)
+
+    means = ((extra, solved), (optimal, solved), (optimal, None))
+    return [mean_where(entry.runs, value, predicate) for value, predicate in means]

@@ -1,14 +1,15 @@
-"""Matplotlib charts in a common style: bars, lines, heat maps and film strips."""
+"""Charts in a common style: bars, lines, heat maps and film strips. Imports matplotlib when it draws the first."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.contrib.report.plotting import new_figure
+from lilgym_mp.corpus.extras import install
 from lilgym_mp.scene.arrays import UInt8Array
 
 if TYPE_CHECKING:
@@ -25,21 +26,44 @@ LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 FRAMES_PER_ROW = 5
 FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
+DPI = 100
+SETTINGS: dict[Any, Any] = {
+    "svg.fonttype": "none",  # text as text
+    "svg.hashsalt": "lilgym_mp",  # reproducible ids
+    "pdf.fonttype": 42,  # TrueType, as publishers require
+    "hatch.linewidth": 0.6,
+}
+UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
-class Look(NamedTuple):
-    """What distinguishes a series in a chart."""
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure; width and height in pixels. Raises ImportError saying what to install."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise ImportError(f"charts need matplotlib: {install('charts')}", name="matplotlib") from error
+    return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
 
-    colour: str
-    hatch: str
+
+def save(figure: Figure, path: Path, file_format: str) -> None:
+    """Writes the figure as "svg", "png" or "pdf", reproducibly: without a date."""
+    from matplotlib import rc_context
+
+    with rc_context(SETTINGS):
+        figure.savefig(path, format=file_format, metadata=UNDATED.get(file_format))
 
 
-class Looks(dict[str, Look]):
-    """The look of each series by name, chosen when it is first used: one such map for all charts of a report."""
+class Looks(dict[str, tuple[str, str]]):
+    """Colour and hatch of each series by name, chosen when it is first used: one map for all charts of a report."""
 
-    def __missing__(self, name: str) -> Look:
+    def __init__(self, names: Iterable[str] = ()) -> None:
+        super().__init__()
+        for name in names:
+            self[name]
+
+    def __missing__(self, name: str) -> tuple[str, str]:
         index = len(self)
-        self[name] = Look(OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)])
+        self[name] = OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)]
         return self[name]
 
 
@@ -64,8 +88,8 @@ def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None,
     columns = min(2, len(panels))
     shown = {name: looks[name] for panel in panels for name in panel.values}
     legend = {
-        name: Patch(facecolor=look.colour, hatch=look.hatch, edgecolor="white", linewidth=0)
-        for name, look in looks.items()
+        name: Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0)
+        for name, (colour, hatch) in looks.items()
         if name in shown
     }
     figure, grid = _empty_panels(len(panels), columns, legend, shared=not any(panel.unit for panel in panels))
@@ -110,8 +134,8 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
         errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
         bars = axes.bar(
             *(xs, heights, width * 0.92),
-            color=looks[name].colour,
-            hatch=looks[name].hatch,
+            color=looks[name][0],
+            hatch=looks[name][1],
             edgecolor="white",
             linewidth=0,
             yerr=errors if errors.any() else None,
@@ -169,7 +193,7 @@ def line_chart(
     looks = Looks() if looks is None else looks
     legend: dict[str, Line2D] = {}
     for line in (line for *_, lines in panels for line in lines if line.name not in legend):
-        colour = looks[line.agent or line.name].colour
+        colour, _ = looks[line.agent or line.name]
         dash = DASHES[[drawn.get_color() for drawn in legend.values()].count(colour) % len(DASHES)]
         legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
     shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2

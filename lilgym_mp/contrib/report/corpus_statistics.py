@@ -9,19 +9,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.contrib.report.phenomena import (
-    Phenomenon,
-    SyntacticPhenomenon,
-    phenomena,
-    syntactic_phenomena,
-    word_names,
-)
+from lilgym_mp.contrib.report.phenomena import phenomena, syntactic_phenomena, word_names
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.official import FILE_FACTS, FileFacts
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
 from lilgym_mp.corpus.released import file_name
-from lilgym_mp.corpus.tasks import TaskSet, contexts
+from lilgym_mp.corpus.tasks import contexts
 from lilgym_mp.corpus.tokens import normalised, statement_form, words
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -61,11 +55,7 @@ class StatementStatistics:
         return frozenset(map(statement_form, self.programs))
 
     @cached_property
-    def normalised(self) -> frozenset[str]:
-        return frozenset(map(normalised, self.programs))
-
-    @cached_property
-    def phenomena(self) -> Counter[Phenomenon | SyntacticPhenomenon]:
+    def phenomena(self) -> Counter[str]:
         """The number of statements that show each phenomenon."""
         return Counter(
             found
@@ -77,15 +67,6 @@ class StatementStatistics:
     def program_words(self) -> Counter[str]:
         """The number of programs that use each word of the program language."""
         return Counter(name for program in self.programs.values() for name in word_names(parse(program)))
-
-
-class Overlap(NamedTuple):
-    """Statements of a split that also occur in train: up to case and punctuation (`seen`), and by form."""
-
-    statements: int
-    seen: int
-    seen_forms: int
-    unseen_words: int  # distinct words not in train
 
 
 @dataclass(frozen=True)
@@ -110,17 +91,19 @@ class CorpusStatistics:
         """Distinct programs of all statements."""
         return len({program for group in self.statements for program in group.programs.values()})
 
-    def overlap(self, group: StatementStatistics) -> Overlap | None:
-        """The overlap of `group` with the train split of its appearance; None without a train split."""
+    def overlap(self, group: StatementStatistics) -> tuple[int, int, int] | None:
+        """Overlap of `group` with the train split of its appearance; None without one.
+
+        The number of its statements that occur there up to case and punctuation, of those whose form does, and of its
+        words that do not.
+        """
         train = next((g for g in self.statements if (g.appearance, g.split) == (group.appearance, "train")), None)
         if train is None:
             return None
-        return Overlap(
-            statements=len(group.programs),
-            seen=sum(normalised(statement) in train.normalised for statement in group.programs),
-            seen_forms=sum(statement_form(statement) in train.forms for statement in group.programs),
-            unseen_words=len(group.vocabulary - train.vocabulary),
-        )
+        known = {normalised(statement) for statement in train.programs}
+        seen = sum(normalised(statement) in known for statement in group.programs)
+        seen_forms = sum(statement_form(statement) in train.forms for statement in group.programs)
+        return seen, seen_forms, len(group.vocabulary - train.vocabulary)
 
 
 def corpus_statistics(corpus: str | os.PathLike[str]) -> CorpusStatistics:
@@ -129,26 +112,15 @@ def corpus_statistics(corpus: str | os.PathLike[str]) -> CorpusStatistics:
     programs: dict[tuple[str, str], dict[str, str]] = {}
     path = ""
     for tasks in load_all_tasks(corpus):
-        origin = tasks.provenance
-        path = path or (os.path.dirname(origin.path) if origin.name == OFFICIAL_NAME else origin.path)
-        counts.append(_count(tasks))
+        origin, is_official = tasks.provenance, tasks.provenance.name == OFFICIAL_NAME
+        path = path or (os.path.dirname(origin.path) if is_official else origin.path)
+        key = origin.appearance, origin.start, origin.split
+        true_at_start = sum(task.truth(task.start) for task in tasks)
+        paper = FILE_FACTS[file_name(*key)] if is_official else None
+        counts.append(SetCount(*key, len(tasks), contexts(tasks), true_at_start, paper))
         group = programs.setdefault((origin.appearance, origin.split), {})
         for task in tasks:
             group.setdefault(task.statement, task.program)
     statements = [StatementStatistics(appearance, split, group) for (appearance, split), group in programs.items()]
     statements.sort(key=lambda group: (list(APPEARANCES).index(group.appearance), list(SPLITS).index(group.split)))
     return CorpusStatistics(os.fspath(corpus), path, tuple(counts), tuple(statements))
-
-
-def _count(tasks: TaskSet) -> SetCount:
-    origin = tasks.provenance
-    is_official = origin.name == OFFICIAL_NAME
-    return SetCount(
-        origin.appearance,
-        origin.start,
-        origin.split,
-        len(tasks),
-        contexts(tasks),
-        true_at_start=sum(task.truth(task.start) for task in tasks),
-        paper=FILE_FACTS[file_name(origin.appearance, origin.start, origin.split)] if is_official else None,
-    )

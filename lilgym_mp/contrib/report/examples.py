@@ -19,7 +19,7 @@ MAX_FRAMES = 10  # frames of a film strip
 EXAMPLE_LENGTH = 4  # preferred number of actions of an example
 
 
-def example_items(data: ReportData) -> Iterator[Item]:
+def tasks_and_programs(data: ReportData) -> Iterator[Item]:
     """Figures 1, 2 and 7."""
     entries = [data.find(EXPERT, name) or data.of(name)[0] for name in data.configurations if data.of(name)]
     runs = [entry.runs[0] for entry in entries]
@@ -83,7 +83,7 @@ def _program(run: Recording, episode: RecordedEpisode) -> FilmStrip:
     return FilmStrip([f"“{episode.statement}”", *wrap(episode.program, 150, break_on_hyphens=False)], frames)
 
 
-def failure_items(data: ReportData) -> Iterator[Item]:
+def failures(data: ReportData) -> Iterator[Item]:
     """For each agent, the first recorded example of each kind of error."""
     for agent in data.agents:
         examples: dict[str, FilmStrip] = {}

@@ -80,20 +80,15 @@ class Table(Named):
 
     def csv(self) -> str:
         """Unrounded numbers; columns of `MeanStd` are split into its parts."""
-        is_split = [any(isinstance(row[index], MeanStd) for row in self.rows) for index in range(len(self.columns))]
+        columns: list[Sequence[Any]] = []
+        for name, *cells in zip(self.columns, *self.rows, strict=True):
+            if any(isinstance(cell, MeanStd) for cell in cells):
+                parts = [cell[: len(PARTS)] if isinstance(cell, MeanStd) else (cell, *[None] * 4) for cell in cells]
+                columns += zip((f"{name} {part}" for part in PARTS), *parts, strict=True)
+            else:
+                columns.append((name, *cells))
         text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(
-            name
-            for column, split in zip(self.columns, is_split, strict=True)
-            for name in ([f"{column} {part}" for part in PARTS] if split else (column,))
-        )
-        for row in self.rows:
-            writer.writerow(
-                value
-                for cell, split in zip(row, is_split, strict=True)
-                for value in (_split_cell(cell) if split else ("" if cell is None else cell,))
-            )
+        csv.writer(text, lineterminator="\n").writerows(zip(*columns, strict=True))
         return text.getvalue()
 
 
@@ -135,9 +130,3 @@ def format_cell(cell: Cell, places: int = 2) -> str:
     if isinstance(cell, int):
         return f"{cell:,}"
     return str(cell)
-
-
-def _split_cell(cell: Cell) -> Sequence[Any]:
-    if isinstance(cell, MeanStd):
-        return ["" if part is None else part for part in cell[: len(PARTS)]]
-    return ["" if cell is None else cell, *[""] * (len(PARTS) - 1)]

@@ -25,11 +25,6 @@ MEANS = "A line is the mean over the runs of a recipe; if there are several, the
 PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
 
 
-def learning_items(data: ReportData) -> Iterator[Item]:
-    yield from dev_curves(data)
-    yield progress_curves(data)
-
-
 def dev_curves(data: ReportData) -> Iterator[Item]:
     """Figure 4: one panel per configuration, one line per recipe, with the mean and deviation over seeds."""
     panels: list[tuple[str, str, str, list[Line]]] = []
@@ -38,8 +33,6 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
     keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
     for configuration, of_panel in shown.items():
-        if not of_panel:
-            continue
         drawn: list[Line] = []
         for name, runs in _group_by_recipe(of_panel, keys).items():
             for suffix, key in _metrics(runs):
@@ -48,7 +41,8 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
                 drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
                 last = mean_std([100 * run.evaluations[-1][key] for run in runs])
                 rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last])
-        panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
+        if drawn:
+            panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
     if not panels:
         yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
         return
@@ -58,14 +52,11 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
 
 
 def caption(evaluated: Sequence[TrainingCurve]) -> str:
-    """What the curves show, from the recipes and evaluations of their runs."""
+    """Explains the curves, from the recipes and evaluations of their runs."""
     masks = {curve.recipe.get("mask") for curve in evaluated}
-    if None in masks:
-        mask = "it is not recorded whether masked"
-    elif len(masks) > 1:
-        mask = "masked for some runs alone"
-    else:
-        mask = "illegal ones masked" if True in masks else "no mask of legal actions"
+    mask = "illegal ones masked" if True in masks else "no mask of legal actions"
+    if len(masks) > 1 or None in masks:
+        mask = "masked for some runs alone" if None not in masks else "it is not recorded whether masked"
     parts = [f"Sampled actions, {mask}."]
     if any(curve.recipe.get(REWARD_KEY) for curve in evaluated):
         parts.append(
@@ -128,7 +119,7 @@ def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str, 
     return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)
 
 
-def progress_curves(data: ReportData) -> Item:
+def progress_curves(data: ReportData) -> Iterator[Item]:
     """One panel per learner and configuration, one line per recipe, with the mean and deviation over runs."""
     groups: dict[tuple[str, str], list[TrainingCurve]] = {}
     for curve in data.curves:
@@ -136,15 +127,15 @@ def progress_curves(data: ReportData) -> Item:
     panels: list[tuple[str, str, str, list[Line]]] = []
     for (learner, configuration), curves in groups.items():
         key, label = find_learner(learner).progress
-        by_recipe = _group_by_recipe(curves, _differing_settings(curves))
         lines = [
             line._replace(agent=data.agent_of(runs[0].run))
-            for name, runs in by_recipe.items()
+            for name, runs in _group_by_recipe(curves, _differing_settings(curves)).items()
             if (line := mean_line(name, [run.progress for run in runs], key)) is not None
         ]
         if lines:
             counted = "steps" if "steps" in curves[0].progress[0] else "updates"
             panels.append((f"{learner} {configuration}".strip(), counted, label, lines))
-    if not panels:
-        return MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")
-    return Chart(ITEM, TITLE, line_chart(panels, data.looks), f"Training progress, on training tasks. {MEANS}")
+    if panels:
+        yield Chart(ITEM, TITLE, line_chart(panels, data.looks), f"Training progress, on training tasks. {MEANS}")
+    else:
+        yield MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, product
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.corpus.records import shown
@@ -18,7 +18,7 @@ from lilgym_mp.evaluation.episodes import MAX_NUMBER, Header, RecordedEpisode, R
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.learning.common.learners import find_learner
-from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE
+from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 
 FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
@@ -76,24 +76,25 @@ class ReportData:
     training_commands: tuple[str, ...] = ()  # commands of experiments, sorted by run name
 
     @property
+    def header(self) -> Header:
+        return self.entries[0].header
+
+    @property
     def metadata(self) -> list[RecordingMetadata]:
         """Of the recordings that have any."""
         return [made for entry in self.entries for made in entry.metadata]
 
-    @property
+    @cached_property
     def agents(self) -> list[str]:
         """Trained agents first, the expert last."""
-        names = dict.fromkeys(entry.agent for entry in self.entries)
         trained = {entry.agent for entry in self.entries if entry.header.run is not None}
+        names = dict.fromkeys(entry.agent for entry in self.entries)
         return sorted(names, key=lambda name: (name == EXPERT, name not in trained))
 
     @cached_property
     def looks(self) -> Looks:
-        """What the agents look like in all charts."""
-        looks = Looks()
-        for agent in self.agents:
-            looks[agent]  # chooses its look
-        return looks
+        """The agents' colours and hatches in all charts."""
+        return Looks(self.agents)
 
     def agent_of(self, run: Path) -> str | None:
         """The agent of a training run; None if no episodes of it were recorded."""
@@ -113,29 +114,26 @@ class ReportData:
         """The split used for analyses: dev, as in the paper, if it was played."""
         return "dev" if "dev" in self.splits else self.splits[0]
 
-    @property
-    def header(self) -> Header:
-        return self.entries[0].header
-
-    def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
-        """The agent's results, by default on the main split."""
-        key = agent, configuration, split or self.main_split
-        return next((entry for entry in self.entries if (entry.agent, entry.configuration, entry.split) == key), None)
-
-    def of(self, configuration: str) -> list[AgentResults]:
-        """All agents' results in a configuration on the main split, in the order of `agents`."""
-        return self.results([configuration], [self.main_split])
-
-    def results(self, configurations: Iterable[str], splits: Sequence[str]) -> list[AgentResults]:
-        """The agents' results by configuration, split and agent, each in the order above."""
-        places = product(configurations, splits, self.agents)
-        found = (self.find(agent, configuration, split) for configuration, split, agent in places)
-        return [entry for entry in found if entry is not None]
+    @cached_property
+    def results(self) -> list[AgentResults]:
+        """All results by configuration, split and agent, each in the order above."""
+        places = product(self.configurations, self.splits, self.agents)
+        found = {(entry.configuration, entry.split, entry.agent): entry for entry in self.entries}
+        return [found[place] for place in places if place in found]
 
     @property
     def main_results(self) -> list[AgentResults]:
         """All results on the main split."""
-        return self.results(self.configurations, [self.main_split])
+        return [entry for entry in self.results if entry.split == self.main_split]
+
+    def of(self, configuration: str, split: str | None = None) -> list[AgentResults]:
+        """All agents' results in a configuration, by default on the main split."""
+        place = configuration, split or self.main_split
+        return [entry for entry in self.results if (entry.configuration, entry.split) == place]
+
+    def find(self, agent: str, configuration: str, split: str | None = None) -> AgentResults | None:
+        """The agent's results, by default on the main split."""
+        return next((entry for entry in self.of(configuration, split) if entry.agent == agent), None)
 
 
 def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
@@ -147,11 +145,15 @@ def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> Report
     damaged file.
     """
     files = list(dict.fromkeys(file for path in paths for file in _files(path)))
-    recordings = _distinct(read_episodes(file) for file in files)
+    recordings: list[Recording] = []
+    for recording in map(read_episodes, files):  # a deterministic policy may have been recorded twice
+        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
+            recordings.append(recording)
     _check_comparable(recordings)
+    progress = _search([*paths, *runs], PROGRESS_FILE)
     return ReportData(
         tuple(_entries(recordings)),
-        tuple(_curves([*paths, *runs])),
+        tuple(_curve(file) for file in progress if file.with_name(RUN_FILE).exists()),
         tuple(_training_commands(paths)),
     )
 
@@ -171,29 +173,20 @@ def _files(path: Path) -> list[Path]:
     return found
 
 
-def _distinct(recordings: Iterable[Recording]) -> list[Recording]:
-    """Drops duplicates, such as a deterministic policy recorded twice."""
-    distinct: list[Recording] = []
-    for recording in recordings:
-        if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in distinct):
-            distinct.append(recording)
-    return distinct
-
-
 def _check_comparable(recordings: Sequence[Recording]) -> None:
     """Raises ReportError if recordings differ in SHARED_SETTINGS or task files."""
     first = recordings[0]
     tasks: dict[tuple[str, str], Recording] = {}
     for recording in recordings:
+        settings, header = recording.header.settings, recording.header
         for key in SHARED_SETTINGS:
-            values = [getattr(each.header.settings, key) for each in (first, recording)]
-            if values[0] != values[1]:
+            own, value = getattr(settings, key), getattr(first.header.settings, key)
+            if own != value:
                 raise ReportError(
-                    f"{recording.path}: {key} is {values[1]!r}, but {values[0]!r} in {first.path};"
+                    f"{recording.path}: {key} is {own!r}, but {value!r} in {first.path};"
                     f" all recordings of a report must have the same {key}"
                 )
-        header = recording.header
-        known = tasks.setdefault((header.settings.configuration, header.split), recording)
+        known = tasks.setdefault((settings.configuration, header.split), recording)
         if known.header.tasks_sha256 != header.tasks_sha256:
             raise ReportError(
                 f"{recording.path}: tasks_sha256 is {header.tasks_sha256[:12]}..., but {known.header.tasks_sha256[:12]}"
@@ -203,10 +196,10 @@ def _check_comparable(recordings: Sequence[Recording]) -> None:
 
 def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
     groups: dict[tuple[str, str, str], list[Recording]] = {}
-    labels = _labels([recording.header for recording in recordings])
-    for recording, label in zip(recordings, labels, strict=True):
-        header = recording.header
-        groups.setdefault((label, header.settings.configuration, header.split), []).append(recording)
+    headers = [recording.header for recording in recordings]
+    for recording, header in zip(recordings, headers, strict=True):
+        key = _label(header, headers), header.settings.configuration, header.split
+        groups.setdefault(key, []).append(recording)
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)
@@ -223,7 +216,7 @@ def _pooled(runs: Sequence[Recording]) -> Iterator[Recording]:
             yield from (first, *others)
             continue
         episodes = tuple(episode for run in (first, *others) for episode in run.episodes)
-        passes = first.header.passes + sum(run.header.passes for run in others)
+        passes = sum(run.header.passes for run in (first, *others))
         yield Recording(first.path, replace(first.header, passes=passes, episodes=len(episodes)), episodes)
 
 
@@ -242,22 +235,19 @@ def _check_seeds(runs: Sequence[Recording]) -> None:
             )
 
 
-def _labels(headers: Sequence[Header]) -> list[str]:
-    """A label for each recording's agent: its name, and where it differs from other recordings of that name."""
-    labels: list[str] = []
-    for header in headers:
-        own = header.agent, header.settings, header.split
-        others = [other for other in headers if (other.agent, other.settings, other.split) == own]
-        keys = differing_keys([other.recipe for other in others])
-        differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
-        if len({other.actions for other in others}) > 1:
-            differences.append(header.actions)
-        if len({other.mask for other in others}) > 1:
-            differences.append("with mask" if header.mask else "without mask")
-        if len({other.supervision for other in others}) > 1 and not differences:
-            differences.append(header.supervision)
-        labels.append(f"{header.agent} ({', '.join(differences)})" if differences else header.agent)
-    return labels
+def _label(header: Header, headers: Sequence[Header]) -> str:
+    """The name of a recording's agent, and what distinguishes it from other recordings of that name."""
+    own = header.agent, header.settings, header.split
+    others = [other for other in headers if (other.agent, other.settings, other.split) == own]
+    keys = differing_keys([other.recipe for other in others])
+    differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
+    if len({other.actions for other in others}) > 1:
+        differences.append(header.actions)
+    if len({other.mask for other in others}) > 1:
+        differences.append("with mask" if header.mask else "without mask")
+    if len({other.supervision for other in others}) > 1 and not differences:
+        differences.append(header.supervision)
+    return f"{header.agent} ({', '.join(differences)})" if differences else header.agent
 
 
 def differing_keys(recipes: Sequence[Any]) -> list[str]:
@@ -272,36 +262,40 @@ def format_setting(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
 
 
-def _curves(paths: Iterable[Path]) -> Iterator[TrainingCurve]:
-    """The curve of every training run in the directories."""
-    for file in _search(paths, PROGRESS_FILE):
-        if (description := file.with_name(RUN_FILE)).exists():
-            try:
-                described = _object(json.loads(description.read_text(encoding="utf-8")))
-                identity = _object(described.get("identity"))
-                learner = str(identity.get("learner"))
-                environment = identity.get("environment", {})
-                configuration = environment.get("configuration", "")
-                if configuration not in ("", *CONFIGURATIONS):
-                    raise ValueError(f"unknown configuration {shown(configuration)}")
-                progress = _records(file, find_learner(learner).progress[0])
-                evaluations = _records(file.with_name(EVALUATIONS_FILE), *ACCURACIES)
-                recipe = _object(identity.get("recipe", {}))
-                corpus = identity.get("corpus", environment.get("corpus"))
-                checksum = identity.get("tasks_sha256", identity.get("corpus_sha256"))
-                commit = _object(described.get("made", {})).get("commit")
-                origin = [None if text is None else str(text) for text in (corpus, checksum, commit)]
-            except (OSError, ValueError, AttributeError, RecursionError) as fault:
-                raise ReportError(f"{file}: damaged, or not the progress of a training run: {fault}") from None
-            origin[1] = origin[1] and origin[1][:CHECKSUM_DIGITS]
-            yield TrainingCurve(file.parent, learner, configuration, progress, evaluations, recipe, *origin)
+def _curve(progress: Path) -> TrainingCurve:
+    """The curve of the run with this file. Raises ReportError if one of its files is damaged."""
+    try:
+        run = begin_run(progress.parent, {}, resume=True)
+        identity, environment = run.identity, run.identity.get("environment", {})
+        learner, configuration = str(identity.get("learner")), environment.get("configuration", "")
+        if configuration not in ("", *CONFIGURATIONS):
+            raise ValueError(f"unknown configuration {shown(configuration)}")
+        made_from = (
+            identity.get("corpus", environment.get("corpus")),
+            identity.get("tasks_sha256", identity.get("corpus_sha256")),
+            run.made.get("commit"),
+        )
+        corpus, checksum, commit = (None if each is None else str(each) for each in made_from)
+        return TrainingCurve(
+            run.path,
+            learner,
+            configuration,
+            _records(progress, find_learner(learner).progress[0]),
+            _records(run.path / EVALUATIONS_FILE, *ACCURACIES),
+            dict(identity.get("recipe", {})),
+            corpus,
+            checksum and checksum[:CHECKSUM_DIGITS],
+            commit,
+        )
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError) as fault:
+        raise ReportError(f"{progress}: damaged, or not the progress of a training run: {fault}") from None
 
 
 def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:
     """The records of a JSON Lines file; empty if there is no such file. Raises ValueError for an invalid number."""
     if not file.exists():
         return ()
-    records = [_object(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
+    records = [dict(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
     for record in records:
         if not any(record.get(key) is not None for key in STEPS):
             raise ValueError(f"a record has none of {', '.join(STEPS)}")
@@ -310,13 +304,6 @@ def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:
             if value is not None and (not isinstance(value, int | float) or not abs(value) < MAX_NUMBER):
                 raise ValueError(f"{key} must be a number, not {shown(value)}")
     return tuple(records)
-
-
-def _object(value: object) -> dict[str, Any]:
-    """`value` if it is a JSON object. Raises ValueError otherwise."""
-    if not isinstance(value, dict):
-        raise ValueError(f"must be a JSON object, not {shown(value)}")
-    return cast("dict[str, Any]", value)
 
 
 def _training_commands(paths: Iterable[Path]) -> Iterator[str]:

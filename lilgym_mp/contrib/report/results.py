@@ -1,18 +1,28 @@
-"""Main results: accuracy, mean reward, accuracy by target; the recordings they are based on; corpus sizes."""
+"""Main results: accuracy, mean reward and paired tests; the recordings they are based on; corpus sizes."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
+from itertools import combinations, product
 
 from lilgym_mp.contrib.report import paper
-from lilgym_mp.contrib.report.aggregation import INTERVAL_NOTE, MeanStd, Value, accuracy_where, mean_where
+from lilgym_mp.contrib.report.aggregation import (
+    INTERVAL_NOTE,
+    MeanStd,
+    Value,
+    accuracy_where,
+    holm,
+    mean_where,
+    paired_difference,
+)
+from lilgym_mp.contrib.report.breakdowns import ERROR_BARS
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
 from lilgym_mp.contrib.report.corpus_statistics import corpus_statistics
 from lilgym_mp.contrib.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 from lilgym_mp.corpus import CorpusError
-from lilgym_mp.evaluation.episodes import RecordedEpisode
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation.settings import CONFIGURATIONS
 
 BASIS = "Runs behind the numbers"
@@ -21,129 +31,29 @@ PAPER_NOTE = (
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
     " corpus: no mask."
 )
-ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
 PROVENANCE_TITLE = "Provenance of the recordings"
 
 
-def results_items(data: ReportData) -> Iterator[Item]:
-    yield table_2(data)
-    yield from figure_3(data)
-    yield from figure_5(data)
-    yield basis(data)
-    yield training_runs(data)
-    yield provenance(data)
-    yield table_1(data)
-
-
-def basis(data: ReportData) -> Item:
-    """Runs, seeds, episodes and training of every row of the report."""
-    note = (
-        "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
-        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
-    )
-    columns = (
-        *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
-        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
-    )
-    rows = map(_basis_row, data.results(data.configurations, data.splits))
-    return table("Basis", BASIS, columns, rows, note)
-
-
-def training_runs(data: ReportData) -> Item:
-    """What each training run in the directories learnt from, with its whole recipe."""
-    title = "Training runs and their recipes"
-    if not data.curves:
-        return MissingItem("Basis", title, "the directories contain no training run; add one")
-    columns = ("run", "learner", "configuration", "trained on", "checksum", "commit", "recipe")
-    note = "Checksum: the first digits of the SHA-256 of the training tasks' file. Commit: of the code that trained."
-    rows = [
-        [
-            *(curve.run.name, curve.learner, curve.configuration or "all", curve.corpus, curve.checksum, curve.commit),
-            ", ".join(f"{key} {format_setting(value)}" for key, value in curve.recipe.items()),
-        ]
-        for curve in data.curves
-    ]
-    return table("Basis", title, columns, rows, note)
-
-
-def provenance(data: ReportData) -> Item:
-    """When, where and with which commands and code the episodes were recorded."""
-    if not data.metadata:
-        why = "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
-        return MissingItem("Basis", PROVENANCE_TITLE, why)
-    rows: list[list[Cell]] = []
-    for command in dict.fromkeys(made.command for made in data.metadata):
-        made = sorted((one for one in data.metadata if one.command == command), key=lambda one: one.date)
-        columns = [[str(getattr(one, name) or MISSING) for one in made] for name in ("date", "commit", "machine")]
-        rows.append([command, *(", ".join(dict.fromkeys(column)) for column in columns), len(made)])
-    note = "Dates are UTC. Commits are those of the checkout, 'with changes' if files differed from it."
-    return table("Basis", PROVENANCE_TITLE, ("command", "date", "commit", "machine", "recordings"), rows, note)
-
-
-def _basis_row(entry: AgentResults) -> list[Cell]:
-    headers = [run.header for run in entry.runs]
-    header = headers[0]
-    seeds = [str(one.training_seed) for one in headers if one.training_seed is not None]
-    totals = {
-        key: sum(one.training[key] for one in headers) / len(headers)
-        for key in ("steps", "cpu_minutes")
-        if all(key in one.training for one in headers)
-    }
-    return [
-        *(entry.agent, entry.configuration, entry.split, len(headers), ", ".join(seeds) or None),
-        ", ".join(map(str, entry.evaluation_seeds)),
-        *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
-        "yes" if header.mask else "no",
-        round(totals["steps"]) if "steps" in totals else None,
-        totals.get("cpu_minutes"),
-        header.supervision,
-        header.tasks_sha256[:CHECKSUM_DIGITS],
-        ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
-    ]
-
-
-def table_1(data: ReportData) -> Item:
-    """Number of contexts (MDPs) and start scenes of the corpus, by configuration and split."""
-    title = "Start scenes and contexts (MDPs) by split"
-    corpus = data.header.settings.corpus
-    try:
-        counts = corpus_statistics(corpus).counts
-    except CorpusError as fault:
-        return MissingItem("Table 1", title, f"the corpus {corpus!r} is not available: {fault}")
-    names = {pair: name for name, pair in CONFIGURATIONS.items()}
-    rows = [
-        (
-            *(names[count.appearance, count.start], count.split, count.contexts, count.tasks),
-            *((None, None) if count.paper is None else (count.paper.contexts, count.paper.tasks)),
-        )
-        for count in counts
-    ]
-    columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
-    note = f"Corpus: {data.header.corpus}. † from the paper, for the official corpus."
-    return table("Table 1", title, columns, rows, note)
-
-
-def table_2(data: ReportData) -> Item:
+def table_2(data: ReportData) -> Iterator[Item]:
     """Task-completion accuracy with its interval, next to the paper's."""
     starts = {(entry.configuration, entry.split): entry.header.start_scenes for entry in data.entries}
-    played = [(name, split) for name in CONFIGURATIONS for split in data.splits if (name, split) in starts]
+    played = [place for place in product(CONFIGURATIONS, data.splits) if place in starts]
     rows: list[list[Cell]] = []
     for agent in data.agents:
         found = [data.find(agent, *place) for place in played]
         headers = [entry.header for entry in found if entry is not None]
-        supervision = "; ".join(dict.fromkeys(re.split(r" ?[(;:]", header.supervision)[0] for header in headers))
+        supervision = dict.fromkeys(re.split(r" ?[(;:]", header.supervision)[0] for header in headers)
         actions = dict.fromkeys(f"{header.actions}{', masked' if header.mask else ''}" for header in headers)
         runs = max(len(entry.runs) for entry in found if entry is not None)
-        rows.append(
-            [agent, supervision, "; ".join(actions), runs, *(entry and accuracy_where(entry.runs) for entry in found)]
-        )
+        accuracies = [entry and accuracy_where(entry.runs) for entry in found]
+        rows.append([agent, "; ".join(supervision), "; ".join(actions), runs, *accuracies])
     for model, published in paper.ACCURACIES.items():
         accuracies = [published.get(place) for place in played]
         runs = max((cell.runs for cell in accuracies if cell is not None), default=None)
         rows.append([f"{model} {PUBLISHED}", "rewards alone", "sampled", runs, *accuracies])
     heads = (f"{name} {split}, n = {starts[name, split]:,}" for name, split in played)
     columns = ("agent", "supervision", "actions", "runs", *heads)
-    return table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, PAPER_NOTE)
+    yield table("Table 2 and Table 4", "Task-completion accuracy (%)", columns, rows, PAPER_NOTE)
 
 
 def figure_3(data: ReportData) -> Iterator[Item]:
@@ -157,57 +67,113 @@ def figure_3(data: ReportData) -> Iterator[Item]:
     yield table("Figure 3", f"{title}, numbers", ("agent", *data.configurations), rows)
 
 
-def figure_5(data: ReportData) -> Iterator[Item]:
-    """Accuracy by target truth value in the FlipIt configurations."""
-    title = f"Accuracy by target value on {data.main_split}"
-    configurations = [name for name in data.configurations if CONFIGURATIONS[name][1] == "flipit"]
-    if not configurations:
-        yield MissingItem("Figure 5", title, "no FlipIt configuration was evaluated")
-        return
-    panels = accuracy_panels(
-        data, ("target true", "target false"), lambda e: f"target {e.target}".lower(), configurations
+def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | float | None]]:
+    """The mean of a value of the episodes in each configuration, by agent."""
+    found = {agent: [data.find(agent, name) for name in data.configurations] for agent in data.agents}
+    return {agent: [entry and mean_where(entry.runs, value) for entry in row] for agent, row in found.items()}
+
+
+def basis(data: ReportData) -> Iterator[Item]:
+    """Runs, seeds, episodes and training of every row of the report."""
+    note = (
+        "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
+        " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
     )
-    rows: list[list[Cell]] = []
-    for panel in panels:
-        scenes = paper.START_SCENES_BY_TARGET.get(panel.title, (None, None))
-        for entry in data.of(panel.title):
-            for target, published, accuracy in zip((True, False), scenes, panel.values[entry.agent], strict=True):
-                starts = entry.start_scenes(lambda episode, target=target: episode.target == target)
-                rows.append([entry.agent, panel.title, str(target).lower(), starts, published, accuracy])
-    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", data.looks, top=109), ERROR_BARS)
-    columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
-    note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
-    yield table("Figure 5", f"{title}, numbers", columns, rows, note)
+    columns = (
+        *("agent", "configuration", "split", "runs", "training seeds", "evaluation seeds", "start scenes", "contexts"),
+        *("episodes", "actions", "mask", "steps", "CPU minutes", "supervision", "tasks", "commit"),
+    )
+    yield table("Basis", BASIS, columns, map(_basis_row, data.results), note)
 
 
-def accuracy_panels(
-    data: ReportData,
-    categories: Sequence[str],
-    category: Callable[[RecordedEpisode], str | None],
-    configurations: Sequence[str] | None = None,
-) -> list[BarPanel]:
-    """The accuracy of each agent by category of the episode, one panel per configuration."""
+def _basis_row(entry: AgentResults) -> list[Cell]:
+    header, headers = entry.header, [run.header for run in entry.runs]
+
+    def mean_of(key: str) -> float | None:
+        values = [one.training[key] for one in headers if key in one.training]
+        return sum(values) / len(headers) if len(values) == len(headers) else None
+
+    steps = mean_of("steps")
     return [
-        BarPanel(
-            configuration,
-            categories,
-            {
-                entry.agent: [
-                    accuracy_where(entry.runs, lambda e, name=name: category(e) == name) for name in categories
-                ]
-                for entry in data.of(configuration)
-            },
-        )
-        for configuration in configurations or data.configurations
+        *(entry.agent, entry.configuration, entry.split, len(headers)),
+        ", ".join(str(one.training_seed) for one in headers if one.training_seed is not None) or None,
+        ", ".join(map(str, entry.evaluation_seeds)),
+        *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
+        *("yes" if header.mask else "no", None if steps is None else round(steps), mean_of("cpu_minutes")),
+        *(header.supervision, header.tasks_sha256[:CHECKSUM_DIGITS]),
+        ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
     ]
 
 
-def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | float | None]]:
-    """The mean of a value of the episodes in each configuration, by agent."""
-    return {
-        agent: [
-            entry and mean_where(entry.runs, value)
-            for entry in (data.find(agent, configuration) for configuration in data.configurations)
+def training_runs(data: ReportData) -> Iterator[Item]:
+    """Corpus, commit and whole recipe of each training run in the directories."""
+    title = "Training runs and their recipes"
+    if not data.curves:
+        yield MissingItem("Basis", title, "the directories contain no training run; add one")
+        return
+    columns = ("run", "learner", "configuration", "trained on", "checksum", "commit", "recipe")
+    note = "Checksum: the first digits of the SHA-256 of the training tasks' file. Commit: of the code that trained."
+    rows = [
+        [
+            *(curve.run.name, curve.learner, curve.configuration or "all", curve.corpus, curve.checksum, curve.commit),
+            ", ".join(f"{key} {format_setting(value)}" for key, value in curve.recipe.items()),
         ]
-        for agent in data.agents
-    }
+        for curve in data.curves
+    ]
+    yield table("Basis", title, columns, rows, note)
+
+
+def provenance(data: ReportData) -> Iterator[Item]:
+    """When, where and with which commands and code the episodes were recorded."""
+    if not data.metadata:
+        why = "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
+        yield MissingItem("Basis", PROVENANCE_TITLE, why)
+        return
+    rows: list[list[Cell]] = []
+    for command in dict.fromkeys(made.command for made in data.metadata):
+        made = sorted((one for one in data.metadata if one.command == command), key=lambda one: one.date)
+        columns = [[str(getattr(one, name) or MISSING) for one in made] for name in ("date", "commit", "machine")]
+        rows.append([command, *(", ".join(dict.fromkeys(column)) for column in columns), len(made)])
+    note = "Dates are UTC. Commits are those of the checkout, 'with changes' if files differed from it."
+    yield table("Basis", PROVENANCE_TITLE, ("command", "date", "commit", "machine", "recordings"), rows, note)
+
+
+def table_1(data: ReportData) -> Iterator[Item]:
+    """Number of contexts (MDPs) and start scenes of the corpus, by configuration and split."""
+    title, corpus = "Start scenes and contexts (MDPs) by split", data.header.settings.corpus
+    try:
+        counts = corpus_statistics(corpus).counts
+    except CorpusError as fault:
+        yield MissingItem("Table 1", title, f"the corpus {corpus!r} is not available: {fault}")
+        return
+    rows: list[list[Cell]] = []
+    for count in counts:
+        published = (count.paper.contexts, count.paper.tasks) if count.paper else (None, None)
+        name = configuration_name(count.appearance, count.start)
+        rows.append([name, count.split, count.contexts, count.tasks, *published])
+    columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
+    note = f"Corpus: {data.header.corpus}. † from the paper, for the official corpus."
+    yield table("Table 1", title, columns, rows, note)
+
+
+def paired_tests(data: ReportData) -> Iterator[Item]:
+    """Differences in accuracy between any two agents, with p-values."""
+    pairs = [
+        (entry, other, difference)
+        for place in product(data.configurations, data.splits)
+        for entry, other in combinations(data.of(*place), 2)
+        if (difference := paired_difference(entry.runs, other.runs)) is not None
+    ]
+    if not pairs:
+        return
+    corrected = holm([difference.p_value for *_, difference in pairs])
+    rows: list[list[Cell]] = []
+    for (entry, other, difference), p_value in zip(pairs, corrected, strict=True):
+        p_text = f"{p_value:.4f}" if p_value >= 1e-4 else "< 0.0001"
+        rows.append([entry.agent, other.agent, entry.configuration, entry.split, *difference[:3], p_text])
+    columns = ("agent", "other agent", "configuration", "split", "difference (points)", "from", "to", "p")
+    note = (
+        f"{INTERVAL_NOTE} Both agents have the same resampled statements. p is two-sided, from the standard deviation"
+        f" of the resamples, and corrected for the {len(pairs)} tests of this table (Holm)."
+    )
+    yield table("Paired tests", "Differences in accuracy between agents", columns, rows, note)
