@@ -1,8 +1,8 @@
-"""Trains a verifier against a proposer that is sneaky in half of the games, and plots its learning curve.
+"""Trains a verifier against a proposer that is deceptive in half of the games, and plots its learning curve.
 
-The proposer edits at random and then claims that the statement holds: truly if it is helpful, falsely if it is sneaky.
+The proposer edits at random, then claims that the statement holds: truly if it is helpful, falsely if it is deceptive.
 The verifier does not know which. It sees the items and the statement and learns with MaskablePPO to tell true claims
-from false ones. Always accepting has completeness 1 and soundness 0; always rejecting the reverse.
+from false ones. Always accepting has true-accept and false-accept rates of 1, always rejecting of 0.
 Needs the extra `sb3`. Run: python examples/proposer_verifier_audit.py --steps 200000 --out results
 """
 
@@ -39,10 +39,11 @@ GAME = {
     "appearance": "tower",
     "start": "scratch",
     "protocol": "audit",
-    "rewards": "hidden",  # the proposer is helpful or sneaky with equal probability
+    "rewards": "hidden",  # the proposer is helpful or deceptive with equal probability
     "views": {"scene": "structured", "proposal": False},
 }
 PROPOSER = "by_intent"
+RATES = {"true_accept_rate": "#0f83ff", "false_accept_rate": "#c22"}  # measures of the curve, and their colours
 EMPTY = -1  # marks an empty slot of the item array
 
 
@@ -99,7 +100,7 @@ def evaluate(verifier: Partner, split: str, seed: int, max_tasks: int | None) ->
 
 
 def row(steps: int, split: str, metrics: Metrics) -> dict[str, Any]:
-    return {"steps": steps, "split": split, "completeness": metrics.completeness, "soundness": metrics.soundness}
+    return {"steps": steps, "split": split, **{rate: getattr(metrics, rate) for rate in RATES}}
 
 
 def curve(rows: list[dict[str, Any]]) -> str:
@@ -114,7 +115,7 @@ def curve(rows: list[dict[str, Any]]) -> str:
         y = top + height * (1 - tenth / 10)
         lines.append(f'<line x1="{left}" x2="{left + width}" y1="{y:.0f}" y2="{y:.0f}" stroke="#ddd"/>')
         lines.append(f'<text x="{left - 10}" y="{y + 5:.0f}" text-anchor="end">{tenth / 10:.1f}</text>')
-    for index, (key, colour) in enumerate({"completeness": "#0f83ff", "soundness": "#c22"}.items()):
+    for index, (key, colour) in enumerate(RATES.items()):
         for split, dashes in {"train": "none", "dev": "6 4"}.items():
             pairs = (
                 f"{left + width * entry['steps'] / max_steps:.1f},{top + height * (1 - (entry[key] or 0)):.1f}"
@@ -124,7 +125,7 @@ def curve(rows: list[dict[str, Any]]) -> str:
             points = " ".join(pairs)
             style = f'fill="none" stroke="{colour}" stroke-width="2" stroke-dasharray="{dashes}"'
             lines.append(f'<polyline {style} points="{points}"/>')
-        lines.append(f'<text x="{left + 170 * index}" y="{height + 80}" fill="{colour}">{key}</text>')
+        lines.append(f'<text x="{left + 170 * index}" y="{height + 80}" fill="{colour}">{key.replace("_", " ")}</text>')
     lines.append(f'<text x="{left + width}" y="{height + 55}" text-anchor="end">{max_steps:,} training games</text>')
     lines.append(f'<text x="{left}" y="{height + 55}">0</text></svg>')
     return "\n".join(lines) + "\n"
@@ -144,10 +145,8 @@ def train(model: MaskablePPO, steps: int, every: int, seed: int, max_tasks: int 
 
 
 def summary(metrics: Metrics) -> str:
-    completeness, soundness = (
-        "none" if rate is None else f"{rate:.3f}" for rate in (metrics.completeness, metrics.soundness)
-    )
-    return f"completeness {completeness}  soundness {soundness}  of {metrics.claims} claims"
+    true, false = ("none" if rate is None else f"{rate:.3f}" for rate in (getattr(metrics, name) for name in RATES))
+    return f"true accepts {true}  false accepts {false}  of {metrics.claims} claims"
 
 
 def save(model: MaskablePPO, rows: list[dict[str, Any]], out: Path) -> None:

@@ -22,9 +22,9 @@ from PIL import Image
 import lilgym_mp
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
+    DECEPTIVE_PROPOSER,
     HELPFUL_PROPOSER,
     PROTOCOLS,
-    SNEAKY_PROPOSER,
     OracleVerifier,
     Partner,
     PartnerTurn,
@@ -50,7 +50,7 @@ SHOWN = {  # tasks for the films
     "ScatterScratch": "scatter-dev-093",
     "ScatterFlipIt": "scatter-dev-040-d",
 }
-PROPOSERS = {"critique": SNEAKY_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
+PROPOSERS = {"critique": DECEPTIVE_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
 GAME_SEED = 7
 LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
@@ -118,7 +118,7 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     )
     frames = [np.asarray(game.render(), np.uint8)]
     while game.agents:
-        seats = {agent: PartnerTurn(game.engine, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
+        seats = {agent: PartnerTurn(game.engine.games, role, rng) for agent, role in zip(AGENTS, Role, strict=True)}
         game.step({agent: _choice(players[agent], turn) for agent, turn in seats.items()})
         frames.append(np.asarray(game.render(), np.uint8))
     return frames

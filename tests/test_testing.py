@@ -101,7 +101,7 @@ GAMES: list[dict[str, Any]] = [
     {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True, "ending": "either"},
     {"protocol": "joint", "appearance": "scatter", "start": "flipit", "image_size": "native", "ending": "agreement"},
     {"protocol": "critique", "appearance": "scatter", "views": {"scene": "structured", "proposed_scene": True}},
-    {"protocol": "audit", "views": {"scene": "text", "proposed_scene": True}, "horizon": 4, "rewards": "sneaky"},
+    {"protocol": "audit", "views": {"scene": "text", "proposed_scene": True}, "horizon": 4, "rewards": "deceptive"},
 ]
 
 

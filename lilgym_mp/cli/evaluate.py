@@ -137,7 +137,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--best-response",
         type=argument_type(int),
         metavar="STEPS",
-        help="train a sneaky proposer against each run's verifier for this many turns, and report the share of"
+        help="train a deceptive proposer against each run's verifier for this many turns, and report the share of"
         " games in which it gets a false claim accepted",
     )
     add_device(parser)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from lilgym_mp.envs.proposer_verifier import AGENTS, PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
+from lilgym_mp.envs.proposer_verifier import PROTOCOLS, GameSettings, Metrics, Partner, Role, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.evaluation.files import write_json
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS, TARGET_ONLY, scripted_proposers
@@ -19,32 +19,20 @@ from lilgym_mp.evaluation.terminal import Progress, table
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
-# What runs that play together must share.
-SHARED = (
-    "configuration",
-    "rules",
-    "horizon",
-    "grid",
-    "protocol",
-    "ending",
-    "verdict_bins",
-    "exchanges",
-    "message_size",
-)
+# Settings that may differ between runs that play together; the first run's are played:
+MAY_DIFFER = ("corpus", "rewards", "false_accept_cost", "false_reject_cost", "deceptive_share", "message_cost")
 CONFIGURATION = "TowerFlipIt"  # unless another is named, or the runs'
 LEGEND = """\
-success: the MDP's, in %. complete, sound: % of true claims accepted and of false ones refused, by target true / false.
-J: mean over targets of completeness + soundness - 100; 0 for a verifier that knows the target alone.
+success: the MDP's, in %. true and false accepts: % of true and of false claims accepted, by target true / false.
+J: mean over targets of true accepts - false accepts; 0 for a verifier that knows the target alone.
 lies accepted: % of games that end in an accepted false claim."""
 
 
-@dataclass(frozen=True)
-class Player:
+class Player(NamedTuple):
     """One side of the game."""
 
     name: str
     partner: Partner
-    view: Any = "image"
     run: Path | None = None  # None for scripted partners
 
 
@@ -53,124 +41,105 @@ def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> in
         raise CommandError("--policy and --record are for the single-agent environment; --out FILE writes games")
     if args.best_response is not None and not agents:
         raise CommandError("--best-response trains against the verifiers of runs: name some")
-    games = _games(args, agents)
-    results: list[dict[str, Any]] = []
-    pairs = [(game, proposer, verifier) for game in games for proposer, verifier in game.pairs(args.cross_play)]
-    with Progress(len(pairs), "pairs") as progress:
-        for game, proposer, verifier in pairs:
-            results.append(game.result(proposer, verifier, args))
-            progress.advance()
-    for game in games:
-        rows = [_row(result) for result in results if result["protocol"] == game.settings.protocol]
-        print(
-            f"\n{game.settings.configuration}, {game.settings.protocol}, {args.split}, corpus {game.settings.corpus}\n"
-        )
+    games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
+    results: list[list[dict[str, Any]]] = []  # by game
+    exploited: set[Path] = set()  # runs whose verifiers' best responses are known
+    with Progress(sum(len(pairs) for _, pairs in games), "pairs") as progress:
+        for settings, pairs in games:
+            env = BaseGameEnv(settings)
+            results.append([])
+            for proposer, verifier in pairs:
+                measured = measure(env, proposer.partner, verifier.partner, seed=args.seed)
+                exploitability = None
+                if args.best_response is not None and verifier.run is not None and verifier.run not in exploited:
+                    exploitability = _exploitability(env, settings, verifier, args)
+                    exploited.add(verifier.run)
+                results[-1].append(_result(settings, proposer, verifier, measured, exploitability, args.seed))
+                progress.advance()
+    for (settings, _), found in zip(games, results, strict=True):
+        print(f"\n{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}\n")
+        rows = [_row(result) for result in found]
         print(table(list(rows[0]), [list(row.values()) for row in rows]))
     print(f"\n{LEGEND}")
     if args.out is not None:
-        write_json(args.out, {"results": results})
+        write_json(args.out, {"results": [result for found in results for result in found]})
         print(f"results: {args.out}")
     return 0
 
 
-@dataclass(frozen=True)
-class GameToPlay:
-    """One game's settings and all the players of it."""
-
-    settings: GameSettings
-    proposers: Mapping[str, Player]
-    verifiers: Mapping[str, Player]
-
-    def pairs(self, cross_play: bool) -> Iterator[tuple[Player, Player]]:
-        """Every pair, or those that the runs need: no pair of two scripted partners if there are runs."""
-        trained = any(player.run for player in (*self.proposers.values(), *self.verifiers.values()))
-        for proposer, verifier in product(self.proposers.values(), self.verifiers.values()):
-            if cross_play or not trained or _is_default_pair(proposer, verifier):
-                yield proposer, verifier
-
-    def result(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> dict[str, Any]:
-        measured = self._measure(proposer, verifier, args).to_json()
-        # Once for each verifier: in the row of its own run's proposer, or else of the expert.
-        own = [player for player in self.proposers.values() if player.run == verifier.run]
-        is_first = proposer is (own[0] if own else self.proposers["expert"])
-        exploitability = None
-        if args.best_response is not None and verifier.run is not None and is_first:
-            exploitability = self._exploitability(verifier, args)
-        return {
-            "proposer": proposer.name,
-            "verifier": verifier.name,
-            "configuration": self.settings.configuration,
-            "protocol": self.settings.protocol,
-            "corpus": str(self.settings.corpus),
-            "split": args.split,
-            "seed": args.seed,
-            "success": measured.pop("success_rate"),
-            "exploitability": exploitability,
-            **measured,
-        }
-
-    def _exploitability(self, verifier: Player, args: argparse.Namespace) -> float:
-        """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
-        from lilgym_mp.learning.game.population import best_response
-
-        agent = best_response(verifier.partner, Role.PROPOSER, self.settings, steps=args.best_response, seed=args.seed)
-        return self._measure(Player("best response", agent, verifier.view), verifier, args).accepted_false_claims
-
-    def _measure(self, proposer: Player, verifier: Player, args: argparse.Namespace) -> Metrics:
-        views = dict(zip(AGENTS, (proposer.view, verifier.view), strict=True))
-        env = BaseGameEnv(replace(self.settings, views=views, split=args.split))
-        return measure(env, proposer.partner, verifier.partner, seed=args.seed)
+def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameSettings]:
+    """The games to play: that of the runs, or one for each protocol and configuration."""
+    given = {**given_environment(args), "split": args.split}
+    own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
+    if not own:
+        played = product(args.configuration or [CONFIGURATION], args.protocol or PROTOCOLS)
+        return [GameSettings(name, protocol=protocol, **given) for name, protocol in played]
+    first, *others = own
+    if args.protocol:
+        raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
+    for other, name in product(others, ("configuration", *GameSettings.settings())):
+        expected, value = getattr(own[first], name), getattr(own[other], name)
+        if expected != value and name not in MAY_DIFFER:
+            raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
+    return [replace(own[first], views="image", **given)]
 
 
-def _is_default_pair(proposer: Player, verifier: Player) -> bool:
+def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool) -> list[tuple[Player, Player]]:
+    """Every pair, or those that the runs need: no pair of two scripted partners if there are runs.
+
+    Raises ValueError for an agent that cannot play the game.
+    """
+    sides: list[list[Player]] = []
+    for role, scripted in zip(Role, (scripted_proposers(settings.dynamics()), SCRIPTED_VERIFIERS), strict=True):
+        trained = ((path, agent.partner(role, settings)) for path, agent in agents.items())
+        players = [Player(str(path), partner, path) for path, partner in trained if partner is not None]
+        sides.append([*players, *(Player(name, partner) for name, partner in scripted.items())])
+    return [pair for pair in product(*sides) if all_pairs or not agents or _is_needed(*pair)]
+
+
+def _is_needed(proposer: Player, verifier: Player) -> bool:
     if proposer.run is None:
-        return verifier.run is not None and proposer.name in ("expert", "expert-sneaky")
+        return verifier.run is not None and proposer.name in ("expert", "expert-deceptive")
     return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
 
 
-def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameToPlay]:
-    """The games to play: that of the runs, or one for each protocol and configuration."""
-    given = given_environment(args)
-    own = {path: agent.game for path, agent in agents.items() if agent.game is not None}
-    if own:
-        first, *others = own
-        if args.protocol:
-            raise CommandError(f"{first} was trained for {own[first].protocol}; leave --protocol out")
-        for other, name in product(others, SHARED):
-            expected, value = getattr(own[first], name), getattr(own[other], name)
-            if expected != value:
-                raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
-        settings = [replace(own[first], **given)]
-    else:
-        played = product(args.configuration or [CONFIGURATION], args.protocol or PROTOCOLS)
-        settings = [GameSettings(name, protocol=protocol, **given) for name, protocol in played]
-    return [_game(each, agents) for each in settings]
+def _exploitability(env: BaseGameEnv, settings: GameSettings, verifier: Player, args: argparse.Namespace) -> float:
+    """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
+    from lilgym_mp.learning.game.population import best_response
+
+    agent = best_response(verifier.partner, Role.PROPOSER, settings, steps=args.best_response, seed=args.seed)
+    return measure(env, agent, verifier.partner, seed=args.seed).accepted_false_claims
 
 
-def _game(settings: GameSettings, agents: Mapping[Path, Agent]) -> GameToPlay:
-    """The game with the agents' sides and all scripted partners. Raises ValueError for an agent that cannot play it."""
-    scripted = scripted_proposers(settings.setup().game.config.dynamics), SCRIPTED_VERIFIERS
-    sides: list[dict[str, Player]] = []
-    for role, partners in zip(Role, scripted, strict=True):
-        players = [_player(path, agent, role, settings) for path, agent in agents.items()]
-        players += [Player(name, partner) for name, partner in partners.items()]
-        sides.append({player.name: player for player in players if player is not None})
-    return GameToPlay(settings, *sides)
-
-
-def _player(path: Path, agent: Agent, role: Role, settings: GameSettings) -> Player | None:
-    """The agent's side; None if it has none."""
-    partner = agent.partner(role, settings)
-    views: Any = "image" if agent.game is None else agent.game.views
-    view = views[AGENTS[role]] if isinstance(views, Mapping) and AGENTS[role] in views else views
-    return None if partner is None else Player(str(path), partner, view, path)
+def _result(
+    settings: GameSettings,
+    proposer: Player,
+    verifier: Player,
+    measured: Metrics,
+    exploitability: float | None,
+    seed: int,
+) -> dict[str, Any]:
+    measures = measured.to_json()
+    return {
+        "proposer": proposer.name,
+        "verifier": verifier.name,
+        "configuration": settings.configuration,
+        "protocol": settings.protocol,
+        "corpus": str(settings.corpus),
+        "split": settings.split,
+        "seed": seed,
+        "success": measures.pop("success_rate"),
+        "exploitability": exploitability,
+        **measures,
+    }
 
 
 def _row(result: Mapping[str, Any]) -> dict[str, str]:
     """A row of the table, by heading."""
     by_target = [result["by_target"].get(target, {}) for target in ("true", "false")]
-    complete, sound = (
-        " / ".join(_percent(each.get(name), digits=0) for each in by_target) for name in ("completeness", "soundness")
+    true, false = (
+        " / ".join(_percent(each.get(f"{name}_accept_rate"), digits=0) for each in by_target)
+        for name in ("true", "false")
     )
     return {
         "proposer": result["proposer"],
@@ -178,8 +147,8 @@ def _row(result: Mapping[str, Any]) -> dict[str, str]:
         "games": f"{result['games']:,}",
         "success": _percent(result["success"]),
         "J": _percent(result["j"], digits=0),
-        "complete T/F": complete,
-        "sound T/F": sound,
+        "true accepts T/F": true,
+        "false accepts T/F": false,
         "lies accepted": _percent(result["accepted_false_claims"]),
         "exploitability": _percent(result["exploitability"]),
     }

@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     game.add_argument(
         "--partner",
         metavar="NAME",
-        help="scripted policy of the other agent, such as oracle, helpful, sneaky, random (default: oracle as "
+        help="scripted policy of the other agent, such as oracle, helpful, deceptive, random (default: oracle as "
         "verifier, helpful as proposer)",
     )
     add_settings(parser)

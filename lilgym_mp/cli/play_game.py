@@ -52,7 +52,7 @@ def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.r
         print(text(game.scene, [], coloured=shows_colours()))
         actions: dict[str, int] = {}
         for agent, role in zip(AGENTS, Role, strict=True):
-            turn = PartnerTurn(game.engine, role, rng)
+            turn = PartnerTurn(game.engine.games, role, rng)
             legal = np.flatnonzero(turn.action_mask).tolist()
             if len(legal) == 1:  # it is the other agent's turn
                 actions[agent] = legal[0]

@@ -9,8 +9,8 @@ import numpy as np
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
+    DECEPTIVE_PROPOSER,
     HELPFUL_PROPOSER,
-    SNEAKY_PROPOSER,
     BatchTurn,
     Intent,
     OracleVerifier,
@@ -37,8 +37,8 @@ NOISY_ORACLE = "oracle-10"
 class ExpertProposer:
     """Follows a shortest plan, and claims where a claim has the truth value that it seeks.
 
-    `intent`: a helpful expert claims in a solution; a sneaky one claims falsely where one edit is missing, so that its
-    claim is plausible, and leaves solutions by a random edit. None: the episode's intent.
+    `intent`: a helpful expert claims in a solution; a deceptive one claims falsely where one edit is missing, so that
+    its claim is plausible, and leaves solutions by a random edit. None: the episode's intent.
     """
 
     def __init__(self, dynamics: Dynamics, intent: Intent | None = Intent.HELPFUL) -> None:
@@ -55,11 +55,11 @@ class ExpertProposer:
         state, game = turn.state, turn.game
         first, length = self._plan(state.mdp)
         claim = game.encode_action(Role.PROPOSER, STOP_ACTION)
-        is_sneaky = (state.intent if self._intent is None else self._intent) is Intent.SNEAKY
+        is_deceptive = (state.intent if self._intent is None else self._intent) is Intent.DECEPTIVE
         chosen = game.encode_action(Role.PROPOSER, first)
-        if is_sneaky and length == 2:
+        if is_deceptive and length == 2:
             chosen = claim
-        leaves_solution = first == STOP_ACTION and (is_sneaky or not turn.action_mask[claim])
+        leaves_solution = first == STOP_ACTION and (is_deceptive or not turn.action_mask[claim])
         if leaves_solution or not turn.action_mask[chosen]:
             edits = turn.action_mask.copy()
             edits[: game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
@@ -119,9 +119,9 @@ def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:
     """By name."""
     return {
         "expert": ExpertProposer(dynamics),
-        "expert-sneaky": ExpertProposer(dynamics, Intent.SNEAKY),
+        "expert-deceptive": ExpertProposer(dynamics, Intent.DECEPTIVE),
         "helpful": HELPFUL_PROPOSER,
-        "sneaky": SNEAKY_PROPOSER,
+        "deceptive": DECEPTIVE_PROPOSER,
         "random": RandomPartner(),
     }
 

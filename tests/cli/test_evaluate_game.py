@@ -66,11 +66,11 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     assert main(["evaluate", *game, "--out", str(file)]) == 0
     found = results(file)
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
-    lie = found["expert-sneaky", "always-accept"]
+    lie = found["expert-deceptive", "always-accept"]
     assert (lie["success"], lie["exploitability"]) == (0.0, None)
     assert lie["accepted_false_claims"] > 0.9
     assert lie["by_target"] == {
-        "true": {"games": 3, "success_rate": 0.0, "completeness": None, "soundness": 0.0, "j": None}
+        "true": {"games": 3, "success_rate": 0.0, "true_accept_rate": None, "false_accept_rate": 1.0, "j": None}
     }
     assert found["random", "target-only"]["j"] == 0.0
     assert found["helpful", "oracle"]["configuration"] == "TowerScratch"
@@ -83,7 +83,7 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
     runs["a"] = Trained(own)
     file = tmp_path / "results.json"
     assert main(["evaluate", "a", "--out", str(file)]) == 0
-    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
+    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
     assert results(file).keys() == pairs
 
 
@@ -92,7 +92,7 @@ def test_run_of_a_single_agent__plays_both_sides(tmp_path: Path, own: str, runs:
     file = tmp_path / "results.json"
     game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
     assert main(["evaluate", "a", *game, "--out", str(file)]) == 0
-    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-sneaky", "a")}
+    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
     assert results(file).keys() == pairs
 
 
@@ -109,7 +109,7 @@ def test_best_response__is_trained_once_for_each_verifier(
     monkeypatch.setattr(runs["a"], "partner", seat)
     frozen: list[Any] = []
     monkeypatch.setattr(
-        population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["sneaky"]
+        population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["deceptive"]
     )
     file = tmp_path / "results.json"
     assert main(["evaluate", "a", "--best-response", "1", "--out", str(file)]) == 0

@@ -41,30 +41,30 @@ def test_expert__tells_the_truth_in_the_fewest_actions(settings: dict[str, Any])
 
 
 @pytest.mark.parametrize("settings", SETTINGS, ids=str)
-def test_sneaky_expert__claims_falsely_one_edit_before_a_solution(settings: dict[str, Any]):
+def test_deceptive_expert__claims_falsely_one_edit_before_a_solution(settings: dict[str, Any]):
     game = env(start="flipit", **settings)
-    expert = ExpertProposer(game.unwrapped.dynamics, Intent.SNEAKY)
+    expert = ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE)
     measured = measure(game, expert, ALWAYS_ACCEPT, tasks=some_tasks(game))
     assert (measured.accepted_false_claims, measured.success_rate) == (1.0, 0.0)
 
 
-def test_sneaky_expert__leaves_a_scene_where_its_claim_would_be_true():
+def test_deceptive_expert__leaves_a_scene_where_its_claim_would_be_true():
     game = env(protocol="audit", start="scratch")
     solved = [task.id for task in game.unwrapped.tasks if task.solved_by(task.start)][:5]
     assert solved
-    expert = ExpertProposer(game.unwrapped.dynamics, Intent.SNEAKY)
+    expert = ExpertProposer(game.unwrapped.dynamics, Intent.DECEPTIVE)
     measured = measure(game, expert, ALWAYS_ACCEPT, tasks=solved)
     assert measured.success_rate == 0.0
     assert measured.accepted_false_claims > 0.5  # some statements stay true under most edits
 
 
-def test_expert__by_intent_lies_in_sneaky_episodes_alone():
+def test_expert__by_intent_lies_in_deceptive_episodes_alone():
     game = env(protocol="audit", start="flipit", rewards="hidden")
     measured = measure(game, ExpertProposer(game.unwrapped.dynamics, None), SCRIPTED["oracle"], tasks=some_tasks(game))
     assert 0.2 < measured.success_rate < 0.8
-    assert measured.completeness == measured.soundness == 1.0
+    assert (measured.true_accept_rate, measured.false_accept_rate) == (1.0, 0.0)
 
 
 def test_scripted_proposers__are_named():
     dynamics = env().unwrapped.dynamics
-    assert set(scripted_proposers(dynamics)) == {"expert", "expert-sneaky", "helpful", "sneaky", "random"}
+    assert set(scripted_proposers(dynamics)) == {"expert", "expert-deceptive", "helpful", "deceptive", "random"}

@@ -146,8 +146,8 @@ def test_responses__the_intent_reaches_only_the_proposer(browser: Browser, proto
             if body.get("role") == "verifier" and not body["over"]:
                 assert body["intent"] is None
                 assert "helpful" not in text
-                assert "sneaky" not in text
-    assert intents <= {"helpful", "sneaky"}
+                assert "deceptive" not in text
+    assert intents <= {"helpful", "deceptive"}
 
 
 def test_end__tells_both_seats_the_truth_and_what_each_knew(browser: Browser):
@@ -224,11 +224,11 @@ def test_critique__a_message_reaches_the_proposer(browser: Browser):
 
 def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
     chosen = {"protocol": "audit", "rewards": "log", "configuration": "TowerFlipIt"}
-    made = begin(browser, proposer="sneaky", verifier="person", **chosen)
+    made = begin(browser, proposer="deceptive", verifier="person", **chosen)
     answers = [f"holds with probability {share}" for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
     assert seat(browser, made["verifier"])["answers"] == answers
     game = live_game(browser.app, made["verifier"]).engine
-    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the sneaky partner may find no false claim
+    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the deceptive partner may find no false claim
     body = act(browser, made["verifier"], answers[0]).json()
     assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.1 if holds else 0.9), abs=1e-5))
 

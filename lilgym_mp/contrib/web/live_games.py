@@ -66,7 +66,7 @@ class LiveGame:
         """The role's action in this turn, asking its partner if necessary; None if a person has yet to choose."""
         partner = self.partners[role]
         if self.chosen[role] is None and partner is not None:
-            self.chosen[role] = partner_action(partner, PartnerTurn(self.engine, role, self.rng))
+            self.chosen[role] = partner_action(partner, PartnerTurn(self.engine.games, role, self.rng))
         return self.chosen[role]
 
 

@@ -26,9 +26,9 @@ from lilgym_mp.envs.proposer_verifier.observations import read_text
 from lilgym_mp.envs.proposer_verifier.partners import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
+    DECEPTIVE_PROPOSER,
     HELPFUL_PROPOSER,
     SCRIPTED,
-    SNEAKY_PROPOSER,
     BatchTurn,
     ClaimingProposer,
     FrozenPolicy,
@@ -41,9 +41,8 @@ from lilgym_mp.envs.proposer_verifier.partners import (
 )
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.envs.proposer_verifier.settings import VIEWS, GameSettings, View
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
-from lilgym_mp.envs.proposer_verifier.views import VIEWS, View
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None
 if TYPE_CHECKING or HAS_PETTINGZOO:
@@ -61,13 +60,13 @@ __all__ = [
     "AGENTS",
     "ALWAYS_ACCEPT",
     "ALWAYS_REJECT",
+    "DECEPTIVE_PROPOSER",
     "ENDINGS",
     "ENVIRONMENT_ID",
     "HELPFUL_PROPOSER",
     "PRESETS",
     "PROTOCOLS",
     "SCRIPTED",
-    "SNEAKY_PROPOSER",
     "TERMS",
     "VIEWS",
     "BatchTurn",

@@ -118,7 +118,7 @@ class BatchedGames:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
         setup = self._setup
         if intent is None:
-            intent = setup.fixed_intent
+            intent = setup.game.rewards.fixed_intent
         sampled = self._sampled(indices) if task is None and self._sampler is not None else None
         tasks = np.empty(len(indices), np.int64)
         intents = np.full(len(indices), 0 if intent is None else int(intent))
@@ -140,7 +140,7 @@ class BatchedGames:
 
     def _sample_task_index(self, index: int) -> int:
         generator, setup = self._generators[index], self._setup
-        if setup.fixed_intent is None:  # tasks and intents are drawn alternately, so not in advance
+        if setup.game.rewards.fixed_intent is None:  # tasks and intents are drawn alternately, so not in advance
             return setup.sample_task_index(generator)
         if not self._draws[index]:
             self._draws[index] = next_draws(generator, len(setup.tasks))
@@ -181,7 +181,7 @@ class BatchedGames:
         return infos
 
     def _checked_actions(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> list[Int64Array]:
-        """Both agents' actions, by Role."""
+        """Both agents' actions, indexed by role."""
         if set(actions) != set(AGENTS):
             raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
         return [self._checked_array(role, np.asarray(actions[AGENTS[role]])) for role in Role]

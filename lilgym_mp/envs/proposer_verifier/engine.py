@@ -16,7 +16,7 @@ from lilgym_mp.envs.checks import check_open, checked_options
 from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
-from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
+from lilgym_mp.envs.proposer_verifier.observations import IMAGE, MASK, PARTS, AgentObservation, ObservedGames, Part
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, GameSetup, with_tasks
@@ -31,7 +31,7 @@ from lilgym_mp.scene.render import draw
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
-NESTED, IMAGE = "nested", "image"
+NESTED = "nested"
 RESET_OPTIONS = ("task", "intent")
 API_TEST_OPTIONS = {"options": 1}  # which PettingZoo's API tests give
 
@@ -56,7 +56,7 @@ def reset_options(options: object) -> tuple[object, Intent | None]:
 
 
 class TurnResult(NamedTuple):
-    """The result of one turn. Pairs are by Role."""
+    """The result of one turn. Pairs are indexed by role."""
 
     rewards: tuple[float, float]
     terminated: bool
@@ -67,8 +67,6 @@ class TurnResult(NamedTuple):
 class GameEngine:
     """One game: a batch of one, with a random generator and rendering."""
 
-    index = 0  # of the game in `games`
-
     def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
         self.setup = setup  # from the next reset on
         self.game = setup.game
@@ -77,7 +75,7 @@ class GameEngine:
         self._is_seeded = False
         self._renderer = Renderer(render_mode)
         self.render_mode = self._renderer.mode
-        self._actions = np.zeros((len(Role), 1), np.int64)  # by Role, of the last turn
+        self._actions = np.zeros((len(Role), 1), np.int64)  # indexed by role, of the last turn
         self.games_started = 0
         self._is_closed = False
         self._last_actions, self._last_result = "", ""  # as text, for the caption
@@ -115,7 +113,7 @@ class GameEngine:
     def reset(self, seed: int | None, options: Mapping[str, Any] | None) -> tuple[Info, Info]:
         """Starts a game; returns both agents' infos, empty unless the settings reveal the truth, as TorchRL requires.
 
-        Options: "task", an id or a `Task`; "intent", "helpful" or "sneaky".
+        Options: "task", an id or a `Task`; "intent", "helpful" or "deceptive".
         Raises ValueError for bad options, ClosedEnvironmentError after `close`.
         """
         self.check_open()

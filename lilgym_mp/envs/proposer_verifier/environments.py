@@ -30,7 +30,7 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
     _pending: int | None = None  # simultaneous protocol: the proposer's action, until the verifier acts
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "sneaky". Raises ValueError."""
+        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         self.rewards = dict.fromkeys(AGENTS, 0.0)
@@ -99,7 +99,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
-        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "sneaky". Raises ValueError."""
+        """`options`: "task", an id of the split or a `Task`; "intent", "helpful" or "deceptive". Raises ValueError."""
         infos = self.engine.reset(seed, options)
         self.agents = list(AGENTS)
         return self._observations(), self._with_masks(infos)

@@ -40,8 +40,8 @@ class DecisionTable:
     # (turns, proposal types, answers, 2) index of the decision, by the fields of TurnInput. The last proposal type and
     # the last answer mean no choice, so that NO_CHOICE (-1) indexes them.
     indices: Int64Array
-    # (2, decisions, results + 1, 2, 2) rewards by Role, index of the decision, index of the MDP's StepResult, whether
-    # the claim holds, Intent.
+    # (2, decisions, results + 1, 2, 2) rewards, indexed by role, decision, the MDP's StepResult, whether the claim
+    # holds, and Intent.
     rewards: Float64Array
     no_mdp_step: int  # index used for the StepResult if the MDP takes no step
     # By index of the decision:
@@ -92,7 +92,7 @@ class Game:
     protocol: GameProtocol
     config: ProtocolConfig
     rewards: RewardScheme
-    message_sizes: tuple[int, int]  # number of messages besides silence, by Role
+    message_sizes: tuple[int, int]  # number of messages besides silence, indexed by role
     message_cost: float  # to the sender, for each message but silence
     history_length: int  # turns kept
     homogeneous: bool  # both action spaces have the size of the larger one; the surplus actions are illegal
@@ -101,7 +101,7 @@ class Game:
         dynamics, ending = self.config.dynamics, self.config.ending
         self.turn_based = self.protocol.turn_based
         self.decision_table = table = DecisionTable(self.protocol, self.config, self.rewards)
-        # Legal in an agent's turn, by Role; "wait" follows them.
+        # Legal in an agent's turn, indexed by role; "wait" follows them.
         edits_and_stop = range(
             STOP_ACTION if ending.proposer_may_stop else STOP_ACTION + 1, dynamics.appearance.action_count
         )
@@ -109,9 +109,9 @@ class Game:
         stops = [self.encode_action(role, self.choices[role].stop) for role in Role]
         counts = [self.encode_action(role, self.choices[role].stop + self.turn_based) for role in Role]
         proposer, verifier = [max(counts)] * 2 if self.homogeneous else counts
-        self.action_counts = (proposer, verifier)  # by Role
-        self.wait_actions = [stop if self.turn_based else None for stop in stops]  # by Role
-        self.wait_masks = [  # out of turn, by Role
+        self.action_counts = (proposer, verifier)  # indexed by role
+        self.wait_actions = [stop if self.turn_based else None for stop in stops]  # indexed by role
+        self.wait_masks = [  # out of turn, indexed by role
             _frozen_mask(count, [] if wait is None else [wait])
             for count, wait in zip(self.action_counts, self.wait_actions, strict=True)
         ]

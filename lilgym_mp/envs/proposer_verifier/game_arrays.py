@@ -37,6 +37,7 @@ _MOVERS = (((), (VERIFIER,)), ((PROPOSER,), (PROPOSER, VERIFIER)))  # by whether
 NOWHERE = np.zeros(0, np.int64)
 
 Info = dict[str, Any]
+Indices = int | Int64Array  # of one game, or (k,) of several: their values have the leading axis (k,)
 
 
 class GameState(NamedTuple):
@@ -48,7 +49,7 @@ class GameState(NamedTuple):
     proposal: int | None  # index of the proposed action that awaits the verifier's answer
     refused: int | None  # index of the action refused last; None once an action has been played
     rejections: int  # in this round
-    messages: tuple[int, int]  # the last of each agent, by Role
+    messages: tuple[int, int]  # the last of each agent, indexed by role
 
 
 def _select(condition: Any, value: Any, otherwise: Any) -> Any:
@@ -61,11 +62,7 @@ def _as_integers(flags: BoolArray) -> Int64Array:
 
 
 class GameArrays:
-    """The states of N games and the results of the last turn.
-
-    Methods that take `indices` expect the index of one game, or indices (k,) of several, which give the result a
-    leading axis (k,).
-    """
+    """The states of N games and the results of the last turn."""
 
     def __init__(self, setup: GameSetup, num_games: int) -> None:
         self.setup = setup
@@ -90,17 +87,17 @@ class GameArrays:
         self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
         self._has_masks = self._has_items = False  # whether those in the buffers are up to date
-        self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role, whether the agent is to move
+        self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
         self.refused = np.full(num_games, NO_CHOICE)  # as `GameState.refused`
-        self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) by Role, the agent's last message
+        self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) indexed by role, the agent's last message
         # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
         self.history = np.full((num_games, game.history_length, 2 + len(Role)), NO_CHOICE)
         # Of the last turn, overwritten by the next one:
-        self.rewards = np.zeros((len(Role), num_games))  # (2, N) by Role
+        self.rewards = np.zeros((len(Role), num_games))  # (2, N) indexed by role
         self.terminated, self.truncated = np.zeros((2, num_games), np.bool_)  # (N,) each
-        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) by Role
+        self._illegal = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role
         self._decisions = np.zeros(num_games, np.int64)  # indices of the decisions
         self._results = np.full(num_games, table.no_mdp_step)  # indices of the step results
         self._holds = np.zeros(num_games, np.int64)  # whether the judged claim held, if that was needed
@@ -220,26 +217,18 @@ class GameArrays:
             self._has_items = True
         return self._buffers.items
 
-    def masks(self, role: Role, indices: int | Int64Array) -> Int8Array:
+    def masks(self, role: Role, indices: Indices) -> Int8Array:
         """(..., actions) a new array: 1 for each legal action of `role`; there is always at least one."""
         game = self.game
         if isinstance(indices, int):
             if game.turn_based and not self.movers[role, indices]:
                 return game.wait_masks[role].copy()
             return game.answer_mask.copy() if role is VERIFIER else game.proposer_masks(self.legal()[indices])
-        if not game.turn_based:
-            return self._masks_in_turn(role, indices)
         masks = np.repeat(game.wait_masks[role][None], len(indices), axis=0)
-        moving = self.movers[role, indices].nonzero()[0]
-        if len(moving):
-            masks[moving] = self._masks_in_turn(role, indices[moving])
+        moving: Any = self.movers[role, indices].nonzero()[0] if game.turn_based else slice(None)
+        if not game.turn_based or len(moving):
+            masks[moving] = game.answer_mask if role is VERIFIER else game.proposer_masks(self.legal()[indices[moving]])
         return masks
-
-    def _masks_in_turn(self, role: Role, indices: Int64Array) -> Int8Array:
-        """(k, actions) a new array, for agents that are to move."""
-        if role is VERIFIER:
-            return np.repeat(self.game.answer_mask[None], len(indices), axis=0)
-        return self.game.proposer_masks(self.legal()[indices])
 
     def legal(self) -> BoolArray:
         """(N, actions of the MDP); read-only."""

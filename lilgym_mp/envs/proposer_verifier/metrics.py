@@ -13,13 +13,13 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, OracleVerifier, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
-from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement
+from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 CALIBRATION_BINS = 10
-LARGEST_BATCH = 256
+LARGEST_BATCH = 1024
 RESAMPLES = 1_000
 INTERVAL = (2.5, 97.5)  # percentiles
 
@@ -34,7 +34,7 @@ class GameRecord(NamedTuple):
     target: bool
     outcome: Outcome
     rounds: int
-    returns: tuple[float, float]  # by Role
+    returns: tuple[float, float]  # indexed by role
     judgements: tuple[Judgement, ...]
 
     @property
@@ -43,29 +43,20 @@ class GameRecord(NamedTuple):
         return any(judged.final and judged.accepted and not judged.holds for judged in self.judgements[-1:])
 
 
-class CalibrationBin(NamedTuple):
-    """The judgements with probabilities in one of ten equal bins."""
-
-    count: int
-    mean_probability: float
-    share_holding: float
-
-
 class TargetMetrics(NamedTuple):
     """Measures over the games with one target value; None if there are no claims to compute them from."""
 
     games: int
     success_rate: float
-    completeness: float | None
-    soundness: float | None
-    j: float | None  # Youden's J, completeness + soundness - 1: 0 for a verifier whose answers tell nothing
+    true_accept_rate: float | None
+    false_accept_rate: float | None
+    j: float | None  # Youden's J, their difference: 0 for a verifier whose answers tell nothing
 
 
 @dataclass(frozen=True)
 class Metrics:
     """Measures over games. Rates are None if there are no claims to compute them from.
 
-    Completeness is the share of true claims that were accepted, soundness the share of false ones that were not;
     docs/proposer_verifier.md defines the claims of each protocol. In FlipIt the target alone predicts whether a claim
     holds, so the pooled rates mislead: compare `j`.
     """
@@ -77,23 +68,17 @@ class Metrics:
     mean_return_proposer: float
     mean_return_verifier: float
     claims: int
-    completeness: float | None
-    soundness: float | None
-    false_accept_rate: float | None
-    false_reject_rate: float | None
+    true_accept_rate: float | None  # share of true claims that were accepted; the others are false rejects
+    false_accept_rate: float | None  # share of false claims that were accepted
     j: float | None  # mean over target values, None unless each has true and false claims
     j_interval: Interval | None
     accepted_false_claims: float  # share of games that end in an accepted false claim
     by_target: Mapping[str, TargetMetrics]  # by "true" and "false", those that occur
     brier_score: float | None  # mean squared difference between stated probability and truth
-    calibration_error: float | None  # mean |mean_probability - share_holding| of the bins, weighted by count
-    calibration: tuple[CalibrationBin, ...]
+    calibration_error: float | None  # mean distance of stated probability and share of truth over ten bins, by count
 
     def to_json(self) -> dict[str, Any]:
-        return asdict(self) | {
-            "by_target": {name: measured._asdict() for name, measured in self.by_target.items()},
-            "calibration": [entry._asdict() for entry in self.calibration],
-        }
+        return asdict(self) | {"by_target": {name: measured._asdict() for name, measured in self.by_target.items()}}
 
 
 def play_games(
@@ -109,83 +94,52 @@ def play_games(
     if not isinstance(game_env, BaseGameEnv):
         raise TypeError(f"play_games needs a proposer-verifier environment, not {env!r}")
     setup = replace(game_env.engine.setup, reveals_truth=True)
-    ids = setup.tasks.ids if tasks is None else tuple(tasks)
-    return _Match(setup, (proposer, verifier), [setup.tasks.index_of(task) for task in ids], seed).play() if ids else []
+    indices = np.array([setup.tasks.index_of(task) for task in (setup.tasks.ids if tasks is None else tasks)], np.int64)
+    records: list[GameRecord] = []
+    for first in range(0, len(indices), LARGEST_BATCH):
+        played = indices[first : first + LARGEST_BATCH]
+        numbers = first + np.arange(len(played))
+        records += _play_batch(setup, (proposer, verifier), played, numbers, seed)
+    return records
 
 
-class _Match:
-    """Plays games of two partners; a slot of the batch whose game has ended plays the next one."""
-
-    def __init__(self, setup: GameSetup, partners: tuple[Partner, Partner], tasks: Sequence[int], seed: int) -> None:
-        self._setup, self._partners, self._tasks = setup, partners, np.array(tasks, np.int64)
-        self._slots = min(len(tasks), LARGEST_BATCH)
-        self._games = ObservedGames(setup, self._slots)
-        self._rngs = [np.random.default_rng([seed, number]) for number in range(len(tasks))]
-        self._playing = np.arange(self._slots)  # (slots,) number of the game played, -1 if none is left
-        self._next = self._slots
-        self._returns = np.zeros((len(Role), len(tasks)))
-        self._judgements: list[list[Judgement]] = [[] for _ in tasks]
-        self._records: list[GameRecord | None] = [None] * len(tasks)
-
-    def play(self) -> list[GameRecord]:
-        self._start(np.arange(self._slots))
-        while (self._playing >= 0).any():
-            actions = np.zeros((len(Role), self._slots), np.int64)
-            for role, partner in zip(Role, self._partners, strict=True):
-                moving = np.flatnonzero(self._games.movers[role] & (self._playing >= 0))
-                if len(moving):
-                    actions[role, moving] = batch_actions(partner, self._turn(role, moving))
-            self._games.step(*actions)
-            self._record()
-        return [record for record in self._records if record is not None]
-
-    def _start(self, slots: Int64Array) -> None:
-        """Starts the games that these slots play; slots without one repeat the first task, unrecorded."""
-        numbers = self._playing[slots]
-        intents = [
-            Intent.HELPFUL if number < 0 else self._setup.sample_intent(self._rngs[number])
-            for number in numbers.tolist()
-        ]
-        self._games.start(slots, self._tasks[np.maximum(numbers, 0)], np.array(intents, np.int64))
-
-    def _turn(self, role: Role, slots: Int64Array) -> BatchTurn:
-        numbers = self._playing[slots]
-        rngs = [self._rngs[number] for number in numbers.tolist()]
-        return BatchTurn(self._games, role, slots, numbers, rngs)
-
-    def _record(self) -> None:
-        """Notes the turn just played, and starts the next games in slots whose game has ended."""
-        games, numbers = self._games, self._playing
-        active = np.flatnonzero(numbers >= 0)
-        self._returns[:, numbers[active]] += games.rewards[:, active]
-        for slot in active[~np.isnan(games.probabilities[active])].tolist():
-            judgement = games.last_judgement(slot)
+def _play_batch(
+    setup: GameSetup, partners: tuple[Partner, Partner], tasks: Int64Array, numbers: Int64Array, seed: int
+) -> list[GameRecord]:
+    """The records of games (k,) of these tasks and numbers; a game that has ended goes on, unrecorded."""
+    count, games = len(tasks), ObservedGames(setup, len(tasks))
+    rngs = [np.random.default_rng([seed, number]) for number in numbers.tolist()]
+    intents = np.array([int(setup.sample_intent(rng)) for rng in rngs], np.int64)
+    games.start(np.arange(count), tasks, intents)
+    returns, judgements = np.zeros((len(Role), count)), [list[Judgement]() for _ in rngs]
+    records: dict[int, GameRecord] = {}
+    active = np.ones(count, np.bool_)
+    while active.any():
+        actions = np.zeros((len(Role), count), np.int64)
+        for role, partner in zip(Role, partners, strict=True):
+            moving = np.flatnonzero(games.movers[role] & active)
+            if len(moving):
+                turn = BatchTurn(games, role, moving, numbers[moving], [rngs[index] for index in moving.tolist()])
+                actions[role, moving] = batch_actions(partner, turn)
+        games.step(*actions)
+        returns += games.rewards * active
+        for index in np.flatnonzero(active & ~np.isnan(games.probabilities)).tolist():
+            judgement = games.last_judgement(index)
             assert judgement is not None
-            self._judgements[numbers[slot]].append(judgement)
-        ended = np.flatnonzero(games.terminated | games.truncated)
-        for slot in ended.tolist():
-            number = int(numbers[slot])
-            if number >= 0:
-                self._records[number] = self._finished(slot, number)
-                self._playing[slot] = self._next if self._next < len(self._tasks) else -1
-                self._next += 1
-        if len(ended):
-            self._start(ended)
-
-    def _finished(self, slot: int, number: int) -> GameRecord:
-        task = self._setup.tasks[int(self._tasks[number])]
-        outcome = self._games.last_outcome(slot)
-        assert outcome is not None
-        proposer_return, verifier_return = self._returns[:, number].tolist()
-        return GameRecord(
-            task.id,
-            task.statement,
-            task.target,
-            outcome,
-            int(self._games.rounds[slot]),
-            (proposer_return, verifier_return),
-            tuple(self._judgements[number]),
-        )
+            judgements[index].append(judgement)
+        over = games.terminated | games.truncated
+        for index in np.flatnonzero(active & over).tolist():
+            task, outcome = setup.tasks[int(tasks[index])], games.last_outcome(index)
+            assert outcome is not None
+            earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
+            records[index] = GameRecord(
+                task.id, task.statement, task.target, outcome, rounds, earned, tuple(judgements[index])
+            )
+        active &= ~over
+        if over.any():
+            ended = np.flatnonzero(over)
+            games.start(ended, tasks[ended], intents[ended])
+    return [records[index] for index in range(count)]
 
 
 def summarise(records: Sequence[GameRecord]) -> Metrics:
@@ -195,27 +149,23 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     judgements = [judgement for record in records for judgement in record.judgements]
     probability = np.array([judgement.probability for judgement in judgements])
     holds = np.array([judgement.holds for judgement in judgements], np.bool_)
+    bins = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
+    gaps = np.abs(np.bincount(bins, probability - holds))
     counts = _counts_by_statement(records)  # (statements, targets, counts)
-    total = counts.sum(0)
-    completeness, soundness, _ = map(_or_none, _rates(total.sum(0)))
-    j = _or_none(_mean_j(total))
-    calibration = _calibration(probability, holds)
-    gaps = [entry.count * abs(entry.mean_probability - entry.share_holding) for entry in calibration]
-    returns = np.array([record.returns for record in records]).mean(0)
-    resampled = _resampled(counts)  # (RESAMPLES, targets, counts)
-    js = _mean_j(resampled)
+    total, resampled = counts.sum(0), _resampled(counts)
+    j, js = _or_none(_mean_j(total)), _mean_j(resampled)
+    proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
+    true_accept_rate, false_accept_rate, _ = map(_or_none, _rates(total.sum(0)))
     return Metrics(
         games=len(records),
         success_rate=float(_success_rate(total.sum(0))),
         success_interval=_interval(_success_rate(resampled.sum(1))),
         mean_rounds=float(np.mean([record.rounds for record in records])),
-        mean_return_proposer=float(returns[Role.PROPOSER]),
-        mean_return_verifier=float(returns[Role.VERIFIER]),
+        mean_return_proposer=proposer_return,
+        mean_return_verifier=verifier_return,
         claims=len(judgements),
-        completeness=completeness,
-        soundness=soundness,
-        false_accept_rate=None if soundness is None else 1 - soundness,
-        false_reject_rate=None if completeness is None else 1 - completeness,
+        true_accept_rate=true_accept_rate,
+        false_accept_rate=false_accept_rate,
         j=j,
         j_interval=None if j is None else _interval(js[~np.isnan(js)]),
         accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
@@ -225,13 +175,12 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
             if row[_GAMES]
         },
         brier_score=float(np.mean((probability - holds) ** 2)) if judgements else None,
-        calibration_error=sum(gaps) / len(judgements) if judgements else None,
-        calibration=calibration,
+        calibration_error=float(gaps.sum()) / len(judgements) if judgements else None,
     )
 
 
 # Columns of counts.
-_GAMES, _SUCCESSES, _TRUE_CLAIMS, _TRUE_ACCEPTED, _FALSE_CLAIMS, _FALSE_REFUSED = range(6)
+_GAMES, _SUCCESSES, _TRUE_CLAIMS, _TRUE_ACCEPTED, _FALSE_CLAIMS, _FALSE_ACCEPTED = range(6)
 
 
 def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
@@ -243,22 +192,22 @@ def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
         row[_GAMES] += 1
         row[_SUCCESSES] += record.outcome is Outcome.SUCCESS
         for judgement in record.judgements:
-            row[_TRUE_CLAIMS if judgement.holds else _FALSE_CLAIMS] += 1
-            if judgement.accepted == judgement.holds:
-                row[_TRUE_ACCEPTED if judgement.holds else _FALSE_REFUSED] += 1
+            claims = _TRUE_CLAIMS if judgement.holds else _FALSE_CLAIMS
+            row[claims] += 1
+            row[claims + 1] += judgement.accepted
     return counts
 
 
 def _rates(counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:
-    """(...) completeness, soundness and J of counts (..., 6); NaN without true or false claims."""
+    """(...) true-accept rate, false-accept rate and J of counts (..., 6); NaN without true or false claims."""
     with np.errstate(invalid="ignore"):
-        completeness = counts[..., _TRUE_ACCEPTED] / counts[..., _TRUE_CLAIMS]
-        soundness = counts[..., _FALSE_REFUSED] / counts[..., _FALSE_CLAIMS]
-    return completeness, soundness, completeness + soundness - 1
+        true = counts[..., _TRUE_ACCEPTED] / counts[..., _TRUE_CLAIMS]
+        false = counts[..., _FALSE_ACCEPTED] / counts[..., _FALSE_CLAIMS]
+    return true, false, true - false
 
 
 def _success_rate(counts: Float64Array) -> Float64Array:
-    """(...) of counts (..., 6)."""
+    """(...) the success rates from counts (..., 6)."""
     return counts[..., _SUCCESSES] / counts[..., _GAMES]
 
 
@@ -309,12 +258,3 @@ def exploitability(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any
         measure(env, proposer, opponent, **kwargs).mean_return_proposer for opponent in (verifier, OracleVerifier())
     )
     return against_verifier - against_oracle
-
-
-def _calibration(probability: np.ndarray, holds: np.ndarray) -> tuple[CalibrationBin, ...]:
-    """The non-empty bins."""
-    bins = np.minimum((probability * CALIBRATION_BINS).astype(int), CALIBRATION_BINS - 1)
-    return tuple(
-        CalibrationBin(int(members.sum()), float(probability[members].mean()), float(holds[members].mean()))
-        for members in (bins == index for index in np.unique(bins))
-    )

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, SupportsIndex
+from typing import Any, SupportsIndex
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,50 +29,29 @@ class PartnerError(ValueError):
     """A partner returned an illegal action."""
 
 
-class GameInPlay(Protocol):
-    """One of `games`, and its observations."""
-
-    @property
-    def games(self) -> ObservedGames: ...
-
-    @property
-    def index(self) -> int: ...
-
-    def observe(self, role: Role) -> AgentObservation: ...
-
-
-@dataclass(frozen=True)
-class GameOfBatch:
-    """The game of a batch with this index."""
-
-    games: ObservedGames
-    index: int
-
-    def observe(self, role: Role) -> AgentObservation:
-        return self.games.observe(role, self.index)
-
-
 @dataclass
 class PartnerTurn:
-    """A partner's input: an agent's side of the game. The observation is computed lazily."""
+    """A partner's input: an agent's side of one game. The observation is computed lazily."""
 
-    engine: GameInPlay
+    games: ObservedGames
     role: Role
     rng: np.random.Generator
+    index: int = 0  # of the game
+    observe: Callable[[Role], AgentObservation] | None = None  # the observation as wrappers change it
 
     @property
     def game(self) -> Game:
-        return self.engine.games.game
+        return self.games.game
 
     @property
     def state(self) -> GameState:
         """The full state, including the truth: for scripted partners, not for learned policies."""
-        return self.engine.games.state(self.engine.index)
+        return self.games.state(self.index)
 
     @cached_property
     def full_observation(self) -> AgentObservation:
         """{"observation": parts, "action_mask": int8 (actions,)}."""
-        return self.engine.observe(self.role)
+        return self.games.observe(self.role, self.index) if self.observe is None else self.observe(self.role)
 
     @property
     def observation(self) -> dict[str, Any]:
@@ -91,6 +70,12 @@ class PartnerTurn:
         legal = np.flatnonzero(self.action_mask if mask is None else mask)
         return int(legal[self.rng.integers(len(legal))])
 
+    def random_edit(self) -> int:
+        """A uniformly random legal edit of the proposer. Raises ValueError if there is none."""
+        edits = self.action_mask.copy()
+        edits[: self.game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
+        return self.random_action(edits)
+
 
 @dataclass
 class BatchTurn:
@@ -104,9 +89,8 @@ class BatchTurn:
 
     @classmethod
     def of(cls, turn: PartnerTurn) -> BatchTurn:
-        """A turn in one game, with its observation."""
-        engine = turn.engine
-        batch = cls(engine.games, turn.role, np.array([engine.index]), np.zeros(1, np.int64), [turn.rng])
+        """A turn in one game, with its mask."""
+        batch = cls(turn.games, turn.role, np.array([turn.index]), np.zeros(1, np.int64), [turn.rng])
         batch.action_mask = turn.action_mask[None]
         return batch
 
@@ -121,7 +105,7 @@ class BatchTurn:
     @cached_property
     def observation(self) -> dict[str, NDArray[Any]]:
         """The parts of the agent's observations, arrays (k, ...)."""
-        return {key: part.encode(self.games, self.indices) for key, part in self.games.parts[self.role].items()}
+        return {key: part.encode(self.indices) for key, part in self.games.parts[self.role].items()}
 
     @cached_property
     def action_mask(self) -> Int8Array:
@@ -142,10 +126,6 @@ class BatchTurn:
         """(k,) whether the statement has the target value: for scripted partners, not for learned policies."""
         return self.games.goals_reached()[self.indices]
 
-    def states(self) -> list[GameState]:
-        """The full states: for scripted partners, not for learned policies."""
-        return [self.games.state(index) for index in self.indices.tolist()]
-
     def uniform(self) -> Float64Array:
         """(k,) numbers from 0 to 1, each from its game's generator."""
         return np.array([rng.random() for rng in self.rngs])
@@ -155,12 +135,6 @@ class BatchTurn:
         legal = self.action_mask if mask is None else mask
         ranks = (self.uniform() * legal.sum(1)).astype(np.int64)  # rank of the action among the legal ones of its row
         return (legal.cumsum(1, dtype=np.int64) > ranks[:, None]).argmax(1)
-
-    def single_turns(self) -> list[PartnerTurn]:
-        return [
-            PartnerTurn(GameOfBatch(self.games, index), self.role, rng)
-            for index, rng in zip(self.indices.tolist(), self.rngs, strict=True)
-        ]
 
 
 Partner = Callable[[PartnerTurn], SupportsIndex]
@@ -185,7 +159,9 @@ def batch_actions(partner: Partner, turn: BatchTurn) -> Int64Array:
     """(k,) the partner's actions. Raises PartnerError naming the partner and its first illegal action."""
     batch: Callable[[BatchTurn], Any] | None = getattr(partner, "batch", None)
     if batch is None:
-        return np.array([partner_action(partner, single) for single in turn.single_turns()], np.int64)
+        singles = zip(turn.indices.tolist(), turn.rngs, strict=True)
+        turns = [PartnerTurn(turn.games, turn.role, rng, index) for index, rng in singles]
+        return np.array([partner_action(partner, single) for single in turns], np.int64)
     actions = np.asarray(batch(turn))
     if actions.shape != turn.indices.shape or actions.dtype.kind not in "iu":
         raise PartnerError(f"partner {partner!r} must return {len(turn.indices)} whole numbers, not {actions!r}")
@@ -263,21 +239,21 @@ ALWAYS_REJECT = ConstantVerifier(accepts=False)
 
 def encode_answer(game: Game, *, accepts: bool) -> int:
     """The verifier's action that accepts or rejects, with no message and the most extreme probability."""
-    highest = (game.config.verdict_bins or 2) - 1  # ACCEPT, if there are no bins
-    return game.encode_action(Role.VERIFIER, highest if accepts else REJECT)
+    return int(encode_answers(game, np.array(accepts)))
 
 
 def encode_answers(game: Game, accepts: BoolArray) -> Int64Array:
     """(k,) `encode_answer` for arrays."""
-    return np.where(accepts, encode_answer(game, accepts=True), encode_answer(game, accepts=False))
+    highest = (game.config.verdict_bins or 2) - 1  # ACCEPT, if there are no bins
+    return game.encode_action(Role.VERIFIER, 1) * np.where(accepts, highest, REJECT)
 
 
 @dataclass(frozen=True)
 class ClaimingProposer:
     """Edits at random until a claim has the truth value that it seeks, then claims.
 
-    `intent`: helpful seeks a true claim, sneaky a false one; None: the episode's intent. It makes at least `min_edits`
-    edits, and after `max_edits` it claims in any case.
+    `intent`: helpful seeks a true claim, deceptive a false one; None: the episode's intent. It makes at
+    least `min_edits` edits, and after `max_edits` it claims in any case.
     """
 
     intent: Intent | None = None
@@ -293,13 +269,11 @@ class ClaimingProposer:
             fits_intent = game.config.dynamics.goal_reached(state.mdp) == seeks_truth
             if fits_intent or edits >= self.max_edits:
                 return claim
-        edit_mask = turn.action_mask.copy()
-        edit_mask[: game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
-        return turn.random_action(edit_mask)
+        return turn.random_edit()
 
 
 HELPFUL_PROPOSER = ClaimingProposer(Intent.HELPFUL)
-SNEAKY_PROPOSER = ClaimingProposer(Intent.SNEAKY)
+DECEPTIVE_PROPOSER = ClaimingProposer(Intent.DECEPTIVE)
 
 
 @dataclass(frozen=True)
@@ -328,6 +302,6 @@ SCRIPTED: dict[str, Partner] = {
     "always_reject": ALWAYS_REJECT,
     "target_only": TargetOnlyVerifier(),
     "helpful": HELPFUL_PROPOSER,
-    "sneaky": SNEAKY_PROPOSER,
+    "deceptive": DECEPTIVE_PROPOSER,
     "by_intent": ClaimingProposer(),
 }

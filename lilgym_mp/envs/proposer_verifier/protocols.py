@@ -14,7 +14,7 @@ from typing import NamedTuple
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.scene.choices import register
 
-AGENTS = ("proposer_0", "verifier_0")  # by Role
+AGENTS = ("proposer_0", "verifier_0")  # indexed by role
 NO_CHOICE = -1  # sentinel for a missing or illegal choice
 STOP_ACTION = 0  # index of the MDP's STOP (`appearances.Appearance`)
 REJECT, ACCEPT, STOP = 0, 1, 2  # indices of the verifier's answers; in "joint", 0 continues and 1 stops
@@ -111,7 +111,7 @@ class GameProtocol:
     first_movers: tuple[Role, ...]  # the agents to move when no proposal is pending
     answers: Callable[[ProtocolConfig], tuple[str, ...]]  # names of the verifier's choices, all legal in its turn
     decide: Callable[[ProtocolConfig, TurnInput], TurnDecision]
-    message_sizes: tuple[int, int] = (0, 0)  # default number of messages besides silence, by Role
+    message_sizes: tuple[int, int] = (0, 0)  # default number of messages besides silence, indexed by role
     takes_bins: bool = False  # whether the verifier may state a probability
 
     @property

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import partial
 from typing import NamedTuple
 
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecision
-from lilgym_mp.scene.choices import choose, load_extensions, register
+from lilgym_mp.scene.choices import choose, register
 
 ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
 
@@ -18,7 +19,7 @@ class Intent(IntEnum):
     """The proposer's goal; drawn at reset when its reward is hidden."""
 
     HELPFUL = 0
-    SNEAKY = 1
+    DECEPTIVE = 1
 
 
 class Judgement(NamedTuple):
@@ -40,7 +41,7 @@ def judgement_in(decision: TurnDecision, *, holds: bool) -> Judgement | None:
 
 
 AgentRewards = str | Mapping[str, float]  # a term, or weights by term
-# Both agents' rewards of a turn, by Role, from the MDP's reward (0 if it took no step), the judgement and the intent.
+# Both agents' rewards of a turn, indexed by role, from the MDP's reward (0 without a step), judgement and intent.
 RewardFunction = Callable[[float, Judgement | None, Intent], tuple[float, float]]
 Rewards = str | Mapping[str, AgentRewards] | RewardFunction  # a name in PRESETS, rewards by agent, or a function
 
@@ -71,32 +72,39 @@ def _log(judgement: Judgement, intent: Intent, costs: Costs) -> float:
 
 
 def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """+1 if a claim that suits the intent drawn at reset is accepted: a true one if helpful, a false one if sneaky."""
+    """+1 if a claim that suits the intent is accepted: a true one if helpful, a false one if deceptive."""
     return float(judgement.accepted and judgement.holds == (intent is Intent.HELPFUL))
 
 
-MDP = "mdp"  # the MDP's reward
-MDP_IF_HELPFUL = "mdp_if_helpful"  # the MDP's reward in helpful episodes, otherwise 0
-# The other terms are 0 unless a claim is judged.
-JUDGEMENT_TERMS: dict[str, Term] = {
-    "correctness": _correctness,
-    "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
-    "log": _log,
-    "helpful": lambda judgement, intent, costs: _hidden(judgement, Intent.HELPFUL, costs),
-    "sneaky": lambda judgement, intent, costs: _hidden(judgement, Intent.SNEAKY, costs),
-    "hidden": _hidden,
+def _if_judged(term: Term, mdp_reward: float, judgement: Judgement | None, intent: Intent, costs: Costs) -> float:
+    return 0.0 if judgement is None else term(judgement, intent, costs)
+
+
+TERMS: dict[str, Callable[[float, Judgement | None, Intent, Costs], float]] = {
+    "mdp": lambda mdp_reward, judgement, intent, costs: mdp_reward,
+    "mdp_if_helpful": lambda mdp_reward, judgement, intent, costs: mdp_reward if intent is Intent.HELPFUL else 0.0,
+    **{
+        name: partial(_if_judged, term)
+        for name, term in {
+            "correctness": _correctness,
+            "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
+            "log": _log,
+            "helpful": lambda judgement, intent, costs: _hidden(judgement, Intent.HELPFUL, costs),
+            "deceptive": lambda judgement, intent, costs: _hidden(judgement, Intent.DECEPTIVE, costs),
+            "hidden": _hidden,
+        }.items()
+    },
 }
-TERMS = (MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS)
 SCORING_RULES = ("brier", "log")  # proper scoring rules for a stated probability
 
 # Without the MDP's reward, a proposer with hidden intent earns nothing until a verifier that has learned nothing
 # accepts its claims, and both give up.
-HIDDEN_REWARDS: AgentRewards = {"hidden": 1.0, MDP_IF_HELPFUL: 0.2}
-PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # by Role
+HIDDEN_REWARDS: AgentRewards = {"hidden": 1.0, "mdp_if_helpful": 0.2}
+PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # indexed by role
     "common": ("mdp", "mdp"),
     "correctness": ("mdp", "correctness"),
     "helpful": ("helpful", "correctness"),
-    "sneaky": ("sneaky", "correctness"),
+    "deceptive": ("deceptive", "correctness"),
     "hidden": (HIDDEN_REWARDS, "correctness"),
     "brier": (HIDDEN_REWARDS, "brier"),
     "log": (HIDDEN_REWARDS, "log"),
@@ -105,44 +113,13 @@ PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # by Role
 
 @dataclass(frozen=True, slots=True)
 class RewardScheme:
-    """Weights of the terms, by Role."""
+    """Both agents' rewards of a turn, by a function that is called once for each possible turn."""
 
-    weights: tuple[Mapping[str, float], Mapping[str, float]]
-    costs: Costs
-
-    def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
-        """Both agents' rewards of a turn, by Role."""
-
-        def value(term: str) -> float:
-            if term == MDP:
-                return mdp_reward
-            if term == MDP_IF_HELPFUL:
-                return mdp_reward if intent is Intent.HELPFUL else 0.0
-            return 0.0 if judgement is None else JUDGEMENT_TERMS[term](judgement, intent, self.costs)
-
-        proposer, verifier = (
-            sum((weight * value(term) for term, weight in terms.items()), 0.0) for terms in self.weights
-        )
-        return proposer, verifier
-
-    def uses(self, term: str, role: Role) -> bool:
-        return term in self.weights[role]
-
-    @property
-    def draws_intent(self) -> bool:
-        return any("hidden" in terms for terms in self.weights)
-
-
-@dataclass(frozen=True, slots=True)
-class FunctionRewards(RewardScheme):
-    """Rewards by a function, which must depend on its arguments alone: it is called once for each possible turn.
-
-    The intent is helpful unless an option of reset says otherwise.
-    """
-
-    function: RewardFunction
+    function: RewardFunction  # must depend on its arguments alone
+    weights: tuple[Mapping[str, float], Mapping[str, float]] = ({}, {})  # of the terms, indexed by role
 
     def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
+        """Indexed by role. Raises ValueError for a function that returns anything else."""
         returned = self.function(mdp_reward, judgement, intent)
         try:
             proposer, verifier = returned
@@ -151,11 +128,18 @@ class FunctionRewards(RewardScheme):
             raise ValueError(message) from None
         return checked_number("the proposer's reward", proposer), checked_number("the verifier's reward", verifier)
 
+    @property
+    def fixed_intent(self) -> Intent | None:
+        """The proposer's intent in every episode; None if it is drawn at reset."""
+        if any("hidden" in terms for terms in self.weights):
+            return None
+        return Intent.DECEPTIVE if "deceptive" in self.weights[Role.PROPOSER] else Intent.HELPFUL
+
 
 def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
     """Raises ValueError naming the choices for unknown names, and for scoring rules without probabilities."""
     if callable(rewards):
-        return FunctionRewards(({}, {}), costs, rewards)
+        return RewardScheme(rewards)
     if isinstance(rewards, str):
         proposer, verifier = choose("rewards", rewards, PRESETS)
     else:
@@ -165,11 +149,25 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
             named = ", ".join(map(str, rewards)) or "no agent"
             raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
         proposer, verifier = (rewards[agent] for agent in AGENTS)
-    scheme = RewardScheme((_weights(proposer), _weights(verifier)), costs)
+    weights = _weights(proposer), _weights(verifier)
     for rule in SCORING_RULES:
-        if not has_probabilities and any(rule in terms for terms in scheme.weights):
+        if not has_probabilities and any(rule in terms for terms in weights):
             raise ValueError(f'reward {rule!r} scores a probability: it needs protocol="audit" and verdict_bins')
-    return scheme
+    return RewardScheme(partial(_weighted_sums, weights, costs), weights)
+
+
+def _weighted_sums(
+    weights: tuple[Mapping[str, float], Mapping[str, float]],
+    costs: Costs,
+    mdp_reward: float,
+    judgement: Judgement | None,
+    intent: Intent,
+) -> tuple[float, float]:
+    proposer, verifier = (
+        sum((weight * TERMS[term](mdp_reward, judgement, intent, costs) for term, weight in terms.items()), 0.0)
+        for terms in weights
+    )
+    return proposer, verifier
 
 
 def register_reward_term(name: str, term: Term) -> None:
@@ -177,15 +175,13 @@ def register_reward_term(name: str, term: Term) -> None:
 
     Raises ValueError for a name that is taken.
     """
-    register("reward", name, term, JUDGEMENT_TERMS)
+    register("reward", name, partial(_if_judged, term), TERMS)
 
 
 def _weights(terms: AgentRewards) -> Mapping[str, float]:
     weights = {terms: 1.0} if isinstance(terms, str) else dict(terms)
     for term, weight in weights.items():
-        if term not in (MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS):
-            load_extensions()
-        choose("reward", term, dict.fromkeys((MDP, MDP_IF_HELPFUL, *JUDGEMENT_TERMS)))
+        choose("reward", term, TERMS)
         checked_number(f"the weight of reward {term!r}", weight)
     return weights
 

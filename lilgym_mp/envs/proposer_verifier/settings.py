@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import KW_ONLY, dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -16,21 +16,64 @@ from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
 from lilgym_mp.envs.observation import item_capacity
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig, Role
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig
 from lilgym_mp.envs.proposer_verifier.rewards import (
     PRESETS,
     Costs,
     Intent,
     Rewards,
-    RewardScheme,
     checked_number,
     make_reward_scheme,
 )
-from lilgym_mp.envs.proposer_verifier.views import View, ViewSpec, make_view
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import shrink_of
 
+ViewSpec: TypeAlias = "View | str | Mapping[str, Any]"
 Value = TypeVar("Value")
+
+SCENE_VIEWS = ("image", "structured", "text", "none")
+STATEMENT_VIEWS = ("tokens", "text", "none")
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What an agent sees. "intent" (proposer only) and "message" are added if the game has them."""
+
+    scene: str = "image"  # a name in SCENE_VIEWS
+    statement: str = "tokens"  # a name in STATEMENT_VIEWS
+    target: bool = True
+    proposal: bool = True  # the pending proposal
+    proposed_scene: bool = False  # the scene after the pending proposal, in the same form as the scene
+    refused: bool = True  # the proposal refused last, until an action is played
+    history: int = 0  # number of past turns
+
+    def __post_init__(self) -> None:
+        """Raises ValueError naming the choices."""
+        choose("scene view", self.scene, dict.fromkeys(SCENE_VIEWS))
+        choose("statement view", self.statement, dict.fromkeys(STATEMENT_VIEWS))
+        for name in ("target", "proposal", "proposed_scene", "refused"):
+            checked_flag(f"{name} of a view", getattr(self, name))
+        if self.proposed_scene and self.scene == "none":
+            raise ValueError("proposed_scene of a view needs a scene view other than 'none'")
+        checked_count("history of a view", self.history, least=0)
+
+
+VIEWS: Mapping[str, View] = {
+    "image": View(),
+    "structured": View(scene="structured"),
+    "text": View(scene="text", statement="text"),
+}
+
+
+def _make_view(view: ViewSpec) -> View:
+    """A view from its fields or a name in VIEWS."""
+    if isinstance(view, View):
+        return view
+    if isinstance(view, Mapping):
+        for name in view:
+            choose("field of a view", name, {field.name: field for field in fields(View)})
+        return View(**view)
+    return choose("view", view, VIEWS)
 
 
 REWARDS_HELP = f"{', '.join(PRESETS)}, or JSON of weighted terms for each agent (default: common)"
@@ -58,7 +101,7 @@ class GameSettings(EnvConfig):
     rewards: Rewards = setting("common", REWARDS_HELP, parse=read_rewards)
     false_accept_cost: float = setting(1.0, "cost of a false accept in the reward `correctness` (default: 1)", float)
     false_reject_cost: float = setting(1.0, "cost of a false reject in the reward `correctness` (default: 1)", float)
-    sneaky_share: float = setting(0.5, "share of sneaky games, if intents are hidden (default: 0.5)", float)
+    deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden (default: 0.5)", float)
     views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
     message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
         None, "messages besides silence, for both agents (default: the protocol's)", parse=int
@@ -70,11 +113,10 @@ class GameSettings(EnvConfig):
     homogeneous: bool = False  # equal spaces for both agents
 
     def to_json(self) -> dict[str, Any]:
-        """All fields but the views. Raises ValueError for rewards given as a function."""
+        """What identifies the game: no split, image size, views or infos. Raises ValueError for a reward function."""
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
-        values = {each.name: getattr(self, each.name) for each in fields(self)[1:] if each.name != "views"}
-        return {"appearance": self.appearance, "start": self.start, **values}
+        return {**super().to_json(), "homogeneous": self.homogeneous}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> GameSettings:
@@ -83,31 +125,27 @@ class GameSettings(EnvConfig):
 
     def setup(self) -> GameSetup:
         """Builds the game. Raises ValueError naming the value and the choices."""
-        views = _by_role(self.views, make_view)
+        views = _for_both(self.views, _make_view)
         protocol = choose("protocol", self.protocol, PROTOCOLS)
         shrink_of(self.image_size)
         sizes = protocol.message_sizes
         if self.message_size is not None:
-            sizes = _by_role(self.message_size, partial(checked_count, "message_size", least=0))
+            sizes = _for_both(self.message_size, partial(checked_count, "message_size", least=0))
+        costs = [checked_number(name, getattr(self, name)) for name in ("false_accept_cost", "false_reject_cost")]
         game = Game(
             protocol,
             self._config(protocol),
-            self._reward_scheme(),
+            make_reward_scheme(self.rewards, Costs(*costs), has_probabilities=self.verdict_bins is not None),
             message_sizes=sizes,
             message_cost=checked_number("message_cost", self.message_cost),
             history_length=max(view.history for view in views),
             homogeneous=checked_flag("homogeneous", self.homogeneous),
         )
+        if not 0 <= checked_number("deceptive_share", self.deceptive_share) <= 1:
+            raise ValueError(f"deceptive_share must be between 0 and 1, not {self.deceptive_share!r}")
+        reveals_truth = checked_flag("reveal_truth", self.reveal_truth)
         tasks = self.tasks()
-        return GameSetup(
-            game,
-            tasks,
-            tasks,
-            self.image_size,
-            views,
-            _share("sneaky_share", self.sneaky_share),
-            checked_flag("reveal_truth", self.reveal_truth),
-        )
+        return GameSetup(game, tasks, tasks, self.image_size, views, self.deceptive_share, reveals_truth)
 
     def _config(self, protocol: GameProtocol) -> ProtocolConfig:
         ending = protocol.endings[0] if self.ending is None else self.ending
@@ -121,29 +159,15 @@ class GameSettings(EnvConfig):
             checked_count("exchanges", self.exchanges, least=0),
         )
 
-    def _reward_scheme(self) -> RewardScheme:
-        costs = Costs(
-            checked_number("false_accept_cost", self.false_accept_cost),
-            checked_number("false_reject_cost", self.false_reject_cost),
-        )
-        return make_reward_scheme(self.rewards, costs, has_probabilities=self.verdict_bins is not None)
 
-
-def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
+def _for_both(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
     """Both agents' values, from {agent: value} or one value for both."""
-    if isinstance(given, Mapping) and set(given) & set(AGENTS):
-        if set(given) != set(AGENTS):
-            raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")
-        proposer, verifier = (checked(given[agent]) for agent in AGENTS)
-        return proposer, verifier
-    value = checked(given)
-    return value, value
-
-
-def _share(name: str, value: Any) -> float:
-    if not 0 <= checked_number(name, value) <= 1:
-        raise ValueError(f"{name} must be between 0 and 1, not {value!r}")
-    return float(value)
+    if not (isinstance(given, Mapping) and set(given) & set(AGENTS)):
+        return (checked(given),) * 2
+    if set(given) != set(AGENTS):
+        raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")
+    proposer, verifier = (checked(given[agent]) for agent in AGENTS)
+    return proposer, verifier
 
 
 @dataclass(frozen=True)
@@ -154,17 +178,9 @@ class GameSetup:
     tasks: TaskSet
     space_tasks: TaskSet  # determine the sizes of observation spaces
     image_size: str
-    views: tuple[View, View]  # by Role
-    sneaky_share: float  # probability of a sneaky episode, if intents are drawn
+    views: tuple[View, View]  # indexed by role
+    deceptive_share: float  # probability of a deceptive episode, if intents are drawn
     reveals_truth: bool  # in infos
-
-    @cached_property
-    def fixed_intent(self) -> Intent | None:
-        """The proposer's intent if it is the same in every episode; None if it is drawn."""
-        rewards = self.game.rewards
-        if rewards.draws_intent:
-            return None
-        return Intent.SNEAKY if rewards.uses("sneaky", Role.PROPOSER) else Intent.HELPFUL
 
     def sample_task_index(self, rng: np.random.Generator) -> int:
         """The index of the next episode's task, uniformly drawn."""
@@ -172,9 +188,10 @@ class GameSetup:
 
     def sample_intent(self, rng: np.random.Generator) -> Intent:
         """The next episode's intent; uses `rng` only if intents are drawn."""
-        if self.fixed_intent is not None:
-            return self.fixed_intent
-        return Intent.SNEAKY if rng.random() < self.sneaky_share else Intent.HELPFUL
+        fixed = self.game.rewards.fixed_intent
+        if fixed is not None:
+            return fixed
+        return Intent.DECEPTIVE if rng.random() < self.deceptive_share else Intent.HELPFUL
 
     @cached_property
     def vocabulary(self) -> Vocabulary:

@@ -10,9 +10,8 @@ from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
-from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
-from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
@@ -64,18 +63,6 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self._info: dict[str, Any] = {}
 
     @property
-    def game(self) -> Game:
-        return self.engine.game
-
-    @property
-    def games(self) -> ObservedGames:
-        return self.engine.games
-
-    @property
-    def index(self) -> int:
-        return self.engine.index
-
-    @property
     def state(self) -> GameState:
         """The full state of the game."""
         return self.engine.state
@@ -101,13 +88,14 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         self.engine.check_open()
         if not movers:
             raise ResetNeeded("the game is over; call reset before acting")
-        actions = {role: self.game.checked_action(role, action)}
+        actions = {role: self.engine.game.checked_action(role, action)}
         if role.other in movers:
             actions[role.other] = self._partner_action()
         self._reward, self._info = 0.0, {}
         self._play(actions)
         self._play_partner()
-        terminated, truncated = bool(self.games.terminated[0]), bool(self.games.truncated[0])
+        games = self.engine.games
+        terminated, truncated = bool(games.terminated[0]), bool(games.truncated[0])
         return self.observe(role)[PARTS], self._reward, terminated, truncated, self._info
 
     def _play(self, actions: dict[Role, int]) -> None:
@@ -117,7 +105,7 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
                 self.env.step(actions[role])
             self._observations, rewards, infos = {}, self.env.rewards, self.env.infos
         else:
-            given = {AGENTS[role]: actions.get(role, self.game.wait_actions[role]) for role in Role}
+            given = {AGENTS[role]: actions.get(role, self.engine.game.wait_actions[role]) for role in Role}
             self._observations, rewards, _, _, infos = self.env.step(given)
         self._reward += rewards[self.agent]
         unchanged = self._info.get(UNCHANGED_REWARD, 0.0)
@@ -131,7 +119,9 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             self._play({self._role.other: self._partner_action()})
 
     def _partner_action(self) -> int:
-        return partner_action(self.partner, PartnerTurn(self, self._role.other, self.engine.rng))
+        engine = self.engine
+        turn = PartnerTurn(engine.games, self._role.other, engine.rng, observe=self.observe)
+        return partner_action(self.partner, turn)
 
     def observe(self, role: Role) -> AgentObservation:
         """One agent's observation, after wrappers."""

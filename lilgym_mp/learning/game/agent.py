@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,8 +16,6 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
-from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, AgentError
@@ -26,9 +24,9 @@ from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
-from lilgym_mp.learning.game.situations import SituationReader, Situations
+from lilgym_mp.learning.game.situations import read_situations
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import Int64Array
 
 KIND = "game"
 VERSION = 1
@@ -80,53 +78,32 @@ class SeatPartner(BatchPartner):
         self.settings, self.role = settings, role
         self._network, self._mask, self._sampled = network, mask, sampled
         self._table = BoxImageTable()
-        self._reader: SituationReader | None = None
-        self._setup: GameSetup | None = None  # that the reader is for
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         """(k,) legal actions. Raises AgentError for a game with other actions."""
-        actions = self._act(self._policy(turn), turn.uniform)
+        rng = cast("np.random.Generator", SimpleNamespace(random=lambda count: turn.uniform()))  # each game's own
+        actions = self._policy(turn).act(lambda part: part.sample(rng) if self._sampled else part.greedy())
         is_legal = turn.action_mask[np.arange(len(actions)), actions]
         return np.where(is_legal, actions, turn.action_mask.argmax(1))
 
-    def acceptance(self, turn: BatchTurn) -> Float32Array:
-        """(k,) a verifier's probabilities of accepting, without verdict bins."""
-        with torch.no_grad():
-            return self._policy(turn).choice.log_prob(torch.full((len(turn.indices),), ACCEPT)).exp().cpu().numpy()
-
-    def _reader_for(self, setup: GameSetup) -> SituationReader:
-        own, game = self._network.game, setup.game
+    def _policy(self, turn: BatchTurn) -> AgentPolicy:
+        own, game = self._network.game, turn.game
         if game.action_counts != own.action_counts or game.protocol is not own.protocol:
             raise AgentError(
                 f"this {AGENTS[self.role]} was trained on protocol {own.protocol.name!r} with {own.action_counts}"
                 f" actions; the game has protocol {game.protocol.name!r} with {game.action_counts}"
             )
-        if self._reader is None or self._setup is not setup:
-            self._reader, self._setup = SituationReader(setup), setup
-        return self._reader
-
-    def _policy(self, turn: BatchTurn) -> AgentPolicy:
-        situations = self._reader_for(turn.games.setup).read(turn.games, self.role, turn.indices)
+        items, context = read_situations(turn.games, self.role, turn.indices)
         tasks = [turn.tasks[index] for index in turn.task_indices.tolist()]
         legal = None
         if self.role is Role.PROPOSER and self._mask:
             legal = proposer_choices(turn.game, turn.action_mask, turn.games.refused[turn.indices])
-        targets = np.array([task.target for task in tasks], np.int64)
-        return self._read(situations, [task.statement for task in tasks], targets, legal)
-
-    def _read(
-        self, situations: Situations, statements: Sequence[str], targets: Int64Array, legal: BoolArray | None
-    ) -> AgentPolicy:
         if len(self._table) > MAX_CACHED_BOXES:
             self._table = BoxImageTable()
-        states = self._table.states_of(statements, self._table.item_indices(situations.items), targets)
+        targets = np.array([task.target for task in tasks], np.int64)
+        states = self._table.states_of([task.statement for task in tasks], self._table.item_indices(items), targets)
         with torch.no_grad():
-            return self._network.policy(self.role, self._network.encode(states), situations.context, legal)[0]
-
-    def _act(self, policy: AgentPolicy, uniform: Callable[[], Float64Array]) -> Int64Array:
-        """(k,) actions; `uniform` draws a number for each game, from that game's own generator."""
-        rng = cast("np.random.Generator", SimpleNamespace(random=lambda count: uniform()))
-        return policy.act(lambda part: part.sample(rng) if self._sampled else part.greedy())
+            return self._network.policy(self.role, self._network.encode(states), context, legal)[0]
 
 
 def make_network(

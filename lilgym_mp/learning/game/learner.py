@@ -19,8 +19,8 @@ from lilgym_mp.learning.game.recipe import GameRecipe
 
 _RUNS: Mapping[str, Any] = {"kind": Path, "nargs": "+", "metavar": "RUN"}
 _ROUNDS = (
-    "population rounds: a verifier learns against --proposers and all earlier sneaks, then a sneaky best response to it"
-    " joins them; each has the budget to itself"
+    "population rounds: a verifier learns against --proposers and all earlier ones, then a deceptive best response to"
+    " it joins them; each has the budget to itself"
 )
 
 

@@ -1,4 +1,4 @@
-"""Population rounds: a verifier learns against all earlier proposers, then a sneaky best response to it joins them.
+"""Population rounds: a verifier learns against all earlier proposers, then a deceptive best response to it joins them.
 
 What a best response earns is the verifier's exploitability: the share of games that end in an accepted false claim.
 """
@@ -20,7 +20,7 @@ from lilgym_mp.learning.game.agent import load_agent
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.training import train_game
 
-SNEAKY, FAIR = "sneaky", "correctness"
+DECEPTIVE, FAIR = "deceptive", "correctness"
 
 
 def best_response(
@@ -40,7 +40,7 @@ def best_response(
     Raises KeyboardInterrupt if it is stopped early.
     """
     configuration = configuration_name(settings.appearance, settings.start)
-    rewards = {AGENTS[role]: SNEAKY if role is Role.PROPOSER else FAIR, AGENTS[role.other]: "mdp"}
+    rewards = {AGENTS[role]: DECEPTIVE if role is Role.PROPOSER else FAIR, AGENTS[role.other]: "mdp"}
     with TemporaryDirectory() as temporary:
         agent = train_game(
             replace(settings, rewards=rewards),
@@ -64,7 +64,7 @@ def train_rounds(
     on_round: Callable[[int, Path], object] = lambda index, path: None,
     **options: Any,
 ) -> list[Path]:
-    """The proposers' run directories after `rounds` rounds: `first`, then each round's sneaky best response.
+    """The proposers' run directories after `rounds` rounds: `first`, then each round's deceptive best response.
 
     Each round trains `out`/verifier-N against all proposers so far, anew or, with a `warm` recipe, from the last
     round's, then `out`/sneak-N against it; each with the budget and other `options` of `train_game`, whose errors it
@@ -74,7 +74,7 @@ def train_rounds(
     for path in proposers:
         if load_agent(agent_file(path)).partner(Role.PROPOSER) is None:
             raise AgentError(f"{path}: it has no trained proposer to begin with")
-    fair = replace(settings, rewards={AGENTS[Role.PROPOSER]: SNEAKY, AGENTS[Role.VERIFIER]: FAIR})
+    fair = replace(settings, rewards={AGENTS[Role.PROPOSER]: DECEPTIVE, AGENTS[Role.VERIFIER]: FAIR})
     for index in range(rounds):
         verifier, sneak = out / f"verifier-{index}", out / f"sneak-{index}"
         earlier = out / f"verifier-{index - 1}" if recipe.warm and index else None

@@ -18,7 +18,7 @@ from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.situations import CONTEXT, SituationReader, with_hidden_facts
+from lilgym_mp.learning.game.situations import CONTEXT, read_situations, with_hidden_facts
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 
@@ -135,7 +135,6 @@ class RolloutPlayer:
         self._arrays = ObservedGames(setup, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
-        self._reader = SituationReader(setup)
         self._games = np.arange(recipe.envs)
         self._table = BoxImageTable()
         self._episodes = np.zeros(recipe.envs, np.int64)
@@ -212,14 +211,14 @@ class RolloutPlayer:
                     if len(played):
                         actions[role, played] = batch_actions(partner, self._partner_turn(role, played, rng))
                 if role is Role.VERIFIER:
-                    items[moving] = self._reader.read(arrays, role, moving).items
+                    items[moving] = arrays.proposed_item_arrays(moving)
                 continue
-            situations = self._reader.read(arrays, role, moving)
+            seen, context = read_situations(arrays, role, moving)
             if role is Role.VERIFIER:
-                items[moving] = situations.items
-            facts = self._facts(situations.context, moving)
+                items[moving] = seen
+            facts = self._facts(context, moving)
             if cached is None or arrays.game.turn_based:
-                boxes_of = self._table.item_indices(situations.items)
+                boxes_of = self._table.item_indices(seen)
                 cached = boxes_of, self._states(moving, boxes_of)
             boxes_of, states = cached
             own = turns[role]
@@ -228,10 +227,10 @@ class RolloutPlayer:
                 legal = own.legal[turn, moving] = proposer_choices(
                     arrays.game, arrays.masks(role, moving), arrays.refused[moving]
                 )
-            decision = actors.decide(role, states, situations.context, facts, legal)
+            decision = actors.decide(role, states, context, facts, legal)
             actions[role, moving] = decision.actions
             own.acted[turn, moving] = True
-            own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, situations.context
+            own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, context
             own.facts[turn, moving] = facts
             own.actions[turn, moving], own.values[turn, moving] = decision.actions, decision.values
             own.log_probabilities[turn, moving] = decision.log_probabilities
@@ -280,10 +279,9 @@ class RolloutPlayer:
         arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])
         values = np.zeros(self._recipe.envs, np.float32)
         if len(moving) and role not in self._partners:
-            situations = self._reader.read(arrays, role, moving)
-            states = self._states(moving, self._table.item_indices(situations.items))
-            facts = self._facts(situations.context, moving)
-            values[moving] = actors.values(role, states, situations.context, facts)
+            items, context = read_situations(arrays, role, moving)
+            states = self._states(moving, self._table.item_indices(items))
+            values[moving] = actors.values(role, states, context, self._facts(context, moving))
         return values
 
 

@@ -5,15 +5,11 @@ The verifier sees the scene after the pending proposal. The context is one small
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
-from lilgym_mp.envs.proposer_verifier.observations import ItemArrayPart, ProposedScenePart
-from lilgym_mp.envs.proposer_verifier.protocols import PROPOSER, Role
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
+from lilgym_mp.envs.proposer_verifier.protocols import VERIFIER, Role
 from lilgym_mp.scene.arrays import Int16Array, Int64Array
 
 CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "goal")  # 0 where an agent does not know it
@@ -27,38 +23,22 @@ def context_sizes(game: Game) -> tuple[int, ...]:
     return 2, 3, 3, max(game.message_sizes) + 1, game.config.dynamics.appearance.action_count + 1, MOST_ROUNDS + 1, 3
 
 
-class Situations(NamedTuple):
-    """The situations of one agent in k games."""
-
-    items: Int16Array  # (k, 3, capacity, 5)
-    context: Int64Array  # (k, 7)
-
-
-class SituationReader:
-    """Reads situations from games."""
-
-    def __init__(self, setup: GameSetup) -> None:
-        self._game = setup.game
-        self._scene = ItemArrayPart(setup)
-        self._proposed = ProposedScenePart(setup, self._scene) if setup.game.turn_based else self._scene
-
-    def read(self, games: GameArrays, role: Role, indices: Int64Array) -> Situations:
-        """The situations of `role` in games (k,)."""
-        scene = self._scene if role is PROPOSER else self._proposed
-        context = np.zeros((len(indices), len(CONTEXT)), np.int64)
-        context[:, ROLE] = role
-        context[:, MESSAGE] = games.messages[role.other, indices]
-        context[:, ROUNDS] = np.minimum(games.rounds[indices], MOST_ROUNDS)
-        if role is PROPOSER:
-            context[:, REFUSED] = games.refused[indices] + 1
-            if self._game.rewards.draws_intent:
-                context[:, INTENT] = games.intents[indices] + 1
-        else:
-            context[:, PENDING] = np.minimum(games.proposals[indices] + 1, EDIT_PENDING)
-        return Situations(scene.encode(games, indices), context)
+def read_situations(games: ObservedGames, role: Role, indices: Int64Array) -> tuple[Int16Array, Int64Array]:
+    """The items (k, 3, capacity, 5) and the context (k, 7) that `role` sees in games (k,)."""
+    context = np.zeros((len(indices), len(CONTEXT)), np.int64)
+    context[:, ROLE] = role
+    context[:, MESSAGE] = games.messages[role.other, indices]
+    context[:, ROUNDS] = np.minimum(games.rounds[indices], MOST_ROUNDS)
+    if role is VERIFIER:
+        context[:, PENDING] = np.minimum(games.proposals[indices] + 1, EDIT_PENDING)
+        return games.proposed_item_arrays(indices), context
+    context[:, REFUSED] = games.refused[indices] + 1
+    if games.game.rewards.fixed_intent is None:
+        context[:, INTENT] = games.intents[indices] + 1
+    return games.item_arrays(indices), context
 
 
-def with_hidden_facts(context: Int64Array, games: GameArrays, indices: Int64Array) -> Int64Array:
+def with_hidden_facts(context: Int64Array, games: ObservedGames, indices: Int64Array) -> Int64Array:
     """The context a central critic sees: also the intent and whether the statement has the target value."""
     full = context.copy()
     full[:, INTENT] = games.intents[indices] + 1

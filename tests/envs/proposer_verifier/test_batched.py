@@ -132,7 +132,7 @@ def test_tasks_and_sampler__choose_what_is_played():
 def test_reset__options_set_task_and_intent_of_all_games():
     batch, single = BatchedGames(GAMES, rewards="hidden"), parallel_env(rewards="hidden")
     for task in (single.tasks.ids[3], replace(single.tasks[5], id="given", statement="A blue one.")):
-        options = {"task": task, "intent": "sneaky"}
+        options = {"task": task, "intent": "deceptive"}
         observations, infos = batch.reset(options=options)
         expected, _ = single.reset(options=options)
         assert all(data_equivalence(row(observations, index), expected) for index in range(GAMES))
@@ -143,7 +143,7 @@ def test_reset__options_set_task_and_intent_of_all_games():
     assert ends[-1]["task_index"].max() < len(batch.tasks)  # the next games draw from the split
     with pytest.raises(ValueError, match="no task 'nothing'"):
         batch.reset(options={"task": "nothing"})
-    with pytest.raises(ValueError, match="unknown intent 'kind'; choose from helpful, sneaky"):
+    with pytest.raises(ValueError, match="unknown intent 'kind'; choose from deceptive, helpful"):
         batch.reset(options={"intent": "kind"})
 
 

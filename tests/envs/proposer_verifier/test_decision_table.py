@@ -49,7 +49,7 @@ def test_rewards__without_an_mdp_step_depend_only_on_the_judgement():
     assert table.rewards[:, rejected, table.no_mdp_step].tolist() == [[[0.0] * 2, [0.0] * 2], [[0.0] * 2, [-0.5] * 2]]
 
 
-@pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("sneaky", True)])
+@pytest.mark.parametrize(("rewards", "matters"), [("common", False), ("correctness", True), ("deceptive", True)])
 def test_needs_truth__only_if_a_reward_depends_on_it(rewards: str, matters: bool):
     table = game(protocol="joint", rewards=rewards).decision_table
     judging = [index for index, decision in enumerate(table.decisions) if decision.probability is not None]

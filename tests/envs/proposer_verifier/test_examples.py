@@ -37,7 +37,7 @@ def test_audit__trains_a_verifier_and_writes_its_curve(run: Run, tmp_path: Path)
         "proposer_verifier_audit.py", "--steps", "32", "--rollout", "32", "--tasks", "20", "--out", str(tmp_path)
     )
     assert "always accepting" in printed
-    assert "completeness" in printed
+    assert "true accepts" in printed
     assert {path.name for path in tmp_path.iterdir()} == {"curve.csv", "curve.svg", "verifier.zip"}
 
 

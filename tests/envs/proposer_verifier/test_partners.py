@@ -15,10 +15,10 @@ from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
+    DECEPTIVE_PROPOSER,
     HELPFUL_PROPOSER,
     PROTOCOLS,
     SCRIPTED,
-    SNEAKY_PROPOSER,
     ClaimingProposer,
     FrozenPolicy,
     Metrics,
@@ -37,7 +37,7 @@ from lilgym_mp.envs.proposer_verifier import (
     raw_env,
     summarise,
 )
-from lilgym_mp.envs.proposer_verifier.metrics import CalibrationBin, GameRecord, TargetMetrics
+from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, TargetMetrics
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.rules import Outcome
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
@@ -56,13 +56,13 @@ def measured_on_some(game: Any, proposer: Any, verifier: Any, seed: int = 0) -> 
     return measure(game, proposer, verifier, tasks=some_tasks(game), seed=seed)
 
 
-CLAIMING = ClaimingProposer()  # helpful or sneaky by the episode's intent
+CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_oracle__never_errs(protocol: str):
     measured = measured_on_some(env(protocol=protocol, rewards="hidden"), CLAIMING, OracleVerifier())
-    assert (measured.completeness, measured.soundness, measured.brier_score) == (1.0, 1.0, 0.0)
+    assert (measured.true_accept_rate, measured.false_accept_rate, measured.brier_score) == (1.0, 0.0, 0.0)
 
 
 def test_noisy_oracle__errs_at_its_error_rate():
@@ -73,25 +73,25 @@ def test_noisy_oracle__errs_at_its_error_rate():
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_always_accept__is_complete_and_not_sound(protocol: str):
-    game = env(protocol=protocol, start="flipit", rewards="sneaky")
-    measured = measured_on_some(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT)
-    assert measured.soundness == 0.0
-    assert measured.completeness in (1.0, None)
+    game = env(protocol=protocol, start="flipit", rewards="deceptive")
+    measured = measured_on_some(game, DECEPTIVE_PROPOSER, ALWAYS_ACCEPT)
+    assert measured.false_accept_rate == 1.0
+    assert measured.true_accept_rate in (1.0, None)
 
 
 def test_always_reject__is_sound_and_not_complete():
     measured = measured_on_some(env(protocol="audit", rewards="hidden"), CLAIMING, ALWAYS_REJECT)
-    assert (measured.completeness, measured.soundness) == (0.0, 1.0)
+    assert (measured.true_accept_rate, measured.false_accept_rate) == (0.0, 0.0)
 
 
 def test_claiming_proposers__claim_by_their_intent():
     game = env(protocol="audit", start="flipit")
-    helpful, sneaky = (
-        measured_on_some(game, proposer, ALWAYS_ACCEPT) for proposer in (HELPFUL_PROPOSER, SNEAKY_PROPOSER)
+    helpful, deceptive = (
+        measured_on_some(game, proposer, ALWAYS_ACCEPT) for proposer in (HELPFUL_PROPOSER, DECEPTIVE_PROPOSER)
     )
     assert helpful.success_rate > 0.3
-    assert sneaky.success_rate < 0.2
-    assert helpful.success_rate > sneaky.success_rate + 0.2
+    assert deceptive.success_rate < 0.2
+    assert helpful.success_rate > deceptive.success_rate + 0.2
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -256,28 +256,21 @@ def test_measures__of_literal_games():
     )
     assert (measured.games, measured.claims, measured.mean_rounds) == (2, 5, 3.0)
     assert (measured.success_rate, measured.mean_return_proposer, measured.mean_return_verifier) == (0.5, 1.0, -1.0)
-    assert measured.completeness == pytest.approx(2 / 3)
-    assert measured.soundness == pytest.approx(1 / 2)
-    assert measured.false_reject_rate == pytest.approx(1 / 3)
+    assert measured.true_accept_rate == pytest.approx(2 / 3)
     assert measured.false_accept_rate == pytest.approx(1 / 2)
     assert measured.brier_score == pytest.approx((0.05**2 + 0.15**2 + 0.85**2 + 0.15**2 + 0.95**2) / 5)
-    assert measured.calibration == (
-        CalibrationBin(2, pytest.approx(0.15), 0.5),
-        CalibrationBin(1, pytest.approx(0.85), 1.0),
-        CalibrationBin(2, pytest.approx(0.95), 0.5),
-    )
     assert measured.calibration_error == pytest.approx((2 * 0.35 + 0.15 + 2 * 0.45) / 5)
 
 
 def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
-    """Its pooled completeness and soundness are 3/4: claims hold mostly where the target is false."""
+    """Its pooled rates are 3/4 and 1/4: claims hold mostly where the target is false."""
     claims = [(True, holds) for holds in (True, False, False, False)] + [
         (False, holds) for holds in (True,) * 3 + (False,)
     ]
     measured = summarise([record((float(not target), holds))._replace(target=target) for target, holds in claims])
-    assert (measured.completeness, measured.soundness) == (0.75, 0.75)
-    assert measured.by_target["true"] == TargetMetrics(4, 1.0, 0.0, 1.0, 0.0)
-    assert measured.by_target["false"] == TargetMetrics(4, 1.0, 1.0, 0.0, 0.0)
+    assert (measured.true_accept_rate, measured.false_accept_rate) == (0.75, 0.25)
+    assert measured.by_target["true"] == TargetMetrics(4, 1.0, 0.0, 0.0, 0.0)
+    assert measured.by_target["false"] == TargetMetrics(4, 1.0, 1.0, 1.0, 0.0)
     assert measured.j == 0.0
 
 
@@ -320,18 +313,18 @@ def test_scripted__play_alike_singly_and_in_batches(partner: str):
 def test_target_only_verifier__has_a_j_of_zero():
     game = env(protocol="audit", start="flipit", rewards="hidden")
     measured = measured_on_some(game, CLAIMING, SCRIPTED["target_only"])
-    assert (measured.j, measured.by_target["false"].completeness) == (0.0, 1.0)
+    assert (measured.j, measured.by_target["false"].true_accept_rate) == (0.0, 1.0)
 
 
 def test_cross_play__equals_the_games_of_each_pair():
     game = env(protocol="audit", rewards="hidden")
     proposers, verifiers = (
-        {"by intent": CLAIMING, "lies": SNEAKY_PROPOSER},
+        {"by intent": CLAIMING, "lies": DECEPTIVE_PROPOSER},
         {"oracle": OracleVerifier(), "yes": ALWAYS_ACCEPT},
     )
     table = cross_play(game, proposers, verifiers, tasks=some_tasks(game)[:10])
     assert table.keys() == {(proposer, verifier) for proposer in proposers for verifier in verifiers}
-    assert table["lies", "yes"] == measure(game, SNEAKY_PROPOSER, ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
+    assert table["lies", "yes"] == measure(game, DECEPTIVE_PROPOSER, ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
     assert table["lies", "yes"].accepted_false_claims > table["lies", "oracle"].accepted_false_claims == 0.0
 
 
@@ -363,16 +356,16 @@ def test_batch_partner__that_breaks_the_rules_is_named(actions: Any, message: st
 
 def test_measures__without_claims_are_none():
     measured = summarise([record()])
-    assert (measured.completeness, measured.soundness, measured.brier_score) == (None, None, None)
+    assert (measured.true_accept_rate, measured.false_accept_rate, measured.brier_score) == (None, None, None)
     with pytest.raises(ValueError, match="cannot summarise zero games"):
         summarise([])
 
 
 def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
-    game = env(protocol="audit", start="flipit", rewards="sneaky")
+    game = env(protocol="audit", start="flipit", rewards="deceptive")
 
     def gain(verifier: Any) -> float:
-        return exploitability(game, SNEAKY_PROPOSER, verifier, tasks=some_tasks(game))
+        return exploitability(game, DECEPTIVE_PROPOSER, verifier, tasks=some_tasks(game))
 
     assert gain(OracleVerifier()) == 0.0
     assert gain(ALWAYS_ACCEPT) > 0.7
@@ -380,4 +373,4 @@ def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
 
 
 def test_scripted__has_partners_for_both_agents():
-    assert {"random", "oracle", "always_accept", "sneaky", "helpful"} <= SCRIPTED.keys()
+    assert {"random", "oracle", "always_accept", "deceptive", "helpful"} <= SCRIPTED.keys()

@@ -43,7 +43,7 @@ GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Col
 OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))
 WRONG_OPTIONS: list[tuple[Any, str]] = [
     ({"task": "nothing"}, "no task 'nothing'"),
-    ({"task": OTHER, "intent": "kind"}, "unknown intent 'kind'; choose from helpful, sneaky"),
+    ({"task": OTHER, "intent": "kind"}, "unknown intent 'kind'; choose from deceptive, helpful"),
     ({"task": OTHER, "tsk": "1"}, r"unknown reset options \['tsk'\]; choose from task, intent"),
     ({"task": replace(OTHER, program="nonsense(")}, "task 'given' cannot be played here: line 1"),
     ({"task": replace(OTHER, statement="A block. " * 90)}, r"its statement has (\d+) (words|bytes), and observations"),
@@ -247,7 +247,7 @@ def test_options__set_task_and_intent_or_change_nothing(form: str, views: str):
     game = FORMS[form](rewards="hidden", views=views)
     tasks = game.unwrapped.tasks
     for choice, played in ((GIVEN, GIVEN), (OTHER, OTHER), (tasks.ids[3], tasks[3]), (tasks[4], tasks[4])):
-        game.reset(options={"task": choice, "intent": "sneaky"})
+        game.reset(options={"task": choice, "intent": "deceptive"})
         assert (game.unwrapped.task, game.unwrapped.scene) == (played, played.start)
         seen = game.unwrapped.engine.observe(Role.PROPOSER)["observation"]
         assert (seen["target"], seen["intent"]) == (played.target, 1)

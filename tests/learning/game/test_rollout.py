@@ -7,7 +7,7 @@ import pytest
 
 from lilgym_mp.envs.observation import item_array
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
-from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays
+from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.learning.game.agent import VIEWS
@@ -18,7 +18,7 @@ from lilgym_mp.learning.game.situations import (
     PENDING,
     REFUSED,
     STOP_PENDING,
-    SituationReader,
+    read_situations,
     with_hidden_facts,
 )
 
@@ -72,23 +72,23 @@ def test_own_turns__do_not_earn_rewards_of_the_next_game():
 def test_situations__show_each_agent_what_it_may_know():
     settings = GameSettings(protocol="critique", rewards="hidden", views=VIEWS)
     setup = settings.setup()
-    games, reader = GameArrays(setup, 2), SituationReader(setup)
-    games.start(np.arange(2), np.array([0, 1]), np.array([Intent.SNEAKY, Intent.HELPFUL]))
+    games = ObservedGames(setup, 2)
+    games.start(np.arange(2), np.array([0, 1]), np.array([Intent.DECEPTIVE, Intent.HELPFUL]))
     rows = np.arange(2)
-    proposer = reader.read(games, Role.PROPOSER, rows)
-    assert proposer.context[:, INTENT].tolist() == [2, 1]
+    _, context = read_situations(games, Role.PROPOSER, rows)
+    assert context[:, INTENT].tolist() == [2, 1]
     stop, add = 0, 1
     games.step(np.array([stop, add]), np.zeros(2, np.int64))
-    verifier = reader.read(games, Role.VERIFIER, rows)
-    assert verifier.context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
-    assert not verifier.context[:, INTENT].any()
-    assert with_hidden_facts(verifier.context, games, rows)[:, INTENT].tolist() == [2, 1]
-    capacity = verifier.items.shape[2]
+    items, context = read_situations(games, Role.VERIFIER, rows)
+    assert context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
+    assert not context[:, INTENT].any()
+    assert with_hidden_facts(context, games, rows)[:, INTENT].tolist() == [2, 1]
+    capacity = items.shape[2]
     edited = setup.game.config.dynamics.step(games.mdp(1), setup.game.config.dynamics.appearance.decode(add)).state
-    assert np.array_equal(verifier.items[0], item_array(games.mdp(0).scene, capacity))
-    assert np.array_equal(verifier.items[1], item_array(edited.scene, capacity))
+    assert np.array_equal(items[0], item_array(games.mdp(0).scene, capacity))
+    assert np.array_equal(items[1], item_array(edited.scene, capacity))
     games.step(np.zeros(2, np.int64), np.zeros(2, np.int64))  # both proposals are rejected
-    assert reader.read(games, Role.PROPOSER, rows).context[:, REFUSED].tolist() == [1 + stop, 1 + add]
+    assert read_situations(games, Role.PROPOSER, rows)[1][:, REFUSED].tolist() == [1 + stop, 1 + add]
 
 
 def test_without_refused__leaves_out_the_action_refused_last_unless_it_is_the_only_one():

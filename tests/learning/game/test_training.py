@@ -123,11 +123,11 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32
     )
     settings = GameSettings(protocol="audit", rewards="correctness", corpus=three)
-    partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["sneaky"]]}
+    partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["deceptive"]]}
     agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
     assert agent.partner(Role.PROPOSER) is None
     env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
-    for proposer, measured in (("helpful", "completeness"), ("sneaky", "soundness")):
+    for proposer, measured in (("helpful", "completeness"), ("deceptive", "soundness")):
         found = measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
         assert getattr(found, measured) > 0.8
 
@@ -136,7 +136,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
 def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: Path, three: str):
     settings = GameSettings(protocol="audit", corpus=three)
     recipe = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3)
-    env = parallel_env(protocol="audit", rewards="sneaky", corpus=three, split="dev")
+    env = parallel_env(protocol="audit", rewards="deceptive", corpus=three, split="dev")
     for verifier, exploitability in ((ALWAYS_ACCEPT, 1.0), (OracleVerifier(), 0.0)):
         found = best_response(verifier, Role.PROPOSER, settings, steps=8_192, recipe=recipe, seed=1)
         measured = measure(env, found, verifier).accepted_false_claims

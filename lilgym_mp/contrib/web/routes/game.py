@@ -56,12 +56,12 @@ PERSON, EXPERT = "person", "expert"
 PARTNER_TITLES: dict[str, str] = {
     EXPERT: "expert: edits towards its goal",
     "helpful": "helpful: edits at random, claims if true",
-    "sneaky": "sneaky: edits at random, claims if false",
-    "by_intent": "helpful or sneaky, as the game's intent",
+    "deceptive": "deceptive: edits at random, claims if false",
+    "by_intent": "helpful or deceptive, as the game's intent",
     "oracle": "oracle: knows the truth",
 }
 SCRIPTED_PARTNERS: dict[Role, tuple[str, ...]] = {  # by the seat they can take
-    Role.PROPOSER: (EXPERT, "helpful", "sneaky", "by_intent", "random"),
+    Role.PROPOSER: (EXPERT, "helpful", "deceptive", "by_intent", "random"),
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
 VIEW = View(scene="image", statement="text", target=True, proposal=True, history=6)
