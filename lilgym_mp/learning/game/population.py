@@ -67,8 +67,8 @@ def train_rounds(
     """The proposers' run directories after `rounds` rounds: `first`, then each round's deceptive best response.
 
     Each round trains `out`/verifier-N against all proposers so far, anew or, with a `warm` recipe, from the last
-    round's, then `out`/sneak-N against it; each with the budget and other `options` of `train_game`, whose errors it
-    raises. Runs that are finished are kept, and interrupted ones resumed.
+    round's, then `out`/deceptive-N against it; each with the budget and other `options` of `train_game`, whose errors
+    it raises. Runs that are finished are kept, and interrupted ones resumed.
     """
     proposers = list(first)
     for path in proposers:
@@ -76,13 +76,13 @@ def train_rounds(
             raise AgentError(f"{path}: it has no trained proposer to begin with")
     fair = replace(settings, rewards={AGENTS[Role.PROPOSER]: DECEPTIVE, AGENTS[Role.VERIFIER]: FAIR})
     for index in range(rounds):
-        verifier, sneak = out / f"verifier-{index}", out / f"sneak-{index}"
+        verifier, deceptive = out / f"verifier-{index}", out / f"deceptive-{index}"
         earlier = out / f"verifier-{index - 1}" if recipe.warm and index else None
         seeded = replace(recipe, seed=recipe.seed + index)
         against = {Role.PROPOSER: proposers}
         _learn(fair, seeded, verifier, partners=against, start_from=earlier, **options)
-        _learn(fair, seeded, sneak, partners={Role.VERIFIER: [verifier]}, **options)
-        proposers = [*proposers, sneak]
+        _learn(fair, seeded, deceptive, partners={Role.VERIFIER: [verifier]}, **options)
+        proposers = [*proposers, deceptive]
         on_round(index, verifier)
     return proposers
 
@@ -115,7 +115,7 @@ def train(
         raise ValueError("--rounds begins with trained proposers: name their runs with --proposers")
 
     def report(index: int, verifier: Path) -> None:
-        options["say"](f"round {index}: {verifier} and its sneaky best response are trained")
+        options["say"](f"round {index}: {verifier} and its deceptive best response are trained")
         shutil.copyfile(verifier / AGENT_FILE, out / AGENT_FILE)
 
     shared = {name: options[name] for name in ("steps", "minutes", "device", "threads", "say")}

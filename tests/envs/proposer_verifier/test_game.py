@@ -27,82 +27,84 @@ from tests.envs.proposer_verifier.games import (
     VERIFIER_STOPS,
     WAIT,
     OneGame,
+    Step,
     all_steps,
     final_step,
     game,
     setup,
 )
 
+ACTIONS = {
+    "blue": ADD_BLUE,
+    "black": ADD_BLACK,
+    "remove": REMOVE_FROM_EMPTY,
+    "STOP": STOPS,  # remove is invalid
+    "reject": REJECT,
+    "accept": ACCEPT,
+    "stop": VERIFIER_STOPS,
+    "continue": CONTINUE,
+    "halt": STOP_NOW,
+    "refuse": 0,
+    "believe": 1,
+}
+# Games of the task "Some block is blue.": settings, actions, and after the last one the outcome, the agents to move,
+# the items in the scene, the rounds and both rewards.
+TURNS = """
+veto                       blue                      | none           verifier  0 0  0.0
+veto                       blue accept               | continues      proposer 1 1 -0.1
+veto                       blue reject               | continues      proposer 0 1 -0.1
+veto                       blue accept STOP accept   | success        nobody    1 2  1.0
+veto                       STOP accept               | wrong_stop     nobody    0 1 -1.0
+veto                       STOP reject               | continues      proposer 0 1 -0.1
+veto                       remove accept             | invalid_action nobody    0 1 -1.0
+veto                       remove reject             | continues      proposer 0 1 -0.1
+veto horizon=2             blue reject blue reject   | horizon        nobody    0 2 -1.0
+veto horizon=2             blue reject blue accept   | horizon        nobody    1 2 -1.0
+veto ending=proposer       STOP                      | wrong_stop     nobody    0 1 -1.0
+veto ending=either         STOP                      | wrong_stop     nobody    0 1 -1.0
+veto ending=verifier       blue stop                 | wrong_stop     nobody    0 1 -1.0
+joint                      blue+continue             | continues      both     1 1 -0.1
+joint                      blue+halt                 | wrong_stop     nobody    0 1 -1.0
+joint                      blue+continue black+halt  | success        nobody    1 2  1.0
+joint ending=agreement     STOP+continue             | continues      both     0 1 -0.1
+joint ending=agreement     blue+halt                 | continues      both     1 1 -0.1
+joint ending=agreement     STOP+halt                 | wrong_stop     nobody    0 1 -1.0
+joint ending=either        STOP+continue             | wrong_stop     nobody    0 1 -1.0
+joint ending=either        blue+halt                 | wrong_stop     nobody    0 1 -1.0
+audit                      black blue                | continues      proposer 2 2 -0.1
+audit                      STOP                      | none           verifier  0 0  0.0
+audit                      blue STOP refuse          | success        nobody    1 2  1.0
+audit                      blue STOP believe         | success        nobody    1 2  1.0
+audit horizon=1            blue                      | horizon        nobody    1 1 -1.0
+critique                   blue reject               | none           proposer 0 0  0.0
+critique exchanges=1       black reject blue         | continues      proposer 1 1 -0.1
+"""
 
-def items(step: Any) -> int:
+
+def items(step: Step) -> int:
     return sum(1 for _ in step.state.mdp.scene.items())
 
 
-def test_veto__a_proposal_has_no_effect_until_answered():
-    step = final_step(game(), ADD_BLUE)
-    assert step.outcome is None
-    assert step.rewards == (0.0, 0.0)
-    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == ((VERIFIER,), ADD_BLUE, 0)
+@pytest.mark.parametrize("drawn", TURNS.strip().splitlines())
+def test_game__of_these_actions(drawn: str):
+    played, (outcome, movers, *numbers) = drawn.split("|")[0].split(), drawn.split("|")[1].split()
+    settings = dict(word.split("=") for word in played[1:] if "=" in word)
+    options = {name: int(value) if value.isdigit() else value for name, value in settings.items()}
+    turns = [[ACTIONS[name] for name in word.split("+")] for word in played[1:] if "=" not in word]
+    this = game(protocol=played[0], message_size=0, **options)
+    step = final_step(this, *(turn[0] if len(turn) == 1 else tuple(turn) for turn in turns))
+    assert str(step.outcome).lower() == outcome
+    assert (
+        step.state.movers
+        == {"nobody": (), "proposer": (PROPOSER,), "verifier": (VERIFIER,), "both": tuple(Role)}[movers]
+    )
+    assert [items(step), step.state.mdp.steps, *step.rewards] == [*map(float, numbers), float(numbers[-1])]
+    assert step.terminated == (movers == "nobody")
 
 
-def test_veto__an_accepted_edit_is_a_step_of_the_mdp():
-    step = final_step(game(), ADD_BLUE, ACCEPT)
-    assert (step.outcome, step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 1)
-    assert (step.state.movers, step.state.proposal, step.state.mdp.steps) == ((PROPOSER,), None, 1)
-
-
-def test_veto__a_rejection_keeps_the_scene_and_uses_up_a_step():
-    step = final_step(game(), ADD_BLUE, REJECT)
-    assert (step.outcome, step.rewards, items(step)) == (Outcome.CONTINUES, (-0.1, -0.1), 0)
-    assert step.state.mdp.steps == 1
-
-
-def test_veto__an_accepted_stop_ends_the_episode_as_the_mdp_does():
-    right = final_step(game(), ADD_BLUE, ACCEPT, STOPS, ACCEPT)
-    wrong = final_step(game(), ADD_BLACK, ACCEPT, STOPS, ACCEPT)
-    assert (right.outcome, right.rewards, right.terminated) == (Outcome.SUCCESS, (1.0, 1.0), True)
-    assert (wrong.outcome, wrong.rewards, wrong.terminated) == (Outcome.WRONG_STOP, (-1.0, -1.0), True)
-    assert right.state.movers == ()
-
-
-def test_veto__a_rejected_stop_does_not_end_the_episode():
-    step = final_step(game(), STOPS, REJECT)
-    assert (step.outcome, step.terminated, step.state.movers) == (Outcome.CONTINUES, False, (PROPOSER,))
-
-
-def test_veto__an_accepted_invalid_action_ends_the_episode_a_rejected_one_does_not():
-    assert final_step(game(), REMOVE_FROM_EMPTY, ACCEPT).outcome is Outcome.INVALID_ACTION
-    assert final_step(game(), REMOVE_FROM_EMPTY, REJECT).outcome is Outcome.CONTINUES
-
-
-@pytest.mark.parametrize("answer", [ACCEPT, REJECT])
-def test_veto__the_horizon_counts_rounds(answer: int):
-    step = final_step(game(horizon=2), ADD_BLUE, REJECT, ADD_BLUE, answer)
-    assert (step.outcome, step.terminated, step.rewards) == (Outcome.HORIZON, True, (-1.0, -1.0))
-
-
-def test_veto__under_the_release_rules_the_horizon_truncates():
+def test_horizon__truncates_under_the_release_rules():
     step = final_step(game(horizon=1, rules="release"), ADD_BLUE, REJECT)
     assert (step.terminated, step.truncated, step.rewards) == (False, True, (-0.1, -0.1))
-
-
-@pytest.mark.parametrize("ending", ["proposer", "either"])
-def test_ending__by_the_proposer_its_stop_needs_no_answer(ending: str):
-    assert final_step(game(ending=ending), STOPS).outcome is Outcome.WRONG_STOP
-
-
-@pytest.mark.parametrize("ending", ["verifier", "either"])
-def test_ending__by_the_verifier_its_stop_is_judged_on_the_scene_before_the_proposal(ending: str):
-    step = final_step(game(ending=ending), ADD_BLUE, VERIFIER_STOPS)
-    assert (step.outcome, items(step)) == (Outcome.WRONG_STOP, 0)
-    assert step.judgement is not None
-    assert (step.judgement.accepted, step.judgement.holds) == (True, False)
-
-
-@pytest.mark.parametrize("protocol", ["veto", "critique"])
-def test_ending__determines_whether_the_verifier_can_choose_stop(protocol: str):
-    assert game(protocol=protocol, message_size=0).action_counts[Role.VERIFIER] == 3
-    assert game(protocol=protocol, message_size=0, ending="verifier").action_counts[Role.VERIFIER] == 4
 
 
 @pytest.mark.parametrize("protocol", ["veto", "joint"])
@@ -112,77 +114,17 @@ def test_ending__by_the_verifier_alone_the_proposer_cannot_stop(protocol: str):
     assert not played.games.masks(Role.PROPOSER, 0)[STOPS]
     step = played.step(STOPS, *([CONTINUE] if protocol == "joint" else []))
     assert (step.illegal[Role.PROPOSER], step.outcome, items(step)) == (True, Outcome.CONTINUES, 0)
+    assert this.action_counts[VERIFIER] == (2 if protocol == "joint" else 4)  # with STOP, and "wait"
 
 
-def test_joint__the_edit_is_made_while_the_verifier_continues():
-    step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE))
-    assert (step.outcome, items(step), step.state.movers) == (Outcome.CONTINUES, 1, (PROPOSER, VERIFIER))
-
-
-def test_joint__a_stop_is_judged_on_the_scene_before_the_edit():
-    assert final_step(game(protocol="joint"), (ADD_BLUE, STOP_NOW)).outcome is Outcome.WRONG_STOP
-    step = final_step(game(protocol="joint"), (ADD_BLUE, CONTINUE), (ADD_BLACK, STOP_NOW))
-    assert (step.outcome, items(step)) == (Outcome.SUCCESS, 1)
-
-
-def test_joint__by_agreement_only_both_stops_together_end_the_episode():
-    this = game(protocol="joint", ending="agreement")
-    assert final_step(this, (STOPS, CONTINUE)).outcome is Outcome.CONTINUES
-    step = final_step(this, (ADD_BLUE, STOP_NOW))
-    assert (step.outcome, items(step)) == (Outcome.CONTINUES, 1)
-    assert final_step(this, (STOPS, STOP_NOW)).outcome is Outcome.WRONG_STOP
-
-
-def test_joint__by_either_each_stop_ends_the_episode():
-    this = game(protocol="joint", ending="either")
-    assert final_step(this, (STOPS, CONTINUE)).outcome is Outcome.WRONG_STOP
-    assert final_step(this, (ADD_BLUE, STOP_NOW)).outcome is Outcome.WRONG_STOP
-
-
-def test_audit__the_proposer_moves_until_it_stops():
-    steps = all_steps(game(protocol="audit"), ADD_BLACK, ADD_BLUE, STOPS)
-    assert [step.state.movers for step in steps] == [(PROPOSER,), (PROPOSER,), (VERIFIER,)]
-    assert [step.outcome for step in steps] == [Outcome.CONTINUES, Outcome.CONTINUES, None]
-
-
-@pytest.mark.parametrize("verdict", [0, 1])
-def test_audit__the_verdict_ends_the_episode_whatever_it_is(verdict: int):
-    step = final_step(game(protocol="audit"), ADD_BLUE, STOPS, verdict)
-    assert (step.outcome, step.judgement.probability, step.judgement.holds) == (Outcome.SUCCESS, float(verdict), True)
-
-
-def test_audit__without_a_stop_there_is_no_verdict():
-    step = final_step(game(protocol="audit", horizon=1), ADD_BLUE)
-    assert (step.outcome, step.judgement, step.state.movers) == (Outcome.HORIZON, None, ())
-
-
-@pytest.mark.parametrize(("bins", "expected"), [(2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
-def test_audit__bins_state_their_midpoints(bins: int, expected: list[float]):
+@pytest.mark.parametrize(("bins", "stated"), [(None, [0, 1]), (2, [0.25, 0.75]), (4, [0.125, 0.375, 0.625, 0.875])])
+def test_audit__verdicts_state_probabilities(bins: int | None, stated: list[float]):
     this = game(protocol="audit", verdict_bins=bins)
-    stated = [final_step(this, STOPS, verdict).judgement.probability for verdict in range(bins)]
-    assert stated == pytest.approx(expected)
+    judged = [final_step(this, STOPS, verdict).judgement for verdict in range(len(stated))]
+    assert [(each and each.probability, each and each.holds) for each in judged] == [(one, False) for one in stated]
 
 
-def test_critique__a_rejection_is_free_and_the_proposer_moves_again():
-    step = final_step(game(protocol="critique"), ADD_BLUE, REJECT)
-    assert (step.outcome, step.rewards) == (None, (0.0, 0.0))
-    assert (step.state.movers, step.state.rejections, step.state.mdp.steps) == ((PROPOSER,), 1, 0)
-
-
-def test_critique__after_the_last_exchange_the_next_proposal_needs_no_answer():
-    this = game(protocol="critique", exchanges=1)
-    step = final_step(this, ADD_BLACK, REJECT, ADD_BLUE)
-    assert (step.outcome, items(step), step.state.movers) == (Outcome.CONTINUES, 1, (PROPOSER,))
-    assert step.state.rejections == 0
-
-
-def test_critique__a_rejection_can_carry_a_message():
-    this = game(protocol="critique")
-    step = final_step(this, ADD_BLUE, this.encode_action(Role.VERIFIER, REJECT, message=3))
-    assert step.state.messages == (0, 3)
-
-
-def test_message__costs_its_sender():
+def test_message__reaches_the_state_and_costs_its_sender():
     this = game(message_size=2, message_cost=0.25)
     steps = all_steps(
         this,
@@ -193,6 +135,9 @@ def test_message__costs_its_sender():
     assert steps[0].rewards == (-0.25, 0.0)
     assert steps[1].rewards == (-0.1, -0.1)
     assert steps[1].state.messages == (2, 0)
+    critique = game(protocol="critique")
+    step = final_step(critique, ADD_BLUE, critique.encode_action(Role.VERIFIER, REJECT, message=3))
+    assert step.state.messages == (0, 3)
 
 
 ILLEGAL = [

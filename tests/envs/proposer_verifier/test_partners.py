@@ -32,7 +32,6 @@ from lilgym_mp.envs.proposer_verifier import (
     exploitability,
     measure,
     metrics,
-    parallel_env,
     play_games,
     raw_env,
     summarise,
@@ -40,7 +39,7 @@ from lilgym_mp.envs.proposer_verifier import (
 from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, TargetMetrics
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.rules import Outcome
-from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, STOPS, WAIT
+from tests.envs.proposer_verifier.games import ADD_BLUE, STOPS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
 GAMES = 80
@@ -59,31 +58,6 @@ def measured_on_some(game: Any, proposer: Any, verifier: Any, seed: int = 0) -> 
 CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_oracle__never_errs(protocol: str):
-    measured = measured_on_some(env(protocol=protocol, rewards="hidden"), CLAIMING, OracleVerifier())
-    assert (measured.true_accept_rate, measured.false_accept_rate, measured.brier_score) == (1.0, 0.0, 0.0)
-
-
-def test_noisy_oracle__errs_at_its_error_rate():
-    game = env(protocol="audit", rewards="hidden")
-    measured = measured_on_some(game, CLAIMING, OracleVerifier(error_rate=0.25), seed=1)
-    assert measured.brier_score == pytest.approx(0.25, abs=0.15)
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_always_accept__is_complete_and_not_sound(protocol: str):
-    game = env(protocol=protocol, start="flipit", rewards="deceptive")
-    measured = measured_on_some(game, DECEPTIVE_PROPOSER, ALWAYS_ACCEPT)
-    assert measured.false_accept_rate == 1.0
-    assert measured.true_accept_rate in (1.0, None)
-
-
-def test_always_reject__is_sound_and_not_complete():
-    measured = measured_on_some(env(protocol="audit", rewards="hidden"), CLAIMING, ALWAYS_REJECT)
-    assert (measured.true_accept_rate, measured.false_accept_rate) == (0.0, 0.0)
-
-
 def test_claiming_proposers__claim_by_their_intent():
     game = env(protocol="audit", start="flipit")
     helpful, deceptive = (
@@ -94,11 +68,20 @@ def test_claiming_proposers__claim_by_their_intent():
     assert helpful.success_rate > deceptive.success_rate + 0.2
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_random_partners__play_to_the_end(protocol: str):
-    game = env(protocol=protocol)
-    records = play_games(game, RandomPartner(), RandomPartner(), tasks=some_tasks(game))
-    assert {record.outcome for record in records} <= {Outcome.SUCCESS, Outcome.WRONG_STOP, Outcome.HORIZON}
+@pytest.mark.parametrize(
+    ("verifier", "rates"),
+    [
+        (OracleVerifier(), (1.0, 0.0)),
+        (OracleVerifier(error_rate=1.0), (0.0, 1.0)),
+        (OracleVerifier(error_rate=0.25), (pytest.approx(0.75, abs=0.15), pytest.approx(0.25, abs=0.15))),
+        (ALWAYS_ACCEPT, (1.0, 1.0)),
+        (ALWAYS_REJECT, (0.0, 0.0)),
+    ],
+)
+@pytest.mark.parametrize("protocol", ["audit", "critique"])
+def test_scripted_verifiers__accept_true_and_false_claims(protocol: str, verifier: Any, rates: tuple[Any, Any]):
+    measured = measured_on_some(env(protocol=protocol, start="flipit", rewards="hidden"), CLAIMING, verifier)
+    assert (measured.true_accept_rate, measured.false_accept_rate) == rates
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -108,17 +91,6 @@ def test_single_agent_view__passes_gymnasiums_check(protocol: str, agent: str):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         check_env(view, skip_render_check=True)
-
-
-@pytest.mark.parametrize("make", [env, raw_env, parallel_env])
-def test_single_agent_view__accepts_aec_and_parallel(make: Any):
-    view = SingleAgentView(make(protocol="audit"), VERIFIER, "helpful")
-    _, info = view.reset(seed=0)
-    assert info["task"]
-    assert view.action_masks().tolist() == [True, True, False]
-    *_, terminated, _, info = view.step(ACCEPT)
-    assert terminated
-    assert "outcome" in info
 
 
 def test_single_agent_view__sums_rewards_since_the_last_action():
@@ -143,22 +115,6 @@ def test_single_agent_view__raises_if_it_never_has_a_turn():
         view.reset(seed=0)
 
 
-def test_single_agent_view__is_reproducible():
-    def episode(seed: int) -> list[Any]:
-        view = SingleAgentView(env(rewards="hidden"), VERIFIER, "by_intent")
-        observation, _ = view.reset(seed=seed)
-        results: list[Any] = [observation["image"].sum()]
-        ended = False
-        while not ended:
-            observation, reward, terminated, truncated, info = view.step(ACCEPT)
-            ended = terminated or truncated
-            results.append((observation["image"].sum(), reward, info))
-        return results
-
-    assert episode(4) == episode(4)
-    assert any(episode(4) != episode(seed) for seed in (5, 6, 7))
-
-
 def test_single_agent_view__refuses_invalid_arguments():
     with pytest.raises(TypeError, match="SingleAgentView needs a proposer-verifier environment, not"):
         SingleAgentView(gym.make("CartPole-v1"), VERIFIER, "random")
@@ -168,6 +124,8 @@ def test_single_agent_view__refuses_invalid_arguments():
         SingleAgentView(env(), VERIFIER, "friend")
     with pytest.raises(TypeError, match="a partner must be callable with a PartnerTurn, not 3"):
         SingleAgentView(env(), VERIFIER, 3)  # pyright: ignore[reportArgumentType]
+    with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
+        OracleVerifier(error_rate=2)
 
 
 @pytest.mark.parametrize(
@@ -227,21 +185,6 @@ def test_frozen_policy__plays_a_models_actions_or_a_legal_one():
     assert view.unwrapped.engine.state.proposal != STOPS
 
 
-def test_error_rate__must_be_a_probability():
-    with pytest.raises(ValueError, match="error_rate must be between 0 and 1, not 2"):
-        OracleVerifier(error_rate=2)
-
-
-def test_play_games__plays_each_task_once_and_reproducibly():
-    game = env(protocol="audit", rewards="hidden", split="dev")
-    first = play_games(game, CLAIMING, OracleVerifier(0.3), seed=7)
-    assert [record.task for record in first] == list(game.unwrapped.tasks.ids)
-    assert play_games(game, CLAIMING, OracleVerifier(0.3), seed=7) == first
-    assert play_games(game, CLAIMING, OracleVerifier(0.3), seed=8) != first
-    few = list(game.unwrapped.tasks.ids[:2])
-    assert [record.task for record in play_games(game, CLAIMING, ALWAYS_ACCEPT, tasks=few)] == few
-
-
 def record(*answers: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
     judgements = tuple(Judgement(probability, True, holds) for probability, holds in answers)
     return GameRecord("task", "A statement.", True, outcome, rounds, (1.0, -1.0), judgements)
@@ -282,6 +225,10 @@ def test_j__is_the_mean_over_targets_with_an_interval_over_statements():
     assert measured.j_interval == (pytest.approx(-0.5), 1.0)
     assert summarise([right] * 4).j_interval == (1.0, 1.0)
     assert summarise([record((1.0, True))]).j is None
+    without_claims = summarise([record()])
+    assert (without_claims.true_accept_rate, without_claims.calibration_error) == (None, None)
+    with pytest.raises(ValueError, match="cannot summarise zero games"):
+        summarise([])
 
 
 def test_accepted_false_claims__are_those_that_end_the_game():
@@ -294,10 +241,14 @@ def test_accepted_false_claims__are_those_that_end_the_game():
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_records__do_not_depend_on_the_other_games_of_the_batch(protocol: str, monkeypatch: pytest.MonkeyPatch):
+def test_records__depend_on_the_seed_but_not_on_the_other_games_of_the_batch(
+    protocol: str, monkeypatch: pytest.MonkeyPatch
+):
     game = env(protocol=protocol, start="flipit", rewards="hidden")
     tasks = some_tasks(game)[:12]
     together = play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5)
+    assert tuple(record.task for record in together) == tasks
+    assert play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=8) != together
     monkeypatch.setattr(metrics, "LARGEST_BATCH", 1)
     assert play_games(game, CLAIMING, OracleVerifier(0.3), tasks=tasks, seed=5) == together
 
@@ -308,12 +259,6 @@ def test_scripted__play_alike_singly_and_in_batches(partner: str):
     single, tasks = SCRIPTED[partner], some_tasks(game)[:20]
     batched = play_games(game, CLAIMING, single, tasks=tasks)
     assert play_games(game, CLAIMING, lambda turn: single(turn), tasks=tasks) == batched
-
-
-def test_target_only_verifier__has_a_j_of_zero():
-    game = env(protocol="audit", start="flipit", rewards="hidden")
-    measured = measured_on_some(game, CLAIMING, SCRIPTED["target_only"])
-    assert (measured.j, measured.by_target["false"].true_accept_rate) == (0.0, 1.0)
 
 
 def test_cross_play__equals_the_games_of_each_pair():
@@ -354,13 +299,6 @@ def test_batch_partner__that_breaks_the_rules_is_named(actions: Any, message: st
         play_games(game, RandomPartner(), BadBatchPartner(actions), tasks=some_tasks(game)[:3])
 
 
-def test_measures__without_claims_are_none():
-    measured = summarise([record()])
-    assert (measured.true_accept_rate, measured.false_accept_rate, measured.brier_score) == (None, None, None)
-    with pytest.raises(ValueError, match="cannot summarise zero games"):
-        summarise([])
-
-
 def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
     game = env(protocol="audit", start="flipit", rewards="deceptive")
 
@@ -370,7 +308,3 @@ def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
     assert gain(OracleVerifier()) == 0.0
     assert gain(ALWAYS_ACCEPT) > 0.7
     assert gain(ALWAYS_REJECT) == 0.0
-
-
-def test_scripted__has_partners_for_both_agents():
-    assert {"random", "oracle", "always_accept", "deceptive", "helpful"} <= SCRIPTED.keys()

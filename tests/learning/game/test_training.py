@@ -292,7 +292,7 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
 
 
-def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Path):
+def test_rounds__each_adds_a_verifier_and_a_deceptive_proposer_and_are_continued(tmp_path: Path):
     settings = GameSettings(protocol="audit", rewards="hidden")
     trained(tmp_path / "first", settings=settings)
 
@@ -306,13 +306,13 @@ def test_rounds__each_adds_a_verifier_and_a_sneak_and_are_continued(tmp_path: Pa
             steps=64,
         )
 
-    assert [path.name for path in play(1)] == ["first", "sneak-0"]
+    assert [path.name for path in play(1)] == ["first", "deceptive-0"]
     modified = (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns
-    assert [path.name for path in play(2)] == ["first", "sneak-0", "sneak-1"]
+    assert [path.name for path in play(2)] == ["first", "deceptive-0", "deceptive-1"]
     assert (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns == modified
     identity = json.loads((tmp_path / "rounds" / "verifier-1" / "run.json").read_text())["identity"]
     assert len(identity["partners"]["proposer"]) == 2
-    assert load_agent(tmp_path / "rounds" / "sneak-1" / "agent.safetensors").partner(Role.VERIFIER) is None
+    assert load_agent(tmp_path / "rounds" / "deceptive-1" / "agent.safetensors").partner(Role.VERIFIER) is None
 
 
 # Invalid input
