@@ -42,7 +42,7 @@ SingleEnv = gym.Env[Any, Any]
 
 
 class Event(NamedTuple):
-    """What one environment returns to a reset (`action` is None) or a step. In the game, values by agent."""
+    """The results of one environment's reset (`action` is None) or step. In the game, values by agent."""
 
     observation: Any
     info: Any  # None where a batch does not report it

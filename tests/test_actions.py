@@ -6,7 +6,6 @@ import random
 from collections.abc import Iterable
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -31,25 +30,12 @@ def all_or_sampled(appearance: Appearance) -> Iterable[int]:
     return ends + random.Random(0).sample(range(count), 3000)
 
 
-@pytest.mark.parametrize(("appearance", "count"), [(TOWER, 13), (SCATTER, 2661), (PIXELS, 1_064_001)])
-def test_action_count__is_that_of_the_paper(appearance: Appearance, count: int):
-    assert appearance.action_count == count
-
-
 @pytest.mark.parametrize("appearance", [TOWER, *map(Scatter, GRIDS)], ids=str)
 def test_indices__encode_inverts_decode_and_from_array_inverts_to_array(appearance: Appearance):
     for index in all_or_sampled(appearance):
         action = appearance.decode(index)
         assert appearance.encode(action) == index
         assert appearance.from_array(appearance.to_array(action)) == action
-
-
-def test_tower_indices__stop_then_adds_by_box_and_colour_then_removes():
-    assert TOWER.decode(0) == STOP
-    for box in range(3):
-        assert TOWER.decode(10 + box) == RemoveBlock(box)
-        for colour in Colour:
-            assert TOWER.decode(1 + 3 * box + colour) == AddBlock(box, colour)
 
 
 @pytest.mark.parametrize("grid", GRIDS, ids=str)
@@ -84,26 +70,6 @@ def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(
 def test_array_form__is_converted_both_ways(appearance: Appearance, values: list[int], action: Action):
     assert appearance.from_array(values) == action
     assert appearance.to_array(action) == values
-
-
-@pytest.mark.parametrize(
-    ("appearance", "values", "action"),
-    [
-        (TOWER, [0, 99, 99], STOP),
-        (TOWER, [2, 1, 77], RemoveBlock(1)),
-        (SCATTER, [0, 99, -5, 3, 3, 3], STOP),
-        (SCATTER, [2, 7, 0, 9, 9, 9], RemoveItem(7, 0)),
-    ],
-)
-def test_array_form__unused_slots_are_ignored(appearance: Appearance, values: list[int], action: Action):
-    assert appearance.from_array(values) == action
-
-
-@pytest.mark.parametrize("dtype", [np.int8, np.int64, np.uint8])
-def test_array_form__accepts_integer_numpy_arrays(dtype: Any):
-    decoded = SCATTER.from_array(np.array([1, 3, 2, 1, 0, 2], dtype))
-    assert decoded == AddItem(3, 2, Shape.SQUARE, Colour.YELLOW, Size.LARGE)
-    assert all(not isinstance(part, np.generic) for part in decoded)
 
 
 @pytest.mark.parametrize(
@@ -165,12 +131,6 @@ def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[A
 def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearance, action: Any):
     with pytest.raises(ActionError):
         appearance.encode(action)
-
-
-@pytest.mark.parametrize("appearance", [TOWER, SCATTER], ids=str)
-def test_to_array__a_value_that_is_not_an_action_is_refused(appearance: Appearance):
-    with pytest.raises(ActionError, match=rf"'STOP' is not an action of {appearance.name}"):
-        appearance.to_array("STOP")  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

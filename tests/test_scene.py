@@ -81,11 +81,6 @@ def test_from_json__missing_and_unknown_keys_are_refused():
         Scene.from_json(data)
 
 
-def test_of__three_collections_are_needed():
-    with pytest.raises(SceneError, match=r"^a scene has 3 boxes, not 1$"):
-        Scene.of([])
-
-
 def test_permuted__box_k_is_the_old_box_order_k():
     left, middle, right = (Box((square(x, 0),)) for x in (1, 2, 3))
     assert Scene((left, middle, right)).permuted((2, 0, 1)).boxes == (right, left, middle)
@@ -111,20 +106,6 @@ def test_fields__cannot_be_set(value: Any, name: str):
         setattr(value, name, None)
 
 
-def test_with_box__shares_other_boxes_and_keeps_the_old_scene():
-    for index in range(3):
-        changed = SCENE.with_box(index, Box((circle(1, 1),)))
-        assert changed.boxes[index].items == (circle(1, 1),)
-        assert all(changed.boxes[other] is SCENE.boxes[other] for other in {0, 1, 2} - {index})
-    assert Scene.from_json(JSON) == SCENE
-
-
-def test_box__with_item_appends_and_without_removes_by_position():
-    box = Box((circle(0, 0), circle(50, 0), circle(0, 50)))
-    assert box.with_item(square(70, 70)).items == (*box.items, square(70, 70))
-    assert box.without(1).items == (circle(0, 0), circle(0, 50))
-
-
 def test_equality__is_by_items_and_their_order_not_by_memo():
     remembered = Scene.from_json(JSON)
     remembered.memo["truth"] = True
@@ -141,11 +122,6 @@ def test_pickling__keeps_the_scene_and_drops_the_memos():
     assert copied == SCENE
     assert not copied.memo
     assert not any(box.memo for box in copied.boxes)
-
-
-def test_items__are_listed_box_by_box():
-    assert list(SCENE.items()) == [circle(0, 70, LARGE), triangle(5, -2, SMALL, B), square(40, 80, colour=K)]
-    assert list(Scene.empty().items()) == []
 
 
 def test_footprint__is_an_index_of_shape_and_size_with_its_side():

@@ -15,11 +15,6 @@ from tests.scenes import B, K, scene, tower
 TASK = Task("7-a", "Some block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
 
 
-def test_truth__is_the_programs_value_in_the_scene():
-    assert TASK.truth(scene(tower(K, B))) is True
-    assert TASK.truth(Scene.empty()) is False
-
-
 @pytest.mark.parametrize("target", [True, False])
 def test_solved_by__truth_equal_to_the_target(target: bool):
     task = dataclasses.replace(TASK, target=target)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn, get_args, get_type_hints
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from numpy.typing import NDArray
 
+from lilgym_mp.scene import BOX_COUNT, Item
 from lilgym_mp.scene.appearances import InvalidReason
 from lilgym_mp.scene.arrays import BoolArray, Int8Array, Int16Array, Int64Array, UInt8Array
 from lilgym_mp.scene.render import image_shape
@@ -51,7 +51,7 @@ class Buffers:
     last_items: Int16Array  # (N, 3, capacity, 5) likewise
     mask: BoolArray  # (N, actions) on demand
     goal: BoolArray  # (N,) on demand
-    items: NDArray[np.int16]  # (N, 3, capacity, 5) on demand
+    items: Int16Array  # (N, 3, capacity, 5) on demand
 
     def slice(self, first: int, stop: int) -> Buffers:
         """Views of the arrays of environments first .. stop - 1."""
@@ -76,30 +76,19 @@ def refuse_copying(batch: object) -> NoReturn:
 def buffer_specs(
     num_envs: int, image_size: str, actions: int, capacity: int, autoreset: AutoresetMode
 ) -> dict[str, ArraySpec]:
-    """Shape and dtype of every array of Buffers."""
-    flags, numbers = ArraySpec((num_envs,), np.bool_), ArraySpec((num_envs,), np.int64)
-    small = ArraySpec((num_envs,), np.int8)
-    images = (num_envs, *image_shape(image_size))
+    """Shape and dtype of every array of Buffers; those that keep the last episode are empty unless SAME_STEP."""
     kept = num_envs if autoreset is AutoresetMode.SAME_STEP else 0
+    rows = {"image": image_shape(image_size), "mask": (actions,), "items": (BOX_COUNT, capacity, len(Item._fields))}
     return {
-        "action": numbers,
-        "image": ArraySpec(images, np.uint8),
-        "task": numbers,
-        "steps": numbers,
-        "result": small,
-        "invalid": small,
-        "ended": flags,
-        "started": flags,
-        "repeated": flags,
-        "evaluated": numbers,
-        "last_image": ArraySpec((kept, *images[1:]), np.uint8),
-        "last_task": numbers,
-        "last_steps": numbers,
-        "last_items": ArraySpec((kept, 3, capacity, 5), np.int16),
-        "mask": ArraySpec((num_envs, actions), np.bool_),
-        "goal": flags,
-        "items": ArraySpec((num_envs, 3, capacity, 5), np.int16),
+        name: ArraySpec(
+            (kept if name.startswith("last_") else num_envs, *rows.get(name.removeprefix("last_"), ())), dtype
+        )
+        for name, dtype in _DTYPES.items()
     }
+
+
+# By field, from the annotations, which are of the form ndarray[shape, dtype[...]]
+_DTYPES = {name: get_args(get_args(hint)[1])[0] for name, hint in get_type_hints(Buffers).items()}
 
 
 def buffers_size(array_specs: Mapping[str, ArraySpec]) -> int:

@@ -34,7 +34,7 @@ def setting(default: Any, description: str, parse: Callable[[str], Any] = str, c
 
 @dataclass(frozen=True)
 class EnvConfig:
-    """What identifies an environment; all but the split and the image size is part of the identity of a run."""
+    """The identity of an environment; all but the split and the image size is part of the identity of a run."""
 
     configuration: str  # or a Gymnasium id, which becomes the configuration's name
     corpus: str = setting("builtin", CORPUS_HELP)

@@ -1,4 +1,4 @@
-"""What replaces keywords and ids that are not known."""
+"""Replacements of unknown keywords and ids, named in errors."""
 
 from __future__ import annotations
 

@@ -12,12 +12,11 @@ from itertools import chain
 from typing import Any, NamedTuple
 
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene import Scene, new_tuple
 from lilgym_mp.scene.actions import Action, Stop
 from lilgym_mp.scene.appearances import Appearance, InvalidReason, PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.scene.tuples import new_tuple
 
 STEP_COST = 0.1
 

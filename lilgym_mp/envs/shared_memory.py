@@ -34,19 +34,6 @@ class SharedMemory:
     def __reduce__(self) -> tuple[Any, tuple[Any, int]]:
         return _attached, (reduction.DupFd(self._fd), self._size)  # pyright: ignore[reportAttributeAccessIssue]
 
-    def has_room_for(self, descriptors: int) -> bool:
-        """Whether this process can open this many more files."""
-        spare: list[int] = []
-        try:
-            for _ in range(descriptors):
-                spare.append(os.dup(self._fd))
-        except OSError:
-            return False
-        finally:
-            for descriptor in spare:
-                os.close(descriptor)
-        return True
-
     def release(self) -> None:
         """Closes the file; the memory is freed with the last array that uses it."""
         if self._fd >= 0:

@@ -58,7 +58,7 @@ class SingleConfig(EnvConfig):
 
 
 class SharedInterface:
-    """What single environments and batches have in common beyond Gymnasium's interface."""
+    """The interface that single environments and batches share beyond Gymnasium's interface."""
 
     dynamics: Dynamics
     tasks: TaskSet

@@ -53,7 +53,6 @@ NO_PAGE = -1
 START_SECONDS = 120.0  # time limit for a worker's imports and tasks
 JOIN_SECONDS = 1.0
 LONGEST_WAIT = 1e6  # seconds; the longest wait that the system accepts
-DESCRIPTORS = 12  # file descriptors that starting a worker takes; Python leaks some if they run out half-way
 
 WRITERS = (Engine.write_masks, Engine.write_goals, Engine.write_items)
 TAKING_ARGUMENTS = (Engine.reset, Engine.set_tasks, Engine.restore)
@@ -316,7 +315,8 @@ class WorkerVectorEnv(LilGymVectorEnv):
         self._own = own.part
         try:
             with _starting:
-                _check_room(len(others), shared)
+                if others:
+                    _check_can_start()
                 if others and context.get_start_method() == "fork":
                     _warm_up(checked)
                 self._engine = Engine(checked, buffers.slice(0, own.part.stop))
@@ -418,17 +418,12 @@ def _stop_workers(workers: list[_Worker], shared: SharedMemory, owner: int) -> N
     shared.release()
 
 
-def _check_room(workers: int, shared: SharedMemory) -> None:
-    """Raises WorkerError if this process cannot start this many workers."""
-    if workers and not (hasattr(reduction, "DupFd") and hasattr(signal, "pthread_sigmask")):
+def _check_can_start() -> None:
+    """Raises WorkerError if this process cannot start workers."""
+    if not (hasattr(reduction, "DupFd") and hasattr(signal, "pthread_sigmask")):
         raise WorkerError("workers need Linux or macOS; use num_workers=1, or gymnasium.make_vec")
-    if workers and multiprocessing.current_process().daemon:
+    if multiprocessing.current_process().daemon:
         raise WorkerError("a daemonic process cannot start workers; use num_workers=1, or gymnasium.make_vec")
-    if not shared.has_room_for(workers * DESCRIPTORS):
-        raise WorkerError(
-            f"{workers} workers take up to {workers * DESCRIPTORS} file descriptors, and this process cannot open that"
-            " many more; close some, raise the limit (ulimit -n), or use fewer workers"
-        )
 
 
 def _warm_up(settings: BatchSettings) -> None:

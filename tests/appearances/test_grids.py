@@ -13,7 +13,6 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import RemoveItem
 from lilgym_mp.scene.appearances import (
     APPEARANCES,
-    RELEASED_GRID,
     GridError,
     InvalidReason,
     Scatter,
@@ -41,19 +40,6 @@ def test_grid__every_documented_one_tiles_the_image(grid: tuple[int, int]):
     ]
     pixels = [x for column in separators for x in range(column * width, (column + 1) * width)]
     assert pixels == [*range(100, 140), *range(240, 280)]
-
-
-def test_grid__the_released_one_is_the_default():
-    assert Scatter() == Scatter(RELEASED_GRID) == make_appearance("scatter") == APPEARANCES["scatter"]
-    assert Scatter().cell == (20, 20)
-
-
-def test_grid__native_is_a_name_of_380_x_100():
-    native = Scatter((380, 100))
-    assert make_appearance("scatter", "native") == native
-    assert native.cell == (1, 1)
-    assert native.is_native
-    assert not Scatter().is_native
 
 
 @pytest.mark.parametrize("grid", [[19, 5], (np.int64(19), np.int32(5))], ids=str)
@@ -86,11 +72,6 @@ def test_grid__anything_but_a_pair_of_integers_is_refused(grid: Any):
         make_appearance("scatter", grid)
     assert str(fault.value).startswith("grid must be 'native' or a pair (columns, rows) of positive whole numbers, not")
     assert repr(grid) in str(fault.value)
-
-
-def test_make_appearance__an_unknown_name_is_refused_with_the_choices():
-    with pytest.raises(ValueError, match=r"^unknown appearance 'towers'; choose from scatter, tower"):
-        make_appearance("towers")
 
 
 @pytest.mark.parametrize("appearance", [*APPEARANCES.values(), Scatter((38, 10))], ids=str)

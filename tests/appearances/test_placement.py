@@ -92,17 +92,6 @@ def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_footpri
         assert np.array_equal(moves, moves_of(placed(footprint)[near], outlines[near]))
 
 
-@pytest.mark.parametrize("footprint", FOOTPRINTS)
-def test_offsets_outside_the_table__are_too_far(footprint: int):
-    older = item_of(8, *OLDER_AT)
-    outline = script.footprint_polygon(8, *OLDER_AT)
-    for step in (-OFFSET_LIMIT - 1, OFFSET_LIMIT + 1):
-        for dx, dy in ((step, 0), (0, step)):
-            x, y = OLDER_AT[0] + dx, OLDER_AT[1] + dy
-            assert placement_tables().closest(footprint, x, y, (older,)) == (FIRST_TOO_FAR, None)
-            assert shapely.distance(script.footprint_polygon(footprint, x, y), outline) >= 5
-
-
 def random_placements() -> list[tuple[int, int, int, Item]]:
     """A footprint and position inside a box, and an item near it."""
     chance = random.Random(0)

@@ -86,12 +86,6 @@ def test_paper_play__permuting_the_boxes_commutes_with_it(play: Play, order: lis
     assert play.permuted(order).scenes(PAPER) == permuted
 
 
-@given(plays())
-def test_paper_play__every_scene_survives_its_json_form(play: Play):
-    for scene in play.scenes(PAPER):
-        assert Scene.from_json(scene.to_json()) == scene
-
-
 @pytest.mark.parametrize("rules", [PAPER, RELEASE], ids=["paper", "release"])
 @given(play=plays())
 def test_play__a_valid_edit_appends_or_removes_one_item(rules: PlacementRules, play: Play):

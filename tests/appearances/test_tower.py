@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 import pytest
 
 from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.scene import Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene import Colour, Item, SceneError, Shape, Size
 from lilgym_mp.scene.actions import STOP, ActionError, AddBlock, AddItem, RemoveBlock
 from lilgym_mp.scene.appearances import InvalidReason, Tower
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower
@@ -24,19 +22,6 @@ def test_add__blocks_stack_from_the_bottom_21_pixels_apart():
         assert len(grown.boxes[1].items) == level + 1
 
 
-def test_remove__takes_the_top_block():
-    edit = TOWER.apply(scene(tower(Y, K, B)), RemoveBlock(0), PLACEMENT)
-    assert edit == (scene(tower(Y, K)), None)
-
-
-@pytest.mark.parametrize("action", [AddBlock(1, B), RemoveBlock(1)])
-def test_edit__keeps_the_other_boxes(action: AddBlock | RemoveBlock):
-    before = scene(tower(Y), tower(K), tower(B, B))
-    after = TOWER.apply(before, action, PLACEMENT).scene
-    assert (after.boxes[0], after.boxes[2]) == (before.boxes[0], before.boxes[2])
-    assert before == scene(tower(Y), tower(K), tower(B, B))
-
-
 @pytest.mark.parametrize("colour", Colour)
 def test_add__a_fifth_block_is_invalid(colour: Colour):
     full = scene([], [], tower(Y, Y, Y, Y))
@@ -50,30 +35,6 @@ def test_remove__an_empty_box_is_invalid():
     edit = TOWER.apply(before, RemoveBlock(0), PLACEMENT)
     assert edit.invalid is InvalidReason.EMPTY_TOWER
     assert edit.scene is before
-
-
-def test_play__each_of_the_121_stacks_can_be_built_and_removed():
-    stacks = [stack for height in range(5) for stack in itertools.product(Colour, repeat=height)]
-    assert len(stacks) == 121
-    for stack in stacks:
-        built = scene()
-        for colour in stack:
-            built = TOWER.apply(built, AddBlock(0, colour), PLACEMENT).scene
-        assert built == scene(tower(*stack))
-        for _ in stack:
-            built = TOWER.apply(built, RemoveBlock(0), PLACEMENT).scene
-        assert built == Scene.empty()
-
-
-def test_legal_mask__a_full_box_cannot_be_added_to_and_an_empty_one_not_removed_from():
-    mask = TOWER.legal_mask(scene(tower(Y, Y, Y, Y), [], tower(K)), PLACEMENT)
-    assert mask.tolist() == [
-        True,
-        *[False] * 3,
-        *[True] * 3,
-        *[True] * 3,
-        *[True, False, True],
-    ]
 
 
 def test_apply__anything_but_an_edit_of_tower_raises_action_error():

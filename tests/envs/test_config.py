@@ -104,12 +104,3 @@ def test_json__is_read_back_as_it_was_written(grid: tuple[int, int] | str):
 def test_json__with_wrong_values_is_refused(wrong: dict[str, object], error: str):
     with pytest.raises((ValueError, TypeError), match=error):
         EnvConfig.from_json({**EnvConfig("TowerScratch").to_json(), **wrong})
-
-
-def test_make__passes_all_settings():
-    config = EnvConfig("ScatterScratch", rules="release", horizon=5, grid=(38, 10))
-    env = config.make("test")
-    assert env.tasks.provenance.split == "test"
-    assert (env.dynamics.rules.name, env.dynamics.horizon) == ("release", 5)
-    assert env.dynamics.appearance.action_count == 1 + 380 * 28
-    assert config.options() == ["--rules", "release", "--horizon", "5", "--grid", "38x10"]

@@ -14,13 +14,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
-from hypothesis import given
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
-from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, kernels, make_core
+from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.observation import item_capacity
@@ -32,7 +31,7 @@ from lilgym_mp.scene.appearances import InvalidReason, Scatter, make_appearance
 from lilgym_mp.scene.appearances.placement import is_free
 from lilgym_mp.scene.render import draw
 from lilgym_mp.testing import check_vector_env
-from tests.scenes import LARGE, SMALL, B, K, Y, circle, scatter_boxes, scene, square, tower
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower
 
 ROOT = Path(__file__).parents[2]
 COUNT = 9
@@ -197,12 +196,6 @@ def test_scatter_core__falls_back_if_items_overlap() -> None:
     play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 30)
 
 
-@given(box=scatter_boxes())
-def test_images__of_items_that_do_not_overlap_do_not_depend_on_their_order(box: Box) -> None:
-    """The arrays' pictures rest on it."""
-    assert np.array_equal(draw(scene(box.items)), draw(scene(box.items[::-1])))
-
-
 @pytest.fixture
 def fresh_choice() -> Iterator[None]:
     """Clears the cached choice of cores before and after the test."""
@@ -255,19 +248,6 @@ def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]
             transition = dynamics.wait(state)
             assert side.core.state(env_id) == transition.state
             assert side.buffers.result[env_id] == transition.result.code
-
-
-def test_kernels__are_compiled_without_a_cache_where_none_can_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
-    def njit(**options: bool) -> Callable[..., object]:
-        def compiled(function: Callable[..., int]) -> object:
-            if options.pop("cache", False):
-                raise RuntimeError("cannot cache function: no locator available")
-            return ("compiled", function)
-
-        return compiled
-
-    monkeypatch.setattr(kernels, "njit", njit)
-    assert kernels._kernel(max) == ("compiled", max)
 
 
 WITHOUT_RUNTIME_OPTION = """

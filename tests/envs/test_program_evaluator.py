@@ -142,16 +142,6 @@ def test_goals__call_the_program_if_compiled_code_returns_unknown(source: str, s
     assert goals("scatter", [Task("own", "It is so.", source, truth, start)]) == [True]
 
 
-def test_goals__are_those_of_the_program_if_it_raises() -> None:
-    source = "is_blue(unique(all_items))"
-    program = compile_program(source)
-    program.errors.clear()
-    assert goals(
-        "scatter", [Task("own", "It is so.", source, True, start) for start in (MIXED, scene([circle(0, 0, SMALL, B)]))]
-    ) == [False, True]
-    assert sum(program.errors.values()) == 1
-
-
 def test_goals__call_the_program_for_boxes_of_too_many_items() -> None:
     small = [circle(11 * column, 11 * row, SMALL, B) for row in range(4) for column in range(7)]
     assert len(small) > MAX_BOX_ITEMS

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
-from typing import Any
 
-import gymnasium as gym
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,9 +12,8 @@ from hypothesis import strategies as st
 
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.rules import RULE_SETS, make_dynamics
-from lilgym_mp.scene import Box, Item, Scene
+from lilgym_mp.scene import Box, Scene
 from lilgym_mp.scene.appearances import Scatter
-from tests.envs.alike import random_actions
 from tests.envs.test_cores import Side, task_set
 from tests.scenes import LARGE, SMALL, circle, scatter_boxes, scene, square, triangle, unchecked_boxes
 
@@ -69,22 +66,3 @@ def test_masks__are_exact_for_random_scenes(
         Scene((four, two, one)),
     ]
     assert_masks_are_exact(scenes, grid, rules)
-
-
-def test_masks__ignore_items_outside_the_box() -> None:
-    outside: list[Item] = [circle(0, -10, SMALL), square(100, 50), triangle(-40, -40)]
-    assert_masks_are_exact([scene(), *(scene([item]) for item in outside), scene()], (19, 5), "release")
-
-
-@BY_RULES
-def test_action_masks__of_a_batch_are_exact_throughout_long_random_play(rules: str) -> None:
-    env: Any = gym.make_vec("lilgym_mp/ScatterFlipIt-v0", num_envs=32, rules=rules)
-    env.reset(seed=0)
-    generator = np.random.default_rng(0)
-    for step in range(100):
-        masks = env.action_masks()
-        if step % 10 == 9:
-            for mask, state in zip(masks, env.states(), strict=True):
-                assert np.array_equal(mask, env.dynamics.legal_mask(state))
-        env.step(random_actions(masks, generator))
-    env.close()

@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +13,6 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.utils.env_checker import check_env
 
 from lilgym_mp.corpus import TaskSet, load_tasks
 from lilgym_mp.envs.single import LilGymEnv
@@ -73,12 +71,6 @@ def test_make__spaces_are_the_documented_ones(name: str):
     assert env.observation_space["target"] == gym.spaces.Discrete(2)
 
 
-@pytest.mark.usefixtures("no_screen")
-@EVERY
-def test_gymnasium_check__passes_without_a_warning(name: str):
-    check_env(make(name))
-
-
 @TWO
 def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name: str):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")
@@ -88,32 +80,12 @@ def test_sb3_check__passes_without_a_warning_on_tokenised_statements(name: str):
 # Settings
 
 
-def test_settings__native_images():
-    env = make(SCATTER_FLIPIT, image_size="native")
-    observation, _ = env.reset(seed=0)
-    assert env.observation_space["image"].shape == (100, 380, 3)  # type: ignore[index]
-    assert np.array_equal(observation["image"], draw(env.scene))
-
-
 @pytest.mark.parametrize(("grid", "count"), [((38, 10), 10_641), ([19, 1], 533), ("native", 1_064_001)])
 def test_settings__grid(grid: Any, count: int):
     env = make(SCATTER, grid=grid)
     env.reset(seed=0)
     assert env.action_space == gym.spaces.Discrete(count)
     assert env.step(count - 1)[4]["invalid_reason"] == "nothing_to_remove"
-
-
-@pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 3}, 3)])
-def test_settings__horizon(settings: dict[str, Any], horizon: int):
-    env = make(TOWER, **settings)
-    env.reset(seed=0)
-    ends = []
-    while not any(ends):
-        action = 1 if len(ends) % 2 == 0 else 10  # a block on the left tower, and off again
-        _, _, terminated, truncated, info = env.step(action)
-        ends.append(terminated or truncated)
-    assert len(ends) == horizon
-    assert info["outcome"] == "horizon"
 
 
 @pytest.mark.parametrize(
@@ -148,22 +120,6 @@ def test_settings__a_missing_official_corpus_is_refused_with_instructions(
 
 
 # Seeding and tasks
-
-
-def test_seed__environments_neither_share_a_generator_nor_use_the_global_one():
-    alone = make(TOWER)
-    alone.reset(seed=5)
-    expected = [alone.reset()[1]["task"] for _ in range(10)]
-    one, other = make(TOWER), make(TOWER)
-    one.reset(seed=5)
-    other.reset(seed=6)
-    before = np.random.get_state(legacy=False)  # noqa: NPY002
-    found = []
-    for _ in range(10):
-        found.append(one.reset()[1]["task"])
-        other.reset()
-    assert found == expected
-    assert equal(np.random.get_state(legacy=False), before)  # noqa: NPY002
 
 
 @EVERY
@@ -286,19 +242,6 @@ def test_episode__an_invalid_action_is_an_outcome(
     assert env.scene is before
 
 
-def test_episode__full_tower_wrong_stop_and_horizon(own_corpus: Path):
-    env = make(TOWER, corpus=own_corpus, horizon=5)
-    for actions, info in (
-        ([1, 1, 1, 1, 1], {"outcome": "invalid_action", "is_success": False, "invalid_reason": "full_tower"}),
-        ([1, STOP], {"outcome": "wrong_stop", "is_success": False}),
-        ([1, 1, 1, 1, 4], {"outcome": "horizon", "is_success": False}),
-    ):
-        env.reset(seed=0)
-        for action in actions:
-            _, reward, terminated, truncated, last = env.step(action)
-        assert (reward, terminated, truncated, last) == (-1.0, True, False, info)
-
-
 def test_encode_action__undoes_decode_action():
     env = make(SCATTER)
     for action in (0, 1, 27, 28, 2565, 2566, 2660):
@@ -329,25 +272,6 @@ def test_before_reset__access_to_the_state_raises_reset_needed():
         gym.make(TOWER).step(0)
 
 
-@pytest.mark.parametrize("mode", ["rgb_array", "ansi"])
-def test_before_reset__rendering_raises_reset_needed(mode: str):
-    with pytest.raises(gym.error.ResetNeeded):
-        make(TOWER, render_mode=mode).render()
-
-
-@pytest.mark.parametrize("rules", ["paper", "release"])
-@pytest.mark.parametrize("last", [STOP, 10])
-def test_after_the_end__step_raises_reset_needed(rules: str, last: int):
-    env = make(TOWER, rules=rules)
-    env.reset(seed=0)
-    env.step(last)
-    for _ in range(2):
-        with pytest.raises(gym.error.ResetNeeded, match="after the end of the episode; call reset first"):
-            env.step(STOP)
-    env.reset()
-    assert env.step(1)[1] == -0.1
-
-
 @pytest.mark.parametrize(
     "action",
     [1.0, True, False, "1", None, -1, 13, 2**70, [1], (1,), np.float32(1), np.bool_(True), np.array([1, 2]), math.nan],
@@ -362,16 +286,6 @@ def test_step__an_invalid_action_index_is_refused_and_changes_nothing(action: An
     with pytest.raises(ActionError, match=rf"{message} 0 \.\. 12"):
         env.step(action)
     assert env.state == before
-
-
-def test_reset__accepts_a_task_id_as_array():
-    env = make(TOWER)
-    name = env.evaluation_tasks()[3]
-    for duplicate in (np.array(name), np.array(name, object), np.str_(name)):
-        assert env.reset(options={"task": duplicate})[1]["task"] == name
-    envs = gym.make_vec(TOWER, num_envs=2)
-    assert list(envs.reset(options={"task": np.array(name)})[1]["task"]) == [name] * 2
-    envs.close()
 
 
 @pytest.mark.parametrize("action", [np.int64(1), np.uint8(1), np.int32(1), np.array(1)], ids=repr)
@@ -409,15 +323,6 @@ def test_spec__survives_json_and_makes_the_same_environment(name: str):
     assert isinstance(other, LilGymEnv)
     assert (one.dynamics, one.tasks.ids, one.render_mode) == (other.dynamics, other.tasks.ids, other.render_mode)
     assert equal(played(one, 1, steps=20), played(other, 1, steps=20))
-
-
-def test_observations__are_copies(own_corpus: Path):
-    env = make(TOWER, corpus=own_corpus)
-    observation, _ = env.reset(seed=0)
-    observation["image"][:] = 0
-    env.action_masks()[:] = False
-    assert env.action_masks().sum() == 10
-    assert np.array_equal(env.step(1)[0]["image"], draw(env.scene, "half"))
 
 
 # Pictures
@@ -481,31 +386,8 @@ def test_copy__opens_its_own_window(duplicate: Callable[[Any], Any]):
     other.close()
 
 
-@pytest.mark.usefixtures("no_screen")
-def test_render__a_window_shows_each_step_and_closes(own_corpus: Path, monkeypatch: pytest.MonkeyPatch):
-    shown: list[Any] = []
-    monkeypatch.setattr("pygame.display.flip", lambda: shown.append(None))
-    with make(TOWER, corpus=own_corpus, render_mode="human") as env:
-        env.reset(seed=0)
-        env.step(3)
-        assert env.render() is None
-        assert len(shown) == 3
-    env.close()
-    env.close()
-
-
 def test_render__a_window_without_pygame_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = make(TOWER, render_mode="human")
     with pytest.raises(gym.error.DependencyNotInstalled, match=r'pip install "pygame>=.*the extra human'):
         env.reset(seed=0)
-
-
-def test_import__leaves_corpora_tables_and_windows_unread():
-    program = """if True:
-        import sys, lilgym_mp
-        late = ("lilgym_mp.envs.single", "lilgym_mp.corpus", "lilgym_mp.envs.rules", "PIL", "pygame")
-        print(*[name for name in late if name in sys.modules])
-    """
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == []

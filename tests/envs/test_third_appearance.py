@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
-import sys
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,8 +18,6 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.scene import appearances
 from lilgym_mp.solver import Solver
 from tests.envs.lamps import NAME, Lamps
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(autouse=True)
@@ -91,89 +85,3 @@ def test_third_appearance__is_unknown_unless_registered(monkeypatch: pytest.Monk
     monkeypatch.delitem(appearances.BUILDERS, NAME)
     with pytest.raises(ValueError, match=r"unknown appearance 'lamps'"):
         LilGymEnv(appearance=NAME)
-
-
-@pytest.fixture
-def copy(tmp_path: Path) -> Path:
-    """A copy of the package with the new appearance: one file and one line."""
-    ignored = shutil.ignore_patterns("__pycache__")
-    for name in ("lilgym_mp", "wrappers"):
-        shutil.copytree(ROOT / name, tmp_path / "copy" / name, ignore=ignored)
-    (tmp_path / "copy" / "data").symlink_to(ROOT / "data")
-    package = tmp_path / "copy" / "lilgym_mp" / "scene" / "appearances"
-    lamps = (ROOT / "tests" / "envs" / "lamps.py").read_text()
-    (package / "lamps.py").write_text(f"{lamps}\n\ndef make_lamps(grid):\n    return Lamps()\n")
-    table = (package / "__init__.py").read_text()
-    line = '    "tower": "lilgym_mp.scene.appearances.tower:make_tower",\n'
-    assert table.count(line) == 1
-    added = line.replace("tower", "lamps")
-    (package / "__init__.py").write_text(table.replace(line, line + added))
-    return tmp_path / "copy"
-
-
-EVERYTHING = """
-import contextlib, io, sys
-from pathlib import Path
-import gymnasium as gym
-import lilgym_mp
-from lilgym_mp.cli import main
-from lilgym_mp.wrappers import text_observation_v0
-corpus, place = sys.argv[1], Path(sys.argv[2])
-
-def command(*words, lines=()):
-    sys.stdin = io.StringIO("".join(line + "\\n" for line in lines))
-    said = io.StringIO()
-    with contextlib.redirect_stdout(said):
-        assert main([*words, "--corpus", corpus]) == 0, words
-    return said.getvalue()
-
-env = gym.make("lilgym_mp/LampsScratch-v0", corpus=corpus, render_mode="rgb_array")
-env.reset(seed=0)
-assert env.render().shape == (304, 784, 3)
-words = text_observation_v0(gym.make("lilgym_mp/LampsFlipIt-v0", corpus=corpus))
-assert "circle" in str(words.reset(seed=0)[0])
-assert "lights the lamp" in words.instructions()
-said = command("play", "LampsScratch", "--split", "dev", lines=["help", "add left yellow", "stop", "quit"])
-assert "such as: ADD(LEFT, YELLOW)" in said and "success" in said
-game = ["play", "LampsScratch", "--protocol", "veto", "--split", "dev"]
-assert "ADD(LEFT, YELLOW)" in command(*game, lines=["legal", "quit"])
-both = ["LampsScratch", "LampsFlipIt"]
-command("evaluate", "--policy", "random-legal", "--configuration", *both, "--record", str(place))
-from lilgym_mp.contrib.report import make_report
-make_report([place], place / "report")
-assert "LampsFlipIt" in (place / "report" / "index.html").read_text()
-import warnings
-warnings.simplefilter("ignore")
-from starlette.testclient import TestClient
-from lilgym_mp.contrib.web.app import ServeOptions, create_app
-app = create_app(ServeOptions(database=place / "web.sqlite3", runs=place, corpus=corpus))
-browser = TestClient(app)
-recordings = browser.get("/api/watch/recordings").json()["recordings"]
-assert len(recordings) == 2
-for recording in recordings:
-    assert browser.get(f"/api/watch/recordings/{recording['id']}/episodes/0").json()["grid"] == [3, 1]
-token = browser.get("/api/session").json()["csrf_token"]
-new = {"configuration": "LampsScratch", "split": "dev"}
-episode = browser.post("/api/play/episodes", json=new, headers={"X-CSRF-Token": token}).json()
-assert episode["grid"] is None and episode["actions_left"] == 12, episode
-solution = browser.post(f"/api/play/episodes/{episode['id']}/solution", headers={"X-CSRF-Token": token})
-assert (solution.status_code, "no expert" in solution.text) == (404, True), solution.text
-app.state.services.close()
-"""
-
-
-@pytest.mark.long
-def test_third_appearance__plays_renders_records_is_watched_and_reported_after_adding_a_file_and_a_line(
-    copy: Path, corpus: str, tmp_path: Path
-):
-    for package in ("pettingzoo", "fastapi", "matplotlib", "jinja2", "httpx"):
-        pytest.importorskip(package)
-    done = subprocess.run(
-        [sys.executable, "-c", EVERYTHING, corpus, tmp_path / "runs"],
-        cwd=copy,
-        env={**os.environ, "PYTHONPATH": str(copy)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]

@@ -15,7 +15,7 @@ from multiprocessing.popen_fork import Popen
 import numpy as np
 import pytest
 
-from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
+from lilgym_mp.envs.workers import WorkerVectorEnv
 from tests.envs.test_workers import SCATTER, TOWER, assert_gone, is_running
 
 pytestmark = pytest.mark.filterwarnings("default:This process.*is multi-threaded:DeprecationWarning")
@@ -223,40 +223,3 @@ def test_a_daemonic_process__cannot_start_workers(num_workers: int | str, answer
     assert answers.poll(60)
     assert answers.recv().startswith(answer)
     daemon.join()
-
-
-@pytest.mark.parametrize(
-    ("start_method", "spare"), [("fork", 2), ("spawn", 30), pytest.param("fork", 30, marks=pytest.mark.long)]
-)
-def test_too_few_descriptors__are_reported_and_none_leaks(start_method: str, spare: int) -> None:
-    program = f"""
-import os, resource
-from lilgym_mp.envs.shared_memory import SharedMemoryError
-from lilgym_mp.envs.workers import WorkerError, WorkerVectorEnv
-
-if __name__ == "__main__":
-    WorkerVectorEnv({TOWER!r}, 4, 1).close()
-    before = os.listdir("/proc/self/fd")
-    hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (len(before) - 1 + {spare}, hard))
-    try:
-        WorkerVectorEnv({TOWER!r}, 4, 4, start_method={start_method!r})
-    except (WorkerError, SharedMemoryError) as fault:
-        print(fault)
-    print(len(before) == len(os.listdir("/proc/self/fd")))
-"""
-    script = [sys.executable, "-c", program]
-    done = subprocess.run(script, capture_output=True, text=True, timeout=60)
-    assert "3 workers take up to 36 file descriptors, and this process cannot open that many more" in done.stdout, done
-    assert done.stdout.strip().endswith("True")
-
-
-def test_a_worker_killed_before_states__is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    env = make()
-    pids = env.worker_pids
-    monkeypatch.setattr(env, "_call_workers", lambda *_: setattr(env, "_replies", env._replies + 1))  # nobody hears it
-    os.kill(pids[0], signal.SIGKILL)
-    assert_gone(pids[:1])
-    with pytest.raises(WorkerError, match=r"worker 1 \(environments 2 to 3\) died by signal SIGKILL"):
-        env.states()
-    assert_gone(pids)

@@ -55,17 +55,6 @@ def test_sets_and_repeated_elements_of_a_static_list__are_not_lists_of_distinct_
         assert_agreement(program, scene)
 
 
-def test_generated_code__follows_a_changed_box() -> None:
-    program = compile_program("count(filter_obj(all_boxes, lambda b: exist(filter_color(b, Color.BLUE)))) == 1")
-    scene = Scene.empty()
-    blue = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL),))
-    truths: list[bool] = []
-    for index in (0, 1, 2):
-        scene = scene.with_box(index, blue)
-        truths.append(program(scene))
-    assert truths == [True, False, False]
-
-
 def test_generated_code__box_memo_is_shared_between_programs_without_collisions() -> None:
     box = Box((Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL), Item(50, 50, Shape.CIRCLE, Colour.BLACK, Size.LARGE)))
     scene = Scene((box, Box(), box))

@@ -22,7 +22,7 @@ from lilgym_mp.programs import (
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
-from tests.stress.program_language import ATTACKS, attack, crowded_scene, fuzz, outcome, run_limited
+from tests.stress.program_language import ATTACKS, attack, crowded_scene, run_limited
 from tests.stress.program_truth import TypedPrograms
 
 FEW_STEPS = 500_000  # keeps the tests short
@@ -76,31 +76,6 @@ def test_memos__of_scenes_and_boxes_shared_by_many_programs_stay_small() -> None
     assert max(len(memo) for memo in (scene.memo, *(box.memo for box in scene.boxes))) <= MAX_MEMO
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["loops of displays"])
-def test_attacks__at_the_full_limit_end_within_the_documented_bounds(name: str) -> None:
-    result = run_limited(attack, ATTACKS[name])
-    assert isinstance(result, dict), result
-    assert result["seconds"] < 30
-    assert result["megabytes"] < 200
-    assert f"more than {costs.STEP_LIMIT} steps" in result["outcome"]
-
-
-def test_attacks__on_a_crowded_scene_end_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(costs, "STEP_LIMIT", FEW_STEPS)
-    for name in ("loops", "loops of relations", "sorting pairs", "many sets held"):
-        result = run_limited(attack, ATTACKS[name], 10_000, seconds=30)
-        assert isinstance(result, dict), result
-        assert result["seconds"] < 5
-
-
-def test_mutated_programs__generated_code_agrees_with_the_reference_evaluator() -> None:
-    found = fuzz(400, seed=3)
-    assert found["refused"] > 20
-    assert found["values"] > 100
-    assert found["programs with generated code"] > 10
-
-
 def steps_allowed(source: str) -> int | None:
     """The code generator's upper bound on the reference evaluator's steps; None for an unsupported program."""
     context = code_generation.Context()
@@ -116,23 +91,6 @@ def steps_of(source: str) -> int:
     evaluation = Evaluation(crowded_scene(72))
     evaluate(build_closure(parse(source)), evaluation)
     return evaluation.step_limit - evaluation.steps_left
-
-
-USUAL = (
-    "exist(filter_obj(all_items, lambda x: AND(is_blue(x), NOT(is_touching_wall(x, Side.TOP)))))",
-    "exist(filter_obj(all_items, lambda x: exist(get_below(x)) and All(get_above(x), is_black)))",
-    "exist(filter_obj(all_boxes, lambda a: count(filter_obj(all_boxes, lambda b: count(a) == count(b))) == 2))",
-    "exist(filter_obj(combinations(all_boxes, 2), lambda p: get_set_colors(p[0]) == get_set_colors(p[1])))",
-    "All(all_items, lambda x: equal_color(query_color(x), [Color.BLUE]) or exist(get_touching(x)))",
-    "All(filter_obj(all_boxes, lambda b: b), lambda b: count(set(b)) < 30 and contained(b, b))",
-    "exist(filter_obj(get_set_colors(all_items), lambda c: count(filter_color(all_items, Color.BLUE)) == 1))",
-)
-
-
-@pytest.mark.parametrize("source", USUAL)
-def test_code_generation__step_bound_is_an_upper_bound(source: str) -> None:
-    allowed = steps_allowed(source)
-    assert allowed is None or steps_of(source) <= allowed
 
 
 def test_code_generation__step_bound_is_an_upper_bound_for_random_programs() -> None:
@@ -191,19 +149,6 @@ def test_a_box__has_the_truthiness_of_the_list_of_its_items(
         assert (program.evaluate(scene), program.evaluate_reference(scene)) == (truth, truth)
 
 
-def test_a_box__is_indexed_like_the_list_of_its_items() -> None:
-    scene = Scene((Box(), Box((BLUE, BLUE._replace(x=50))), Box()))
-    for source in (
-        "is_blue(all_boxes[1][0])",
-        "all_boxes[1][1] == all_items[1]",
-        "all_boxes[1][0:] == all_items",
-        "all_boxes[1][0].box == all_boxes[1]",
-    ):
-        program = Program(source)
-        assert program.evaluate(scene) is program.evaluate_reference(scene) is True, source
-    assert "out of range" in str(outcome(Program("is_blue(all_boxes[0][0])").evaluate, scene))
-
-
 def test_sets_of_functions__are_iterated_in_a_fixed_order() -> None:
     words = "{is_top, is_blue, is_square, is_circle, is_small}"
     for source in (
@@ -214,11 +159,3 @@ def test_sets_of_functions__are_iterated_in_a_fixed_order() -> None:
     ):
         values = {Program(source).evaluate(Scene((Box((BLUE,)), Box(), Box()))) for _ in range(20)}
         assert values == {True}, source
-
-
-def test_methods__are_values_but_not_functions() -> None:
-    scene = Scene((Box((BLUE,)), Box(), Box()))
-    assert Program("exist(filter_obj(all_boxes, lambda b: b.is_tower))").evaluate(scene) is True
-    assert Program("exist({all_boxes[0].is_tower, all_boxes[1].is_tower})").evaluate(scene) is True
-    with pytest.raises(ProgramRuntimeError, match="f must be a function"):
-        Program("exist(filter_obj(all_boxes, all_boxes[0].is_tower))").evaluate(scene)

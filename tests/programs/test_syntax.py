@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import ast
 import pickle
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.programs import Position, ProgramError, compile_program
+from lilgym_mp.programs import ProgramError, compile_program
 from lilgym_mp.programs.syntax import MAX_DEPTH, MAX_LENGTH
 from lilgym_mp.programs.words import WORDS
 
@@ -131,14 +129,6 @@ def test_accepted_sources__compile(source: str) -> None:
     assert compile_program(source).source == source
 
 
-def test_program_error__has_line_column_and_piece() -> None:
-    with pytest.raises(ProgramError) as fault:
-        compile_program("  exist(filter_obj(all_items, is_yelow))")
-    assert fault.value.position == Position(1, 31)
-    assert fault.value.piece == "is_yelow"
-    assert "line 1, column 31 at 'is_yelow'" in str(fault.value)
-
-
 def test_program_error__explain_puts_carets_under_the_piece() -> None:
     with pytest.raises(ProgramError) as fault:
         compile_program("count(all_itms) == 1")
@@ -163,13 +153,6 @@ def test_program_error__survives_pickling() -> None:
     assert (copy.position, copy.reason, str(copy)) == (fault.value.position, fault.value.reason, str(fault.value))
 
 
-def test_compile_program__rejects_sources_that_are_not_text() -> None:
-    with pytest.raises(TypeError, match="not bytes"):
-        compile_program(b"True")  # type: ignore[arg-type]
-    with pytest.raises(TypeError, match="the source of a program must be a str, not list"):
-        compile_program([])  # type: ignore[arg-type]
-
-
 def refusal(text: str) -> ProgramError | None:
     """The ProgramError of a text, or None for a valid program; other exceptions propagate."""
     try:
@@ -179,12 +162,6 @@ def refusal(text: str) -> ProgramError | None:
     return None
 
 
-@given(st.text(max_size=60))
-def test_any_text__compiles_or_is_a_program_error(text: str) -> None:
-    fault = refusal(text)
-    assert fault is None or fault.explain()
-
-
 PIECES = ("exist", "(", ")", "all_items", ",", "lambda", " ", "x", ":", "1", "==", "not", "[", "]", ".", "Color", "=")
 
 
@@ -192,13 +169,6 @@ PIECES = ("exist", "(", ")", "all_items", ",", "lambda", " ", "x", ":", "1", "==
 def test_any_sequence_of_tokens__compiles_or_is_a_program_error(pieces: list[str]) -> None:
     fault = refusal(" ".join(pieces))
     assert fault is None or 0 <= fault.offset <= len(fault.source)
-
-
-def test_every_builtin_program__is_one_python_expression() -> None:
-    programs = {task.program for tasks in load_all_tasks("builtin") for task in tasks}
-    assert len(programs) > 1_000
-    for program in programs:
-        assert isinstance(ast.parse(program.strip(), mode="eval"), ast.Expression)
 
 
 def test_limits__leave_room_for_long_and_deep_programs() -> None:

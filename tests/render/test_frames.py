@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given, settings
 
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.scene.appearances import Scatter, Tower
+from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 from lilgym_mp.scene.render import draw, drawing
-from lilgym_mp.scene.render.drawing import COLOUR_RGB
 from lilgym_mp.scene.render.frames import (
     BOX_RGB,
     CELL_RGB,
@@ -22,7 +21,7 @@ from lilgym_mp.scene.render.frames import (
     frame,
     scene_picture,
 )
-from tests.scenes import LARGE, SCENES, B, Y, circle, scene, square
+from tests.scenes import LARGE, SCENES, B, circle, scene, square
 
 
 def _boxes(picture: UInt8Array) -> UInt8Array:
@@ -78,20 +77,6 @@ def _edges(image: UInt8Array) -> BoolArray:
     return edges
 
 
-def test_scene_picture__separates_adjacent_items_of_one_colour():
-    picture = _boxes(scene_picture(scene([square(0, 0, colour=Y), square(20, 0, colour=Y)])))
-    line = picture[20, 20:60].tolist()
-    assert line[0] == line[-1] == list(COLOUR_RGB[Y])
-    assert len({tuple(pixel) for pixel in line}) > 1
-
-
-def test_scene_picture__outlines_each_box():
-    picture = scene_picture(Scene.empty()).astype(int)
-    for left in (MARGIN, MARGIN + SCALE * 140, MARGIN + SCALE * 280):
-        for x in (left - 1, left + SCALE * 100):
-            assert (picture[MARGIN : MARGIN + SCALE * 100, x] < 128).all()
-
-
 def test_scene_picture__marks_cells_only_on_request():
     plain, marked = scene_picture(Scene.empty()), scene_picture(Scene.empty(), Scatter())
     assert not (plain == CELL_RGB).all(axis=2).any()
@@ -109,10 +94,3 @@ def test_scene_picture__marks_of_fine_grids_do_not_overlap(grid: tuple[int, int]
     marked = scene_picture(Scene.empty(), Scatter(grid))
     lines = (marked[MARGIN + 5, MARGIN : MARGIN + SCALE * 100] != BOX_RGB).any(axis=1)
     assert 4 < lines.sum() < SCALE * 100 / 4
-
-
-def test_scene_picture__names_the_boxes_of_towers():
-    plain, marked = scene_picture(Scene.empty()), scene_picture(Scene.empty(), Tower())
-    assert np.array_equal(marked[MARGIN:], plain[MARGIN:])
-    for left in (MARGIN, MARGIN + SCALE * 140, MARGIN + SCALE * 280):
-        assert (marked[:MARGIN, left : left + SCALE * 100] != plain[:MARGIN, left : left + SCALE * 100]).any()

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageDraw
 
-from lilgym_mp.scene import Box, Colour, Item, Scene, Shape
+from lilgym_mp.scene import Box, Item, Scene, Shape
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render import Canvas, canvas, draw, image_shape
 from lilgym_mp.scene.render.canvas import box_blits
@@ -28,7 +28,6 @@ from tests.scenes import (
     Y,
     circle,
     items,
-    scatter_boxes,
     scene,
     square,
     triangle,
@@ -76,14 +75,6 @@ def halved(native: UInt8Array) -> UInt8Array:
 # Pixels
 
 
-def test_draw__boxes_and_separators_of_the_empty_scene():
-    image = draw(Scene.empty())
-    assert (image.shape, image.dtype) == ((100, 380, 3), np.uint8)
-    separators = [*range(100, 140), *range(240, 280)]
-    for x in range(380):
-        assert np.all(image[:, x] == (SEPARATOR_RGB if x in separators else BOX_RGB))
-
-
 def test_draw__a_small_triangle():
     assert drawn(triangle(30, 50, SMALL)) == [
         ".....#....",
@@ -128,30 +119,11 @@ def test_draw__half_size_is_the_truncated_mean_of_two_by_two_pixels(shown: Scene
     assert np.array_equal(half, halved(draw(shown)))
 
 
-def test_draw__half_size_truncates():
-    half = draw(scene([square(41, 81, SMALL, K)]), "half")
-    assert half[40, 20].tolist() == [158] * 3  # one of four pixels is black: 158.25
-    assert half[40, 21].tolist() == [105] * 3  # two of four: 105.5
-    assert half[41, 21].tolist() == [0] * 3
-
-
-def test_draw__returns_a_new_image():
-    first = draw(scene([square(0, 0)]))
-    first[:] = 0
-    assert draw(scene([square(0, 0)])).any()
-    assert draw(Scene.empty()).all()
-
-
 @pytest.mark.parametrize("image_size", ["full", 2, None])
 def test_image_size__unknown_size_error_has_the_choices(image_size: Any):
     for use in (image_shape, Canvas, lambda size: draw(Scene.empty(), size)):
         with pytest.raises(ValueError, match=r"^unknown image_size .*; choose from half, native"):
             use(image_size)
-
-
-def test_image_shape__is_height_width_3():
-    assert image_shape("native") == (100, 380, 3)
-    assert image_shape("half") == (50, 190, 3)
 
 
 # The canvas
@@ -200,19 +172,6 @@ def test_box_blits__are_none_iff_two_items_share_a_pixel(shrink: int, box: Box):
     assert (box_blits(box, shrink) is None) == any((a & b).any() for a, b in combinations(lone, 2))
 
 
-@SHRINKS
-@FEWER
-@given(box=scatter_boxes())
-def test_box_blits__draw_the_box(shrink: int, box: Box):
-    image_size = {1: "native", 2: "half"}[shrink]
-    blits = box_blits(box, shrink)
-    assume(blits is not None)
-    pixels = draw(Scene.empty(), image_size)
-    for top, bottom, left, right, patch in blits or ():
-        pixels[top:bottom, left:right] = patch
-    assert np.array_equal(pixels, draw(scene(box.items), image_size))
-
-
 def test_canvas__redraws_completely_after_an_interrupt(monkeypatch: pytest.MonkeyPatch):
     canvas, before = Canvas(), Scene.empty()
     canvas.show(before)
@@ -236,16 +195,6 @@ def test_canvas__caches_pictures_within_its_budget(monkeypatch: pytest.MonkeyPat
 
 
 @IMAGE_SIZES
-def test_canvas__draws_into_a_given_buffer(image_size: str):
-    memory = np.zeros((3, *image_shape(image_size)), np.uint8)
-    canvas = Canvas(image_size, memory[1])
-    assert canvas.show(scene([circle(0, 0)])) is canvas.pixels
-    assert np.array_equal(memory[1], draw(scene([circle(0, 0)]), image_size))
-    assert not memory[0].any()
-    assert not memory[2].any()
-
-
-@IMAGE_SIZES
 @pytest.mark.parametrize("duplicate", [copy.deepcopy, lambda canvas: pickle.loads(pickle.dumps(canvas))])
 def test_canvas__copy_has_its_own_buffer(image_size: str, duplicate: Callable[[Canvas], Canvas]):
     canvas = Canvas(image_size)
@@ -263,11 +212,6 @@ def test_canvas__copy_has_its_own_buffer(image_size: str, duplicate: Callable[[C
 def test_canvas__rejects_a_buffer_of_another_shape(pixels: Any):
     with pytest.raises(ValueError, match=r"pixels must be a uint8 array of shape \(50, 190, 3\), not "):
         Canvas("half", pixels)
-
-
-def test_canvas__rejects_a_noncontiguous_buffer():
-    with pytest.raises(ValueError, match="pixels must be a contiguous array"):
-        Canvas("half", np.zeros((50, 380, 3), np.uint8)[:, ::2])
 
 
 # For people
@@ -290,12 +234,6 @@ def test_text__draws_the_boxes_with_characters():
         "+--------------------+  +--------------------+  +--------------------+",
         "A line.",
     ]
-
-
-def test_text__in_colours_distinguishes_shapes_and_colours():
-    marks = [text(scene([Item(0, 0, shape, colour, LARGE)]), [], coloured=True) for shape in Shape for colour in Colour]
-    assert len(set(marks)) == 9
-    assert "\x1b[1;34m#\x1b[0m" in text(scene([square(0, 0, colour=B)]), [])
 
 
 @FEWER

@@ -53,13 +53,6 @@ class ScalarCore(Core):
         buffers = self._buffers
         return State(self._tasks[buffers.task[env_id]], self._scenes[env_id], int(buffers.steps[env_id]))
 
-    def wait(self, env_ids: Int64Array) -> None:
-        buffers = self._buffers
-        for env_id in env_ids.tolist():
-            after, result, _ = self.dynamics.wait(self.state(env_id))
-            buffers.steps[env_id], buffers.result[env_id] = after.steps, result.code
-            buffers.invalid[env_id] = NO_REASON
-
     def _scenes_of(self, env_ids: Int64Array) -> list[Scene]:
         return [self._scenes[env_id] for env_id in env_ids.tolist()]
 

@@ -1,1 +1,1 @@
-"""What makes the core fast: generated code for programs. The core plays without it."""
+"""Generated code for programs, which makes the core fast. The core plays without it."""

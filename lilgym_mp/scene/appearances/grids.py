@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from collections.abc import Sequence
-from typing import SupportsIndex, cast
+from typing import Any, SupportsIndex, cast
 
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
 from lilgym_mp.scene.appearances.base import Grid
@@ -20,25 +20,15 @@ class GridError(ValueError):
     """A grid whose cells do not tile the boxes and separators."""
 
 
-def _is_pair(grid: object) -> bool:
-    return isinstance(grid, tuple | list) and len(cast("Sequence[object]", grid)) == 2
-
-
-def _positive(count: object) -> int:
-    """`count` if it is a positive integer, else 0."""
-    if isinstance(count, BOOLEANS) or not isinstance(count, SupportsIndex):
-        return 0
-    return max(0, operator.index(count))
-
-
 def checked_grid(grid: object) -> Grid:
     """(columns, rows) from a pair or "native". Raises GridError naming the choices."""
     if grid == NATIVE:
         return NATIVE_GRID
-    sizes = [_positive(count) for count in cast("Sequence[object]", grid)] if _is_pair(grid) else [0]
-    if not all(sizes):
+    counts = cast("Sequence[Any]", grid) if isinstance(grid, tuple | list) else ()
+    numbers = [operator.index(n) for n in counts if isinstance(n, SupportsIndex) and not isinstance(n, BOOLEANS)]
+    if len(counts) != 2 or len(numbers) != 2 or min(numbers) < 1:
         raise GridError(f"grid must be {NATIVE!r} or a pair (columns, rows) of positive whole numbers, not {grid!r}")
-    columns, rows = sizes
+    columns, rows = numbers
     if IMAGE_WIDTH % columns or WIDEST_CELL % (IMAGE_WIDTH // columns):
         choices = [IMAGE_WIDTH // width for width in range(WIDEST_CELL, 0, -1) if WIDEST_CELL % width == 0]
         raise GridError(

@@ -26,6 +26,7 @@ from lilgym_mp.scene import (
     SceneError,
     Shape,
     Size,
+    new_tuple,
 )
 from lilgym_mp.scene.actions import STOP, Action, ActionError, AddItem, RemoveItem, Stop
 from lilgym_mp.scene.appearances import placement
@@ -49,7 +50,6 @@ from lilgym_mp.scene.appearances.numbering import (
     remove_index,
 )
 from lilgym_mp.scene.arrays import BoolArray
-from lilgym_mp.scene.tuples import new_tuple
 
 MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 

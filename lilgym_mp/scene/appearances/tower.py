@@ -14,11 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene, SceneError, Shape, Size, new_tuple
 from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, RemoveBlock, Stop, TowerAction
 from lilgym_mp.scene.appearances.base import ArrayForm, Edit, Grid, InvalidReason, PlacementRules
 from lilgym_mp.scene.arrays import BoolArray
-from lilgym_mp.scene.tuples import new_tuple
 
 BLOCK_X = 40
 LEVEL_Y = (80, 59, 38, 17)  # top of the block on each level, from the bottom

@@ -29,7 +29,6 @@ from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import (
     SHRINKS,
     draw,
-    empty_box,
     empty_picture,
     image_shape,
     item_mask,
@@ -240,7 +239,7 @@ def _pitch(shrink: int) -> int:
 def _patch(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -> _Patch:
     sprite, counts = stamp(footprint, colour, odd_x, odd_y, shrink)
     rows, columns = counts.shape
-    bare = empty_box(shrink)[:rows, :columns]
+    bare = empty_picture(shrink)[:rows, :columns]
     mask = np.pad(item_mask(footprint), ((odd_y, 0), (odd_x, 0)))
     drawn = int.from_bytes(np.packbits(_in_rows(mask, _pitch(1)), bitorder="little").tobytes(), "little")
     packed_counts = int.from_bytes(_in_rows(counts, _pitch(shrink)).tobytes(), "little")
@@ -254,19 +253,11 @@ def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
 @cache
 def _patches(shrink: int) -> _Patches:
     """Patches of all item types and parities; shifting one to its position is as fast as a cache by position."""
-    return [
-        [
-            [
-                [
-                    [_patch(FOOTPRINTS[shape][size], colour, odd_x, odd_y, shrink) for odd_y in (0, 1)]
-                    for odd_x in (0, 1)
-                ]
-                for size in Size
-            ]
-            for colour in Colour
-        ]
-        for shape in Shape
-    ]
+    patches = np.empty((len(Shape), len(Colour), len(Size), 2, 2), object)
+    for shape, colour, size, odd_x, odd_y in np.ndindex(patches.shape):
+        patch = _patch(FOOTPRINTS[shape][size], Colour(colour), odd_x, odd_y, shrink)
+        patches[shape, colour, size, odd_x, odd_y] = patch
+    return patches.tolist()
 
 
 def _patch_blit(item: Item, others: Sequence[Item], patches: _Patches, shrink: int, *, shown: bool) -> Blit | None:

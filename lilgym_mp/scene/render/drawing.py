@@ -66,18 +66,19 @@ def item_mask(footprint: int) -> BoolArray:
 
 
 @cache
-def _background() -> UInt8Array:
-    """(100, 380, 3) three empty boxes; read-only."""
-    image = np.full((IMAGE_HEIGHT, IMAGE_WIDTH, 3), SEPARATOR_RGB, np.uint8)
+def empty_picture(shrink: int) -> UInt8Array:
+    """An image of three empty boxes; read-only."""
+    native = np.full((IMAGE_HEIGHT, IMAGE_WIDTH, 3), SEPARATOR_RGB, np.uint8)
     for index in range(BOX_COUNT):
-        image[:, index * BOX_PITCH : index * BOX_PITCH + BOX_SIDE] = BOX_RGB
+        native[:, index * BOX_PITCH : index * BOX_PITCH + BOX_SIDE] = BOX_RGB
+    image = _shrunk(native, shrink)
     image.flags.writeable = False
     return image
 
 
 def draw(scene: Scene, image_size: str = "native") -> UInt8Array:
     """A new image of the scene: (100, 380, 3), or (50, 190, 3) when `image_size` is "half"."""
-    pixels = _background().copy()
+    pixels = empty_picture(1).copy()
     for index, box in enumerate(scene.boxes):
         for item in box.items:
             _paint(pixels, item, index * BOX_PITCH + item.x, item.y)
@@ -142,18 +143,3 @@ def stamp(footprint: int, colour: Colour, odd_x: int, odd_y: int, shrink: int) -
     weights, colours = palette(shrink)
     counts = blocks * np.uint8(weights[colour])
     return Stamp(colours[counts], counts)
-
-
-@cache
-def empty_picture(shrink: int) -> UInt8Array:
-    """An image of three empty boxes; read-only."""
-    image = _shrunk(_background(), shrink)
-    image.flags.writeable = False
-    return image
-
-
-@cache
-def empty_box(shrink: int) -> UInt8Array:
-    """An empty box."""
-    side = BOX_SIDE // shrink
-    return np.full((side, side, 3), BOX_RGB, np.uint8)
