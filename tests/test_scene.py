@@ -106,6 +106,14 @@ def test_fields__cannot_be_set(value: Any, name: str):
         setattr(value, name, None)
 
 
+def test_with_box__shares_other_boxes_and_keeps_the_old_scene():
+    for index in range(3):
+        changed = SCENE.with_box(index, Box((circle(1, 1),)))
+        assert changed.boxes[index].items == (circle(1, 1),)
+        assert all(changed.boxes[other] is SCENE.boxes[other] for other in {0, 1, 2} - {index})
+    assert Scene.from_json(JSON) == SCENE
+
+
 def test_equality__is_by_items_and_their_order_not_by_memo():
     remembered = Scene.from_json(JSON)
     remembered.memo["truth"] = True

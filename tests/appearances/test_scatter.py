@@ -108,6 +108,11 @@ def test_search__half_of_the_item_in_the_cell_or_half_of_the_cell_covered(item: 
     assert put(item, [square(0, last + 1)], PAPER) is InvalidReason.OVERLAP
 
 
+def test_search__positions_lie_inside_the_box():
+    # In the cell at (80, 0) a medium item has room at x = 80 only; row 20 is no longer in the cell.
+    assert put(square(80, 0), [square(85, 0, SMALL), square(80, 19, SMALL)], PAPER) is InvalidReason.OVERLAP
+
+
 def test_search__a_found_position_is_snapped_too():
     # Found is (20, 61), a fraction of a pixel from the square; the nearest points round to one pixel in x.
     assert put(circle(20, 60), [square(34, 51, SMALL)], PAPER) == circle(21, 61)

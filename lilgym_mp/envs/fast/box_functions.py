@@ -7,6 +7,7 @@ boxes are immutable, and consecutive scenes share them.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import cache, lru_cache
@@ -172,6 +173,13 @@ def _only(mask: int) -> int:
     return mask.bit_length() - 1
 
 
+def _union(rows: Mapping[int, int], mask: int) -> int:
+    union = 0
+    for position in _bits(mask):
+        union |= rows[position]
+    return union
+
+
 def _occurring(mask: int, *by_value: int) -> int:
     """Bitmask of the values that occur: bit v is set when `mask` intersects the v-th mask of `by_value`."""
     return sum([1 << value for value, with_value in enumerate(by_value) if mask & with_value])
@@ -182,6 +190,9 @@ NAMES: dict[str, Any] = {
     "__builtins__": {"len": len, "sum": sum, "bool": bool},
     "bits": _bits,
     "only": _only,
+    "union": _union,
+    "choose": itertools.combinations,
+    "comb": math.comb,
     "occurring": _occurring,
     "check_size": check_size,
 }

@@ -10,6 +10,9 @@ evaluator would fail, and sometimes when it would not. Unsupported constructs ra
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections import Counter
 from collections.abc import Callable, Iterable
 from enum import Enum
 from typing import Any, NamedTuple, cast
@@ -295,6 +298,8 @@ class Generator:
             return self.relation(node, scope)
         if word.name in BINARY_WORDS:
             return self.binary(node, scope)
+        if word.name == "all_same_attribute":
+            return self.all_same_attribute(node, scope)
         if word.name in ("filter_obj", "All", "Any"):
             return self.quantifier(node, scope)
         lower_word = VALUE_WORDS.get(word.name)
@@ -322,12 +327,19 @@ class Generator:
         return self.box_call(name, box_functions.vectorised_test(node.word, tuple(constants)), box)
 
     def relation(self, node: Call, scope: ir.Scope) -> ir.Items:
-        item = self.lower(cast("Node", node.arguments[0]), scope)
-        if not isinstance(item, ir.ItemRef):
-            ir.unsupported("relation of something other than an item")
-        self.charge_call(node.word, item)
-        rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), item.box)
-        return ir.Items((ir.BoxItems(item.box, ir.operate("row", rows, item.code), item.total),), ordered=False)
+        of = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
+        self.charge_call(node.word, of)
+        if not isinstance(of, ir.ItemRef | ir.Items):
+            ir.unsupported("relation")
+        parts: list[ir.BoxItems] = []
+        for part in (of,) if isinstance(of, ir.ItemRef) else sorted(of.parts, key=lambda part: part.box):
+            rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), part.box)
+            if isinstance(part, ir.ItemRef):
+                related = ir.operate("row", rows, part.code)
+            else:
+                related = ir.operate("union", rows, part.mask)
+            parts.append(ir.BoxItems(part.box, related, part.total))
+        return ir.Items(tuple(parts), ordered=False)
 
     def binary(self, node: Call, scope: ir.Scope) -> ir.Bool:
         """AND, OR, NOT and the comparisons of numbers."""
@@ -349,6 +361,9 @@ class Generator:
         function = _as_lambda(cast("Node", node.arguments[1]))
         name = node.word.name
         strict = name != "filter_obj"
+        if isinstance(collection, ir.Combinations) and name != "All":
+            found = self.filter_combinations(function, collection, scope, strict=strict)
+            return found if name == "filter_obj" else ir.existence(found)
         if isinstance(collection, ir.StaticList):
             found = self.filter_static(function, collection, scope, strict=strict)
             return found if name == "filter_obj" else self.quantify_static(name, collection, found)
@@ -377,6 +392,54 @@ class Generator:
             for before, after in zip(collection.conditions, conditions, strict=True)
         ]
         return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
+
+    def filter_combinations(
+        self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
+    ) -> ir.Combinations:
+        if collection.filtered:
+            ir.unsupported("combinations filtered twice")
+        counts: list[ir.Code] = []
+        total = collection.total
+        for parts in itertools.combinations_with_replacement(collection.parts, collection.size):
+            items: list[ir.ItemRef] = []
+            loops: list[tuple[tuple[str, ...], ir.Code]] = []
+            sizes = Counter(parts)
+            for part, size in sizes.items():
+                names = tuple(f"i{self.variables + index + 1}" for index in range(size))
+                self.variables += size
+                items.extend(ir.ItemRef(ir.LoopIndex(name), box=part.box) for name in names)
+                loops.append((names, part.mask))
+            choices = math.prod(math.comb(box_functions.MAX_BOX_ITEMS, size) for size in sizes.values())
+            max_runs, self.max_runs = self.max_runs, self.max_runs * choices
+            self.charge_lambda(function.body)
+            chosen: ir.Scope = {**scope, function.parameter: ir.static_list(items)}
+            condition = self.condition(function.body, chosen, strict=strict)
+            self.max_runs = max_runs
+            total = total and condition.total
+            counts.append(ir.TupleCount(tuple(loops), condition.code))
+        return ir.Combinations(collection.parts, collection.size, ir.operate("+", *counts), total, filtered=True)
+
+    def all_same_attribute(self, node: Call, scope: ir.Scope) -> ir.Bool:
+        """Whether some element is present, and those that are have equal values, two by two."""
+        collection = self.lower(cast("Node", node.arguments[0]), scope)
+        function = _as_lambda(cast("Node", node.arguments[1]))
+        self.charge_call(node.word, collection, ir.FALSE)
+        if not isinstance(collection, ir.StaticList):
+            ir.unsupported("all_same_attribute")
+        terms: list[tuple[ir.Code, ir.Int | ir.Bool]] = []
+        for element, condition in zip(collection.elements, collection.conditions, strict=True):
+            self.charge_lambda(function.body)
+            value = self.lower(function.body, {**scope, function.parameter: element})
+            if not isinstance(value, ir.Int | ir.Bool) or not value.total:
+                ir.unsupported("all_same_attribute of other values")
+            terms.append((ir.negate(condition).code, value))
+        same = [
+            ir.operate("or", absent, other_absent, ir.operate("==", value.code, other.code))
+            for (absent, value), (other_absent, other) in itertools.combinations(terms, 2)
+        ]
+        if len({type(value) for _, value in terms}) > 1:
+            ir.unsupported("values of two types")
+        return ir.conjunction((ir.existence(collection).code, *same), total=collection.total)
 
     def filter_static(
         self, function: Lambda, collection: ir.StaticList, scope: ir.Scope, *, strict: bool

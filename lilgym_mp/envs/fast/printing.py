@@ -17,6 +17,8 @@ CALLS = {  # operators that are not written between their operands
     "bit_count": "({}).bit_count()",
     "only": "only({})",
     "row": "{}[{}]",
+    "union": "union({}, {})",
+    "comb": "comb({}, {})",
 }
 
 
@@ -54,7 +56,7 @@ def _compiled(source: str, names: dict[str, Any], name: str) -> Callable[[Any], 
 
 
 def _has_loops(code: ir.Code) -> bool:
-    return isinstance(code, ir.Where) or any(map(_has_loops, code.parts))
+    return isinstance(code, ir.Where | ir.TupleCount) or any(map(_has_loops, code.parts))
 
 
 class _Printer:
@@ -88,6 +90,9 @@ class _Printer:
             case ir.Where(index=index, mask=mask, condition=condition):
                 condition = self.text(condition, in_loop=True)
                 return f"sum([1 << {index} for {index} in bits({inner(mask)}) if {condition}])"
+            case ir.TupleCount(loops=loops, condition=condition):
+                fors = (f"for {', '.join(n)}, in choose(bits({inner(mask)}), {len(n)})" for n, mask in loops)
+                return f"sum([1 {' '.join(fors)} if {self.text(condition, in_loop=True)}])"
             case ir.Apply(operator=operator, operands=operands):
                 return _applied(operator, list(map(inner, operands)))
             case _:

@@ -23,7 +23,9 @@ MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 
 
 def _lower_exist(_: Generator, s: ir.Value) -> ir.Bool:
-    return ir.as_truth(s) if isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet) else ir.unsupported("exist")
+    if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet | ir.Combinations):
+        ir.unsupported("exist")
+    return ir.as_truth(s)
 
 
 def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
@@ -32,6 +34,8 @@ def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
             return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
         case ir.AttributeSet():
             return ir.Int(ir.operate("bit_count", s.code), s.total)
+        case ir.Combinations():
+            return ir.Int(s.count, s.total)
         case ir.StaticList():
             present: dict[object, list[ir.Code]] = {}  # conditions of each object; a box may be listed twice
             for index, (element, condition) in enumerate(zip(s.elements, s.conditions, strict=True)):
@@ -42,6 +46,12 @@ def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
             return ir.Int(ir.operate("+", ir.Number(0), *distinct), s.total)
         case _:
             ir.unsupported("count")
+
+
+def _lower_len(generator: Generator, s: ir.Value) -> ir.Int:
+    if not isinstance(s, ir.StaticList):
+        return _lower_count(generator, s)
+    return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in s.conditions)), s.total)
 
 
 def _lower_unique(_: Generator, s: ir.Value) -> ir.ItemRef:
@@ -89,8 +99,15 @@ def _lower_member_of(generator: Generator, x: ir.Value, s: ir.Value) -> ir.Bool:
     return generator.membership(x, s)
 
 
-def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.StaticList:
+def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
     size = k.code.value if isinstance(k, ir.Int) and isinstance(k.code, ir.Number) else ir.unsupported("combinations")
+    if isinstance(s, ir.Items) and size in (2, 3):
+        count = math.comb(ir.MAX_ITEMS, size)
+        if len({part.box for part in s.parts}) != len(s.parts) or count > costs.SIZE_LIMIT:
+            ir.unsupported("combinations")
+        generator.charge(costs.SUBSET_ELEMENT * (1 + 2 * size) * count)  # at most 2 elements an item: `ResultSize`
+        items = ir.operate("+", *(part.count for part in s.parts))
+        return ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
     if not isinstance(s, ir.StaticList) or not s.unconditional:
         ir.unsupported("combinations")
     count = math.comb(len(s.elements), size)
@@ -162,6 +179,7 @@ BINARY_WORDS: Mapping[str, tuple[type, str]] = {
 VALUE_WORDS: Mapping[str, Callable[..., ir.Value]] = {
     "exist": _lower_exist,
     "count": _lower_count,
+    "len": _lower_len,
     "unique": _lower_unique,
     "set": _lower_set,
     "union": partial(_lower_set_operation, "|"),
