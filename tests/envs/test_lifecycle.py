@@ -160,7 +160,7 @@ PARTS = [
     "envs.proposer_verifier.partners.SCRIPTED",
     "programs.canonical",
     "scene.render.canvas",
-    "corpus.generator.lexicon",
+    "corpus.generator.writer",
     "learning.parsing",
     "contrib.rlvr.mutants",
     "wrappers.replies",

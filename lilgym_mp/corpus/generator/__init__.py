@@ -1,12 +1,13 @@
 """Generates statements with programs from synchronous templates, whose parts each have words and program text.
 
-`phrases` has quantities, noun phrases and predicates, `conditions` the conditions of boxes, `items` and `boxes`
-statements, `tower` and `scatter` those of one appearance, `pairs` streams of them, `generated_corpus` task sets.
+The words are in `data/phrases.toml`. `writer` has quantities, noun phrases and predicates, `conditions` the conditions
+of boxes, `items` and `boxes` statements, `tower` and `scatter` those of one appearance, `pairs` streams of them,
+`generated_corpus` task sets.
 """
 
 from lilgym_mp.corpus.generator.generated_corpus import CorpusSpec, Entry, generated_entries, load_generated, split_of
 from lilgym_mp.corpus.generator.pairs import LEVELS, level_of, statements, training_pairs
-from lilgym_mp.corpus.generator.phrases import TrainingPair
+from lilgym_mp.corpus.generator.writer import TrainingPair
 
 __all__ = [
     "LEVELS",

@@ -6,34 +6,12 @@ import random
 from collections.abc import Callable
 from itertools import pairwise
 
+from lilgym_mp.corpus.generator.writer import phrase_tables
+
 MIN_LETTERS = 4  # shorter words are not misspelt
-MISSPELLINGS = {
-    "color": ("colour",),
-    "colors": ("colours",),
-    "grey": ("gray",),
-    "gray": ("grey",),
-    "there": ("their", "ther", "thre"),
-    "exactly": ("exactely", "exacty", "excatly"),
-    "triangle": ("traingle", "triangel", "trianlge"),
-    "triangles": ("traingles", "triangels"),
-    "yellow": ("yelow", "yellw", "yello"),
-    "square": ("sqaure", "squre"),
-    "circle": ("cirlce", "circel"),
-    "touching": ("toching", "touchng", "touchig"),
-    "least": ("leas", "lest"),
-    "which": ("wich", "whcih"),
-}
 ARTICLES = frozenset({"a", "an", "the"})
 NEEDS_ARTICLE = ("only", "other", "same", "most", "single", "couple", "pair")
 JOINABLE = frozenset({("at", "least"), ("is", "a"), ("at", "most"), ("a", "box"), ("there", "is"), ("in", "the")})
-SYNONYMS = {
-    "contains": ("has",),
-    "has": ("contains",),
-    "which": ("that",),
-    "beneath": ("below",),
-    "image": ("picture",),
-    "picture": ("image",),
-}
 
 
 def with_noise(statement: str, rng: random.Random) -> str:
@@ -42,7 +20,8 @@ def with_noise(statement: str, rng: random.Random) -> str:
     text = text[:1].lower() + text[1:]
     draw = rng.random
     if draw() < 0.05:
-        text = _edited(text, rng, lambda word, _: word in SYNONYMS, lambda word: [rng.choice(SYNONYMS[word])])
+        synonyms = phrase_tables()["synonyms"]
+        text = _edited(text, rng, lambda word, _: word in synonyms, lambda word: [rng.choice(synonyms[word])])
     if draw() < 0.1:
         text = _edited(text, rng, _is_omissible, lambda article: [])
     if draw() < 0.04:
@@ -78,8 +57,9 @@ def _is_long_word(word: str, _: str | None) -> bool:
 
 
 def _misspelt(word: str, rng: random.Random) -> str:
-    if word in MISSPELLINGS and rng.random() < 0.4:
-        return rng.choice(MISSPELLINGS[word])
+    misspellings = phrase_tables()["misspellings"]
+    if word in misspellings and rng.random() < 0.4:
+        return rng.choice(misspellings[word])
     at = rng.randrange(1, len(word) - 1)  # neither the first letter nor the last
     match rng.choice(("swap", "drop", "double", "replace")):
         case "swap":

@@ -8,15 +8,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from lilgym_mp.corpus.generator.boxes import StatementTemplates
+from lilgym_mp.corpus.generator.boxes import Statements
 from lilgym_mp.corpus.generator.noise import with_noise
-from lilgym_mp.corpus.generator.phrases import TrainingPair
-from lilgym_mp.corpus.generator.scatter import ScatterTemplates
-from lilgym_mp.corpus.generator.tower import TowerTemplates
+from lilgym_mp.corpus.generator.scatter import ScatterStatements
+from lilgym_mp.corpus.generator.tower import TowerStatements
+from lilgym_mp.corpus.generator.writer import TrainingPair
 from lilgym_mp.scene.choices import choose
 
 BOUND_SHARE = 0.4
-TEMPLATES: dict[str, type[StatementTemplates]] = {"tower": TowerTemplates, "scatter": ScatterTemplates}
+TEMPLATES: dict[str, type[Statements]] = {"tower": TowerStatements, "scatter": ScatterStatements}
 # "one of the boxes has ...", read as at least one by some people and as exactly one by others
 AMBIGUOUS = re.compile(r"(?:^|, |\b(?:and|but|or|while|also|either|where) )(?:one|1) (?:out )?of\b")
 
@@ -52,7 +52,7 @@ def training_pairs(
     return _pairs(templates(random.Random(f"pairs {appearance} {seed}")), noise, bound_share)
 
 
-def _pairs(sampler: StatementTemplates, noise: bool, bound_share: float) -> Iterator[TrainingPair]:
+def _pairs(sampler: Statements, noise: bool, bound_share: float) -> Iterator[TrainingPair]:
     while True:
         sampler.style = replace(sampler.random_style(), bare_number_is_bound=sampler.chance(bound_share))
         statement, program = sampler.sample()
@@ -78,7 +78,7 @@ def statements(appearance: str, level: int, rng: random.Random) -> Iterator[Trai
     return _statements(sampler, level)
 
 
-def _statements(sampler: StatementTemplates, level: int) -> Iterator[TrainingPair]:
+def _statements(sampler: Statements, level: int) -> Iterator[TrainingPair]:
     while True:
         sampler.style = replace(sampler.random_style(), sloppy=False)
         text, program = sampler.sample()

@@ -1,32 +1,32 @@
 """Synchronous templates for phrases: each part has its words and its program text.
 
 They imitate how many people write about pictures. The words may be chosen freely because every part carries its own
-program text.
+program text; most are in `data/phrases.toml`.
 """
 
 from __future__ import annotations
 
 import random
 import re
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from functools import cache
+from importlib.resources import files
+from itertools import accumulate
+from typing import Any, NamedTuple, TypeVar
 
-from lilgym_mp.corpus.generator.lexicon import NUMBER_WORDS, Phrase, Style, article, conjugated, pluralised
-from lilgym_mp.corpus.generator.program_text import ALL_ITEMS, items_in_box
-from lilgym_mp.corpus.generator.quantities import NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.corpus.generator.fragments import ALL_ITEMS, NONE, SOME, Quantity, at_least, at_most, exactly
 
 HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
+COLOURS, SHAPES = ("yellow", "black", "blue"), ("circle", "square", "triangle")
+VALUES = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}
+NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+IRREGULAR_PLURALS = {"is": "are", "has": "have", "does": "do", "touches": "touch"}  # plurals of verbs
+DRAWN_SLOT = re.compile(r"\{\w+:")
 Option = TypeVar("Option")
-
-COLOURS = ("yellow", "black", "blue")
-SHAPES = ("circle", "square", "triangle")
-SIZES = {
-    "small": ("small", "small", "small", "tiny", "little", "small sized"),
-    "medium": ("medium", "medium", "medium sized", "medium-sized", "mid-sized"),
-    "big": ("big", "big", "large", "large", "big sized"),
-}
+Slot = str | Callable[[bool], str]  # words, or what draws them given whether they are plural
 
 
 class TrainingPair(NamedTuple):
@@ -36,8 +36,47 @@ class TrainingPair(NamedTuple):
     program: str
 
 
+class Phrase(NamedTuple):
+    """A noun phrase, and whether a verb that agrees with it is plural."""
+
+    text: str
+    plural: bool
+
+
+@dataclass(frozen=True)
+class Style:
+    """Lexical choices that one writer keeps to within a statement."""
+
+    words: Mapping[str, str]  # nouns by what they name, "item" and "items", and the number words "one" to "three"
+    digits: bool = False
+    sloppy: bool = False  # makes agreement errors, leaves articles out
+    bare_number_is_bound: bool = False  # "two" may mean at least two, "one of the boxes" exactly one
+
+
+def article(noun: str) -> str:
+    """The noun with its indefinite article."""
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
+
+
+def pluralised(noun: str) -> str:
+    return noun + "es" if noun.endswith("x") else noun + "s"
+
+
+def conjugated(verb: str, plural: bool) -> str:
+    """The form of a verb given in the third person singular."""
+    if not plural:
+        return verb
+    return IRREGULAR_PLURALS.get(verb, verb.removesuffix("s"))
+
+
+def verb_forms(phrase: str) -> tuple[str, str]:
+    """Both forms of a verb phrase given in the third person singular."""
+    verb, _, rest = phrase.partition(" ")
+    return phrase, f"almost {verb_forms(rest)[1]}" if verb == "almost" else f"{conjugated(verb, True)} {rest}"
+
+
 @dataclass(frozen=True, slots=True)
-class AttributeWords:
+class Attributes:
     """The attribute words of a noun phrase; several colours are alternatives."""
 
     colours: tuple[str, ...] = ()
@@ -51,7 +90,7 @@ class AttributeWords:
 
 
 @dataclass(frozen=True, slots=True)
-class PredicateTemplate:
+class Predicate:
     """A predicate of items: its words and its test."""
 
     complement: str  # follows "is"
@@ -68,20 +107,38 @@ class PredicateTemplate:
 
 
 @dataclass(frozen=True, slots=True)
-class NounTemplate:
+class Noun:
     """A noun phrase without determiner: attribute words and predicates."""
 
-    attributes: AttributeWords = AttributeWords()
-    predicates: tuple[PredicateTemplate, ...] = ()
+    attributes: Attributes = Attributes()
+    predicates: tuple[Predicate, ...] = ()
 
     def tests(self) -> tuple[str, ...]:
         return (*self.attributes.tests(), *(predicate.signed_test() for predicate in self.predicates))
 
-    def such_that(self, *predicates: PredicateTemplate) -> NounTemplate:
-        return NounTemplate(self.attributes, (*self.predicates, *predicates))
+    def such_that(self, *predicates: Predicate) -> Noun:
+        return Noun(self.attributes, (*self.predicates, *predicates))
+
+    def items(self, source: str = ALL_ITEMS, variable: str = "x") -> str:
+        """Program text: the items of `source` that the noun phrase denotes."""
+        colours, shape, tests = self.attributes.colours, self.attributes.shape, self.tests()
+        if not self.predicates and len(tests) == 1 and len(colours) == 1:
+            return f"filter_color({source}, Color.{colours[0].upper()})"
+        if not self.predicates and len(tests) == 1 and shape is not None:
+            return f"filter_shape({source}, Shape.{shape.upper()})"
+        test = " and ".join(bound(test, variable) for test in tests)
+        return f"filter_obj({source}, lambda {variable}: {test})" if tests else source
+
+    def in_box(self, box: str = HOLE) -> str:
+        """Program text: the items of the box that the noun phrase denotes."""
+        return self.items(f"{box}.all_items_in_box()")
+
+    def related(self, function: str) -> str:
+        """Program text: the function of the tested item returns an item that the noun phrase denotes."""
+        return f"exist({self.items(f'{function}({HOLE})', 2 * HOLE)})"
 
 
-ANYTHING = NounTemplate()
+ANYTHING = Noun()
 
 
 def bound(test: str, variable: str) -> str:
@@ -94,42 +151,75 @@ def bound(test: str, variable: str) -> str:
     return re.sub(f"{HOLE}+", name, test)
 
 
-def filter_items(source: str, tests: Sequence[str], variable: str = "x") -> str:
-    """Program text: the items of `source` that pass all tests."""
-    if not tests:
-        return source
-    return f"filter_obj({source}, lambda {variable}: {' and '.join(bound(test, variable) for test in tests)})"
+class Wording(NamedTuple):
+    """Alternative wordings; `is_drawn` if filling in a slot draws words."""
+
+    options: tuple[str, ...]
+    is_drawn: bool
 
 
-def item_set(noun: NounTemplate, source: str = ALL_ITEMS, variable: str = "x") -> str:
-    """Program text: the items of `source` that the noun phrase denotes."""
-    attributes = noun.attributes
-    if not noun.predicates and attributes == AttributeWords(attributes.colours) and len(attributes.colours) == 1:
-        return f"filter_color({source}, Color.{attributes.colours[0].upper()})"
-    if not noun.predicates and attributes == AttributeWords(shape=attributes.shape) and attributes.shape is not None:
-        return f"filter_shape({source}, Shape.{attributes.shape.upper()})"
-    return filter_items(source, noun.tests(), variable)
+class PhraseBook(NamedTuple):
+    """The words and weights of one appearance."""
+
+    wordings: Mapping[str, Wording]
+    style: Mapping[str, Sequence[str]]  # words to choose a style's from
+    statements: Sequence[str]  # the methods that make statements
+    cumulative_weights: Sequence[float]  # theirs
+    conditions: Mapping[str, float]  # probabilities of the methods that make conditions; else `contains_some`
 
 
-def box_items(noun: NounTemplate, box: str = HOLE) -> str:
-    """Program text: the items of the box that the noun phrase denotes."""
-    return item_set(noun, items_in_box(box))
+@cache
+def phrase_tables() -> dict[str, Any]:
+    return tomllib.loads((files("lilgym_mp.data") / "phrases.toml").read_text(encoding="utf-8"))
 
 
-class PhraseTemplates:
+@cache
+def phrase_book(appearance: str) -> PhraseBook:
+    own = phrase_tables()[appearance]
+    wordings = {
+        name: Wording(tuple(options), any(map(DRAWN_SLOT.search, options)))
+        for name, options in (phrase_tables()["common"] | own["wordings"]).items()
+    }
+    style = {name: [word for word in counts for _ in range(counts[word])] for name, counts in own["style"].items()}
+    statements: dict[str, float] = own["statements"]
+    return PhraseBook(wordings, style, tuple(statements), tuple(accumulate(statements.values())), own["conditions"])
+
+
+class _Drawn(NamedTuple):
+    """A slot that draws words each time it is filled in: `{does:one}`, `{does:many}`."""
+
+    draw: Callable[[bool], str]
+
+    def __format__(self, number: str) -> str:
+        return self.draw(number == "many")
+
+
+class _Or(NamedTuple):
+    """The slot `{or:a|b}`, which draws one of its words."""
+
+    choice: Callable[[Sequence[str]], str]
+
+    def __format__(self, options: str) -> str:
+        return self.choice(options.split("|"))
+
+
+class Writer:
     """Random phrases in the style of one writer."""
 
-    style_words: Mapping[str, Sequence[str]]  # words to choose a style's from; repeated ones are more likely
+    appearance: str
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
+        self.book = phrase_book(self.appearance)
         self.style = self.random_style()
 
     def random_style(self) -> Style:
-        words = {name: self.rng.choice(choices) for name, choices in self.style_words.items()}
-        picture = self.rng.choice(("picture", "image", "picture", "image"))
+        words = {name: self.rng.choice(options) for name, options in self.book.style.items()}
+        words |= {pluralised(name): pluralised(word) for name, word in words.items()}
+        words["picture"] = self.rng.choice(("picture", "image", "picture", "image"))
         digits, sloppy = self.chance(0.4), self.chance(0.2)
-        return Style(**words, picture=picture, digits=digits, sloppy=sloppy, bare_number_is_bound=False)
+        words["one"], words["two"], words["three"] = "123" if digits else NUMBER_WORDS[1:4]
+        return Style(words, digits, sloppy)
 
     def pick(self, *options: Option) -> Option:
         return self.choice(options)
@@ -145,6 +235,23 @@ class PhraseTemplates:
         draw = self.rng.random()
         return next(option for bound, option in options if draw < bound)
 
+    def say(self, wording: str, **slots: Slot) -> str:
+        """One of the phrase book's wordings, its slots filled in.
+
+        Where slots draw words, all wordings are filled in, in order, before one is drawn.
+        """
+        options, is_drawn = self.book.wordings[wording]
+        if not is_drawn:
+            option = self.choice(options)
+            return option.format_map({**self.style.words, **slots}) if "{" in option else option
+        words: dict[str, object] = {**self.style.words, **slots, "or": _Or(self.choice)}
+        words |= {name: _Drawn(slot) for name, slot in slots.items() if not isinstance(slot, str)}
+        return self.choice([option.format_map(words) for option in options])
+
+    def word(self, name: str) -> str:
+        """The noun of the writer's style, "item", "items", "box" ..."""
+        return self.style.words[name]
+
     def be(self, plural: bool) -> str:
         if self.style.sloppy and self.chance(0.25):
             return "is"
@@ -155,6 +262,9 @@ class PhraseTemplates:
         if self.style.sloppy and self.chance(0.2):
             return verb
         return conjugated(verb, plural)
+
+    def colour(self) -> tuple[str, ...]:
+        return (self.choice(COLOURS),)
 
     def number(self, value: int) -> str:
         return str(value) if self.style.digits or value >= len(NUMBER_WORDS) else NUMBER_WORDS[value]
@@ -184,12 +294,7 @@ class PhraseTemplates:
         """The determiner for a quantity; "a" also where the noun needs "an"."""
         low, high, vague = quantity
         if vague:
-            words = {
-                2: ("multiple",),
-                3: ("several", "several", "a few", "quite a few"),
-                4: ("many", "a lot of", "lots of"),
-            }[low]
-            return Phrase(self.choice(words), plural=True)
+            return Phrase(self.say(f"vague_{low}"), plural=True)
         if quantity == NONE:
             return Phrase("no", plural=self.chance(0.5))
         if quantity == SOME:
@@ -197,24 +302,15 @@ class PhraseTemplates:
                 return Phrase(self.number(1), plural=False)
             if self.chance(0.75):
                 return Phrase("a", plural=False)
-            return Phrase(f"{self.at_least_words()} {self.number(1)}", plural=False)
+            return Phrase(f"{self.say('at_least')} {self.number(1)}", plural=False)
         if high is None:
-            if low == 1:
-                return Phrase(f"{self.at_least_words()} {self.number(1)}", plural=False)
             return Phrase(self.lower_bound(low), plural=low != 2 or self.chance(0.95))
         if low == high:
             return Phrase(self.exact(low), plural=low > 1)
         if low == 0:
-            number, next_number = self.number(high), self.number(high + 1)
-            text = self.pick(
-                "at most {0}", "at most {0}", "no more than {0}", "not more than {0}", "less than {1}",
-                "fewer than {1}", "maximum {0}",
-            )  # fmt: skip
-            return Phrase(text.format(number, next_number), plural=high > 1 or "than" in text)
+            text = self.say("at_most", most=self.number(high), more=self.number(high + 1))
+            return Phrase(text, plural=high > 1 or "than" in text)
         return Phrase(f"{self.number(low)} or {self.number(high)}", plural=True)
-
-    def at_least_words(self) -> str:
-        return self.pick("at least", "at least", "at least", "at least", "atleast", "minimum", "not less than")
 
     def lower_bound(self, low: int) -> str:
         number, before = self.number(low), self.number(low - 1)
@@ -222,7 +318,7 @@ class PhraseTemplates:
             return number
         draw = self.rng.random()
         if draw < 0.65:
-            return f"{self.at_least_words()} {number}"
+            return f"{self.say('at_least')} {number}"
         if draw < 0.8:
             return f"more than {before}"
         if draw < 0.9:
@@ -235,37 +331,36 @@ class PhraseTemplates:
         word = self.number(number)
         if text := self.drawn((0.45, word), (0.8, f"exactly {word}"), (0.9, f"only {word}"), (1, "")):
             return text
-        if number == 1:
-            return self.pick("a single", "only one", "just one", "only a single", "exactly one")
-        if number == 2:
-            return self.pick("a couple of", "a pair of", "only two", "just two", "exactly two")
-        return f"{self.pick('just', 'precisely', 'a total of', 'exactly')} {word}"
+        if number in (1, 2):
+            return self.say(f"exactly_{number}")
+        return f"{self.say('exactly')} {word}"
 
     # Noun phrases
 
-    def described_noun(self, attributes: AttributeWords, plural: bool) -> str:
+    def adjectives(self, attributes: Attributes) -> tuple[list[str], list[str]]:
+        """The words for the size and for the colours, each a list of one or none."""
+        size = [self.say(attributes.size)] if attributes.size is not None else []
+        return size, [" or ".join(attributes.colours)] if attributes.colours else []
+
+    def described_noun(self, attributes: Attributes, plural: bool) -> str:
         """Adjectives and noun, without an article."""
-        noun = self.style.item if attributes.shape is None else attributes.shape
+        noun = attributes.shape or self.word("item")
         if plural and not (self.style.sloppy and self.chance(0.1)):
             noun = pluralised(noun)
-        size = [self.choice(SIZES[attributes.size])] if attributes.size is not None else []
-        colours = [self.colours(attributes.colours)] if attributes.colours else []
+        size, colours = self.adjectives(attributes)
         if size and colours and self.chance(0.15):
             size, colours = colours, size
         if colours and self.chance(0.02):
             colours = [f"{colours[0]} {self.pick('colored', 'coloured', 'color')}"]
         return " ".join([*size, *colours, noun])
 
-    def colours(self, colours: Sequence[str], last: str = "or") -> str:
-        return f" {last} ".join(colours)
-
-    def noun(self, noun: NounTemplate, plural: bool) -> str:
+    def noun(self, noun: Noun, plural: bool) -> str:
         words = [self.described_noun(noun.attributes, plural)]
         for index, predicate in enumerate(noun.predicates):
             words.append(self.modifier(predicate, plural, conjoined=index > 0))
         return " ".join(words)
 
-    def modifier(self, predicate: PredicateTemplate, plural: bool, *, conjoined: bool = False) -> str:
+    def modifier(self, predicate: Predicate, plural: bool, *, conjoined: bool = False) -> str:
         """The predicate as a modifier after its noun: "touching a wall", "that is not at the base"."""
         conjunction = self.pick("and ", "and ", "") if conjoined else ""
         complement = self.signed_complement(predicate)
@@ -276,12 +371,12 @@ class PhraseTemplates:
             return f"{conjunction}{which} {predicate.verb_forms[plural]}"
         return f"{conjunction}{which} {self.be(plural)} {complement}"
 
-    def signed_complement(self, predicate: PredicateTemplate) -> str:
+    def signed_complement(self, predicate: Predicate) -> str:
         if predicate.positive:
             return predicate.complement
         return f"not {predicate.negated_complement or predicate.complement}"
 
-    def verb_phrase(self, predicate: PredicateTemplate, plural: bool) -> str:
+    def verb_phrase(self, predicate: Predicate, plural: bool) -> str:
         """The predicate as a verb phrase: "touches a wall"."""
         if predicate.verb_forms is not None and self.chance(0.3):
             if predicate.positive:
@@ -292,11 +387,11 @@ class PhraseTemplates:
             return f"{self.be(plural)} {'' if predicate.positive else 'not '}{predicate.main_complement}"
         return f"{self.be(plural)} {self.signed_complement(predicate)}"
 
-    def indefinite(self, noun: NounTemplate) -> str:
+    def indefinite(self, noun: Noun) -> str:
         """ "a blue circle" """
         return self.a(self.noun(noun, plural=False))
 
-    def quantified(self, quantity: Quantity, noun: NounTemplate) -> Phrase:
+    def quantified(self, quantity: Quantity, noun: Noun) -> Phrase:
         """ "at least two blue circles" """
         determiner = self.determiner(quantity)
         text = self.noun(noun, determiner.plural)
@@ -308,31 +403,26 @@ class PhraseTemplates:
 
     # Predicates of both appearances
 
-    def attribute_predicate(self, attributes: AttributeWords, *, positive: bool = True) -> PredicateTemplate:
+    def attribute_predicate(self, attributes: Attributes) -> Predicate:
         """ "yellow", "a circle" """
         tests = attributes.tests()
         if attributes.shape is not None:
             complement = article(self.described_noun(attributes, plural=False))
         else:
-            sizes = [self.choice(SIZES[attributes.size])] if attributes.size is not None else []
-            colours = [self.colours(attributes.colours)] if attributes.colours else []
-            complement = " and ".join([*sizes, *colours])
-            if not sizes and self.chance(0.06):
+            size, colours = self.adjectives(attributes)
+            complement = " and ".join([*size, *colours])
+            if not size and self.chance(0.06):
                 complement = f"{complement} {self.pick('in color', 'colored')}"
         program = tests[0] if len(tests) == 1 else f"({' and '.join(tests)})"
-        return PredicateTemplate(complement, program, positive=positive, follows_noun=False)
+        return Predicate(complement, program, follows_noun=False)
 
     def relation_predicate(
-        self, words: Sequence[str], function: str, noun: NounTemplate, *, positive: bool = True
-    ) -> PredicateTemplate:
-        """A relation to an item that `noun` denotes.
-
-        `words`: alternative wordings of the relation; `function`: the program function that returns the related items.
-        """
-        program = f"exist({item_set(noun, f'{function}({HOLE})', 2 * HOLE)})"
-        relation = self.choice(words)
+        self, wording: str, function: str, noun: Noun, *, positive: bool = True, **slots: Slot
+    ) -> Predicate:
+        """A relation to an item that `noun` denotes; `function`: the program function that returns related items."""
+        relation = self.say(wording, **slots)
         other = self.noun(noun, plural=False)
         complement = f"{relation} {self.a(other)}"
-        verb_forms = (f"touches {article(other)}", f"touch {article(other)}") if relation == "touching" else None
+        forms = verb_forms(f"touches {article(other)}") if relation == "touching" else None
         negated = f"{relation} {self.pick(f'any {other}', article(other))}"
-        return PredicateTemplate(complement, program, verb_forms, positive, negated, kind=function)
+        return Predicate(complement, noun.related(function), forms, positive, negated, kind=function)
