@@ -14,7 +14,7 @@ from collections.abc import Iterable
 from itertools import islice
 
 from lilgym_mp.contrib.rlvr import BASELINES, KINDS, Row, rows, score
-from lilgym_mp.contrib.rlvr.prompts import scene_answer
+from lilgym_mp.contrib.rlvr.rows import scene_answer
 from lilgym_mp.contrib.rlvr.solutions import constant_answers
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.generator import LEVELS

@@ -20,7 +20,7 @@ import torch
 from torch import Tensor, nn
 
 from lilgym_mp.contrib.rlvr import BASELINES, REWARDS, Row, rows, score
-from lilgym_mp.contrib.rlvr.prompts import dynamics_of
+from lilgym_mp.contrib.rlvr.rows import dynamics_of
 from lilgym_mp.corpus import words
 from lilgym_mp.scene.actions import describe
 

@@ -160,6 +160,15 @@ def image_part(image: Image.Image) -> dict[str, Any]:
     }
 
 
+def content_of(text: str, images: Sequence[Image.Image], *, inline: bool = True) -> Any:
+    """The content of a message: the text, or the images and the text as parts.
+
+    Unless `inline`, {"type": "image"} stands for each image, as in TRL and transformers.
+    """
+    shown = [image_part(image) if inline else {"type": "image"} for image in images]
+    return [*shown, {"type": "text", "text": text}] if images else text
+
+
 def is_shown(appearance: Appearance, legal: Callable[[], BoolArray], index: int) -> bool:
     """Whether the number of an action means something to the agent: if there are few actions, or it is listed.
 

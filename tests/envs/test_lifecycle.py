@@ -162,7 +162,7 @@ PARTS = [
     "scene.render.canvas",
     "corpus.generator.writer",
     "learning.parsing",
-    "contrib.rlvr.mutants",
+    "contrib.rlvr.checked_scenes",
     "wrappers.replies",
 ]
 

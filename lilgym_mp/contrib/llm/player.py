@@ -18,7 +18,7 @@ from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation
 from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, answer_text
-from lilgym_mp.wrappers.text import IMAGES, image_part
+from lilgym_mp.wrappers.text import IMAGES, content_of
 
 
 @dataclass
@@ -71,7 +71,7 @@ class Player:
         actions: list[str] = []
         total, ended = 0.0, False
         while not ended:
-            messages.append({"role": "user", "content": _content(text, info.get(IMAGES, []))})
+            messages.append({"role": "user", "content": content_of(text, info.get(IMAGES, []))})
             action = self._choose_action(messages, turns)
             actions.append(describe(self.dynamics.appearance.decode(action)))
             text, reward, terminated, truncated, info = self.env.step(action)
@@ -145,11 +145,6 @@ def play_all(
         return
     with ThreadPool(min(concurrency, len(waiting))) as pool:  # its threads end after their current episode
         yield from pool.imap_unordered(play, waiting)
-
-
-def _content(text: str, images: Sequence[Any]) -> Any:
-    """The content of a message: the text, or pictures and the text as parts."""
-    return [*map(image_part, images), {"type": "text", "text": text}] if images else text
 
 
 def _extended(message: Message, text: str, *, before: bool = False) -> Message:

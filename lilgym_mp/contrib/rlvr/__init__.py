@@ -6,11 +6,9 @@ plan task over several turns. `solutions` are the baselines. docs/language_model
 them.
 """
 
-from lilgym_mp.contrib.rlvr.conversation import Conversation, Turn
 from lilgym_mp.contrib.rlvr.generation import rows
-from lilgym_mp.contrib.rlvr.prompts import images_of, messages_of
-from lilgym_mp.contrib.rlvr.rows import KINDS, Row, RowError
-from lilgym_mp.contrib.rlvr.scoring import REWARDS, Score, score
+from lilgym_mp.contrib.rlvr.rows import KINDS, Row, RowError, images_of, messages_of
+from lilgym_mp.contrib.rlvr.scoring import REWARDS, Conversation, Score, Turn, score
 from lilgym_mp.contrib.rlvr.solutions import BASELINES, expert_reply, random_reply
 
 __all__ = [

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import random
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 
 import numpy as np
@@ -25,7 +25,6 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.solver import Solution
 
 STARTS = 4  # plan rows of a statement and target besides those of one edit
 TRIES = 12  # scenes examined for starts
@@ -36,6 +35,9 @@ PATIENT_SHARE = 1.003  # factor on that share for each statement in a row that d
 WEIGHT_GROWTH = 1.2  # of the weight of a right answer
 BARREN = 2_000  # statements in a row without a row, after which there is none
 PATIENCE = 3_000  # statements without a new statement, after which statements are repeated
+
+_Variant = tuple[bool, Scene, int | None]  # a row's target, start scene and, for plans, number of actions
+_Variants = Callable[[str], Iterator[_Variant]]  # of a program
 
 
 def rows(
@@ -84,7 +86,7 @@ def _rows(
             words = f"{lengths.start} to {lengths.stop - 1} actions" if kind == "plan" else "a checkable meaning"
             raise ValueError(f"{BARREN} {appearance} statements of level {level} in a row have no {kind} with {words}")
         pair = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}" if kind == "truth" else None
-        for target, scene, steps in variants.of(program):
+        for target, scene, steps in variants(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
             yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps, pair)
             number, barren, begun = number + 1, 0, time.monotonic()
@@ -107,93 +109,86 @@ def _new_statements(appearance: str, level: int, split: str, rng: random.Random)
         yield pair
 
 
-class _Variants:
-    """Chooses the targets, start scenes and, for plans, numbers of actions of a program's rows."""
-
-    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
-        self._appearance, self._lengths, self._rng = appearance, lengths, rng
-
-    def of(self, program: str) -> Iterator[tuple[bool, Scene, int | None]]: ...
-
-
-class _Plans(_Variants):
+def _plans(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     """Starts from which shortest plans, proven shortest, have one of the lengths."""
+    neighbours = _truths(appearance, lengths, rng) if lengths.start == 2 else None
 
-    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
-        super().__init__(appearance, lengths, rng)
-        self._neighbours = _Truths(appearance, lengths, rng) if lengths.start == 2 else None
-
-    def of(self, program: str) -> Iterator[tuple[bool, Scene, int]]:
-        if self._neighbours is not None:  # an edit and STOP
-            yield from ((target, scene, 2) for target, scene, _ in self._neighbours.of(program))
-        for target in self._rng.sample((True, False), 2):
-            for scene, steps in islice(self._far(Task("", "", program, target, Scene.empty())), STARTS):
+    def variants(program: str) -> Iterator[_Variant]:
+        if neighbours is not None:  # an edit and STOP
+            yield from ((target, scene, 2) for target, scene, _ in neighbours(program))
+        for target in rng.sample((True, False), 2):
+            task = Task("", "", program, target, Scene.empty())
+            for scene, steps in islice(_far_starts(appearance, lengths, rng, task), STARTS):
                 yield target, scene, steps
 
-    def _far(self, task: Task) -> Iterator[tuple[Scene, int]]:
-        """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it
-        nearer to the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
-        sampler, solver = SAMPLERS[self._appearance], solver_of(self._appearance)
-        min_edits = max(self._lengths.start - 1, 2)
-        near, distance = None, 0  # the scene to change next, and how far at least it is from the goal
-        for tries in range(TRIES):
-            if tries == PROBES and 2 * distance < min_edits:
-                return
-            scene = sampler.scene(self._rng) if near is None else sampler.changed(self._rng, near)
-            if task.solved_by(scene):
-                continue
-            solution = solver.solve_distant(State(task, scene, 0), min_edits)
-            if solution.least_edits >= distance:
-                near, distance = scene, solution.least_edits
-            if solution.solved:
-                ways = [way for way in self._along(State(task, scene, 0), solution) if way[1] in self._lengths]
-                yield from self._rng.sample(ways, min(1, len(ways)))
+    return variants
 
-    def _along(self, state: State, solution: Solution) -> Iterator[tuple[Scene, int]]:
-        """The scenes on the way to the goal that are at least two edits from it, with the actions left."""
-        dynamics = dynamics_of(self._appearance)
+
+def _far_starts(appearance: str, lengths: range, rng: random.Random, task: Task) -> Iterator[tuple[Scene, int]]:
+    """Starts of more than one edit: random scenes, each changed by one item as long as that does not bring it nearer to
+    the goal, and scenes on the way from them. Ends early where the first PROBES are all near it."""
+    sampler, solver, dynamics = SAMPLERS[appearance], solver_of(appearance), dynamics_of(appearance)
+    min_edits = max(lengths.start - 1, 2)
+    near, distance = None, 0  # the scene to change next, and how far at least it is from the goal
+    for tries in range(TRIES):
+        if tries == PROBES and 2 * distance < min_edits:
+            return
+        scene = sampler.scene(rng) if near is None else sampler.changed(rng, near)
+        if task.solved_by(scene):
+            continue
+        state = State(task, scene, 0)
+        solution = solver.solve_distant(state, min_edits)
+        if solution.least_edits >= distance:
+            near, distance = scene, solution.least_edits
+        ways: list[tuple[Scene, int]] = []  # scenes at least two edits from the goal, with the actions left
         for index, action in enumerate(solution.actions[:-2]):
-            yield state.scene, solution.steps - index
+            if solution.steps - index in lengths:
+                ways.append((state.scene, solution.steps - index))
             state = dynamics.step(state, action).state
+        yield from rng.sample(ways, min(1, len(ways)))
 
 
-class _Truths(_Variants):
-    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
-        super().__init__(appearance, lengths, rng)
-        self._pool = ScenePool.sample(appearance, rng, POOL_WALKS)
+def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+    """Two scenes one edit apart, in one of which the statement is true."""
+    pool = ScenePool.sample(appearance, rng, POOL_WALKS)
 
-    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
-        """Two scenes one edit apart, in one of which it is true."""
-        pair = next(near_misses(program, self._pool.neighbours(self._rng)), ())
-        yield from ((not start.label, start.scene, None) for start in self._rng.sample(pair, len(pair)))
+    def variants(program: str) -> Iterator[_Variant]:
+        pair = next(near_misses(program, pool.neighbours(rng)), ())
+        yield from ((not start.label, start.scene, None) for start in rng.sample(pair, len(pair)))
+
+    return variants
 
 
-class _Scenes(_Variants):
+def _scenes(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     """Targets are true and false in turn, of statements for which few constant answers are right, above all few of
     those that were right most often before."""
+    answers = constant_answers(appearance)
+    weights = np.ones(len(answers))  # higher the more often an answer was right
+    target = rng.random() < 0.5  # of the next row
+    refused = 0  # statements since the last row
 
-    def __init__(self, appearance: str, lengths: range, rng: random.Random) -> None:
-        super().__init__(appearance, lengths, rng)
-        self._weights = np.ones(len(constant_answers(appearance)))  # higher the more often an answer was right
-        self._target = rng.random() < 0.5  # of the next row
-        self._refused = 0  # statements since the last row
+    def variants(program: str) -> Iterator[_Variant]:
+        nonlocal weights, target, refused
+        right = np.fromiter(map(compile_program(program).evaluate, answers), bool) == target
+        most = MAX_CONSTANT_SHARE * PATIENT_SHARE**refused
+        refused += 1
+        if right.any() and weights[right].sum() <= most * weights.sum():
+            weights = weights * np.where(right, WEIGHT_GROWTH, 1)
+            weights /= weights.sum()
+            yield target, Scene.empty(), None
+            target, refused = not target, 0
 
-    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
-        truths = np.fromiter(map(compile_program(program).evaluate, constant_answers(self._appearance)), bool)
-        right = truths == self._target
-        most = MAX_CONSTANT_SHARE * PATIENT_SHARE**self._refused
-        self._refused += 1
-        if right.any() and self._weights[right].sum() <= most * self._weights.sum():
-            self._weights *= np.where(right, WEIGHT_GROWTH, 1)
-            self._weights /= self._weights.sum()
-            yield self._target, Scene.empty(), None
-            self._target, self._refused = not self._target, 0
-
-
-class _Programs(_Variants):
-    def of(self, program: str) -> Iterator[tuple[bool, Scene, None]]:
-        if is_checkable(program, self._appearance):
-            yield True, Scene.empty(), None
+    return variants
 
 
-_VARIANTS: Mapping[str, type[_Variants]] = {"plan": _Plans, "truth": _Truths, "scene": _Scenes, "program": _Programs}
+def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
+    """Programs against which others can be checked."""
+    return lambda program: iter([(True, Scene.empty(), None)] if is_checkable(program, appearance) else [])
+
+
+_VARIANTS: Mapping[str, Callable[[str, range, random.Random], _Variants]] = {
+    "plan": _plans,
+    "truth": _truths,
+    "scene": _scenes,
+    "program": _programs,
+}

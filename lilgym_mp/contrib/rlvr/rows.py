@@ -1,24 +1,41 @@
-"""Rows: tasks for language models, complete in themselves, so that replies can be scored without any corpus."""
+"""Rows: tasks for language models, complete in themselves, so that replies can be scored without any corpus.
+
+Each prompt states the rules, the task and the form of the answer.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, cast
 
-from lilgym_mp.contrib.rlvr.prompts import PROMPTS, dynamics_of
+from PIL import Image
+
+from lilgym_mp.envs.rules import Dynamics, make_dynamics
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.costs import BOUNDED_STEPS
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import SceneError
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.programs.words import WORDS
+from lilgym_mp.scene import Scene, SceneError
+from lilgym_mp.scene.actions import BOX_NAMES, describe
+from lilgym_mp.scene.appearances import APPEARANCES, Appearance, make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
+from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, scale_line, shown_lines
 
 FORMAT = "lilgym_mp row 1"
-KINDS = tuple(PROMPTS)  # plan, truth, scene, program
 BUDGET_SHARE = 100  # the solver examines at most a hundredth of its usual number of scenes
+WITH_PICTURE = ("plan", "truth")  # kinds
+PICTURE = "A picture has three boxes with items in them."
+ANSWER_LAST = 'You may think before; a thought in "<think>...</think>" is not read.'
+SYNTAX = (
+    "A program is one expression, true or false of a picture, in a small part of Python: the names all_boxes and"
+    " all_items, lambdas, and, or, not, comparisons, +, integers, lists, sets, Color.YELLOW, Color.BLACK, Color.BLUE,"
+    " Shape.CIRCLE, Shape.SQUARE, Shape.TRIANGLE, Size.SMALL, Size.MEDIUM, Size.BIG, Side.TOP, Side.BOTTOM, Side.LEFT,"
+    " Side.RIGHT, Side.ANY, box.all_items_in_box(), box.is_tower(), item.box, item.color, item.shape, item.size, and"
+    " these functions:"
+)
 
 
 class RowError(ValueError):
@@ -47,7 +64,7 @@ class Row:
     @property
     def prompt(self) -> str:
         """The whole text for the model."""
-        return "\n".join(PROMPTS[self.kind](dynamics_of(self.appearance), self.task))
+        return _prompt(self, "list")
 
     def to_json(self) -> dict[str, Any]:
         """An unknown level or number of steps is 0, no pair "": rows of all kinds have the same types."""
@@ -73,21 +90,28 @@ class Row:
         if record.get("format") != FORMAT:
             raise RowError(f"a row must have the format {FORMAT!r}, not {record.get('format')!r:.80}")
         try:
-            choose("kind", record.get("kind"), PROMPTS)
-            choose("appearance", record.get("appearance"), APPEARANCES)
+            kind, appearance = record.get("kind"), record.get("appearance")
+            choose("kind", kind, _PROMPTS)
+            choose("appearance", appearance, APPEARANCES)
             task = Task.from_json(record.get("task"))
-            APPEARANCES[record["appearance"]].check_scene(task.start)
+            APPEARANCES[appearance].check_scene(task.start)
             value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
+            if kind == "plan" and value == task.target:
+                raise ValueError("the statement has the target value at the start, so there is no plan")
+            level, steps, pair = (record.get(name) or None for name in ("level", "steps", "pair"))
+            if {type(level), type(steps)} - {int, type(None)} or not isinstance(pair, str | None):
+                raise ValueError("level and steps must be whole numbers, pair a text, or null")
         except (ProgramError, ProgramRuntimeError) as error:
-            raise RowError(f"row {task.id!r:.80}: its program: {error}") from None  # pyright: ignore[reportPossiblyUnbound]
+            raise RowError(f"row {record.get('id')!r:.80}: its program: {error}") from None
         except (ValueError, SceneError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: {error}") from None
-        if record["kind"] == "plan" and value == task.target:
-            raise RowError(f"row {task.id!r:.80}: the statement has the target value at the start, so there is no plan")
-        level, steps, pair = (record.get(name) for name in ("level", "steps", "pair"))
-        if not all(each is None or type(each) is int for each in (level, steps)) or not isinstance(pair, str | None):
-            raise RowError(f"row {task.id!r:.80}: level and steps must be whole numbers, pair a text, or null")
-        return cls(record["kind"], record["appearance"], task, level or None, steps or None, pair or None)
+        return cls(kind, appearance, task, level, steps, pair)
+
+
+@cache
+def dynamics_of(appearance: str) -> Dynamics:
+    """The rules under which plans are made: the paper's, on the released grid. Raises ValueError."""
+    return make_dynamics(make_appearance(appearance))
 
 
 @cache
@@ -95,3 +119,104 @@ def solver_of(appearance: str) -> Solver:
     """A solver with a small budget."""
     dynamics = dynamics_of(appearance)
     return Solver(dynamics, Solver(dynamics).budget // BUDGET_SHARE)
+
+
+def _prompt(row: Row, scene: str) -> str:
+    return "\n".join(_PROMPTS[row.kind](dynamics_of(row.appearance), row.task, scene))
+
+
+def images_of(row: Row) -> list[Image.Image]:
+    """The picture of a plan or truth row, in a list as TRL's column "images"; empty for other rows."""
+    return [picture(row.task.start)] if row.kind in WITH_PICTURE else []
+
+
+def messages_of(row: Row, scene: str = "list", *, inline: bool = True) -> list[dict[str, Any]]:
+    """The prompt as one user message. `scene`: "list", "drawing", "image" or "both", of rows with a picture.
+
+    A picture is a content part before the text: PNG in a data URL, as OpenAI's chat API takes it, or, unless `inline`,
+    {"type": "image"}, which stands for `images_of(row)`, as in TRL and transformers. Raises ValueError for another
+    style, and for a picture of a row without one.
+    """
+    is_seen = choose("scene", scene, SCENE_STYLES)
+    if is_seen and row.kind not in WITH_PICTURE:
+        raise ValueError(f"a {row.kind} row has no picture to show; choose from {', '.join(WITH_PICTURE)} rows")
+    images = images_of(row) if is_seen else []
+    return [{"role": "user", "content": content_of(_prompt(row, scene), images, inline=inline)}]
+
+
+def _plan_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
+    appearance = dynamics.appearance
+    yield (
+        f"{PICTURE} You are told a statement about it, and whether to make it true or false. Write a plan that does"
+        f" so, of at most {dynamics.horizon} actions, the last one STOP. An action that is illegal when it is taken"
+        " ends the plan without success."
+    )
+    yield from appearance.explain(dynamics.rules.placement)
+    yield "Answer with one action on each line, in order, ending with STOP, such as"
+    yield from (describe(appearance.example), "STOP", f"Other lines are ignored. {ANSWER_LAST}")
+    yield f"Statement: {task.statement}"
+    yield f"Make the statement {_value(task.target)}."
+    yield from shown_lines(task.start, appearance, scene)
+
+
+def _truth_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement about it. Is the statement true or false?"
+    yield f"Answer with true or false on a line of its own. {ANSWER_LAST}"
+    yield f"Statement: {task.statement}"
+    yield from shown_lines(task.start, dynamics.appearance, scene)
+
+
+def _scene_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement. Describe a picture in which it is {_value(task.target)}."
+    yield from _scene_rules(dynamics.appearance)
+    yield ANSWER_LAST
+    yield f"Statement: {task.statement}"
+
+
+def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
+    yield f"{PICTURE} You are told a statement about pictures. Write a program with its meaning."
+    yield SYNTAX
+    yield from (word.signature for word in WORDS.values())
+    yield f"Answer with the program as the last line. {ANSWER_LAST}"
+    yield f"Statement: {task.statement}"
+
+
+def _scene_rules(appearance: Appearance) -> Iterator[str]:
+    yield "Answer with a line for each box, LEFT, MIDDLE and RIGHT, with its items separated by semicolons."
+    if appearance.grid is not None:
+        yield scale_line()
+        yield (
+            "An item is its size (small: 10 pixels, medium: 20, large: 30), colour (yellow, black, blue), shape"
+            " (circle, square, triangle) and top-left corner; items lie in their box and do not overlap. For example"
+        )
+        yield from ("LEFT: small blue circle (10, 20); large black square (50, 70)", "MIDDLE:", "RIGHT:")
+    else:
+        yield "Items are blocks, named by colour (yellow, black, blue), from the bottom; a box holds 4. For example"
+        yield from ("LEFT: blue; black", "MIDDLE:", "RIGHT: yellow")
+
+
+def scene_answer(scene: Scene, appearance: Appearance) -> str:
+    """The scene in the form in which a model should answer."""
+    return "\n".join(
+        f"{name}: "
+        + "; ".join(
+            f"{item.size.name} {item.colour.name} {item.shape.name} ({item.x}, {item.y})".lower()
+            if appearance.grid is not None
+            else item.colour.name.lower()
+            for item in box.items
+        )
+        for name, box in zip(BOX_NAMES, scene.boxes, strict=True)
+    )
+
+
+def _value(target: bool) -> str:
+    return str(target).lower()
+
+
+_PROMPTS: Mapping[str, Callable[[Dynamics, Task, str], Iterator[str]]] = {  # lines of the prompt, with a scene's style
+    "plan": _plan_lines,
+    "truth": _truth_lines,
+    "scene": _scene_lines,
+    "program": _program_lines,
+}
+KINDS = tuple(_PROMPTS)

@@ -1,9 +1,16 @@
-"""Scores replies exactly. No reply raises: what cannot be read scores like a failure, and says why."""
+"""Scores replies exactly, whole answers or one action at a time.
+
+No reply raises: what cannot be read scores like a failure, and says why.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
+
+from PIL import Image
 
 from lilgym_mp.contrib.llm.summary import progression
 from lilgym_mp.contrib.rlvr.answers import NotUnderstood, read_plan, read_program, read_scene, read_truth
@@ -13,9 +20,15 @@ from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.programs import ProgramError, StepLimitError, bounded_truths
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
-from lilgym_mp.wrappers.replies import THOUGHTS
+from lilgym_mp.wrappers.replies import ASK_AGAIN, THOUGHTS, parse_reply
+from lilgym_mp.wrappers.text import SCENE_STYLES, instructions, is_shown, picture, reward_line, text_of
 
 SUCCESS, WRONG, NO_STOP, NOT_UNDERSTOOD = "success", "wrong", "no_stop", "not_understood"  # besides the rules' outcomes
+REWARD_LINES = {  # what the prompt of a conversation says of each of REWARDS
+    "success": "Reward: 1 if you STOP when the statement is as wanted, else 0. An illegal action ends the episode.",
+    "progress": "Reward: 1 if you STOP when the statement is as wanted, else your progress towards it, from 0 to below"
+    " 1. An illegal action ends the episode.",
+}
 
 
 class Score(NamedTuple):
@@ -126,3 +139,82 @@ _CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[bool, dict[st
     "scene": _check_scene,
     "program": _check_program,
 }
+
+
+class Turn(NamedTuple):
+    """What follows a reply."""
+
+    text: str  # for the model
+    reward: float
+    done: bool
+    outcome: str
+    action: str | None  # None if the reply was not understood
+
+
+@dataclass
+class Conversation:
+    """One episode of a plan row, one action for each reply.
+
+    After a reply without an action the model is asked again; the next one in a row ends the episode as not understood,
+    without success: only a STOP that was said counts. `reward`: "success" or "progress", given at the end, or
+    "return", the environment's reward in each turn. `retries`: in a row. `scene`: as for `TextObservation`; `images`
+    has the pictures. `thoughts`: their tags. Raises RowError for a row of another kind, ValueError for an unknown
+    reward or scene.
+    """
+
+    row: Row
+    reward: str = "success"
+    _: KW_ONLY
+    retries: int = 1
+    scene: str = "list"
+    thoughts: Sequence[str] = THOUGHTS
+    state: State = field(init=False)
+    done: bool = field(init=False, default=False)
+
+    def __post_init__(self) -> None:
+        if self.row.kind != "plan":
+            raise RowError(f"row {self.row.id!r:.80} is a {self.row.kind} row; only plans have several turns")
+        choose("reward", self.reward, REWARDS)
+        self._is_seen = choose("scene", self.scene, SCENE_STYLES)
+        self._dynamics = dynamics_of(self.row.appearance)
+        self.state = self._dynamics.start(self.row.task)
+        self._failed = 0  # replies in a row that were not understood
+
+    @property
+    def prompt(self) -> str:
+        """The first message: the rules and the start."""
+        rewards = REWARD_LINES.get(self.reward) or reward_line(self._dynamics)
+        return f"{instructions(self._dynamics, rewards)}\n{self._text()}"
+
+    @property
+    def images(self) -> list[Image.Image]:
+        """The picture that belongs to the last text, if scenes are shown as pictures."""
+        return [picture(self.state.scene)] if self._is_seen and not self.done else []
+
+    def step(self, reply: object) -> Turn:
+        """`reply`: a text, content parts or messages. Raises ValueError after the end."""
+        if self.done:
+            raise ValueError("the episode is over")
+        appearance = self._dynamics.appearance
+        shown = partial(is_shown, appearance, lambda: self._dynamics.legal_mask(self.state))
+        parsed = parse_reply(reply, appearance, 0, shown, thoughts=self.thoughts)
+        if parsed.understood:
+            self._failed, action = 0, appearance.decode(parsed.action)
+            moved = self._dynamics.step(self.state, action)
+            self.state, self.done = moved.state, moved.result.ends
+            name, outcome, reward = describe(action), str(moved.outcome), moved.reward
+        else:
+            self._failed += 1
+            self.done = self._failed > self.retries
+            if not self.done:
+                return Turn(ASK_AGAIN, 0.0, False, NOT_UNDERSTOOD, None)
+            name, outcome = None, NOT_UNDERSTOOD
+            reward = self._dynamics.rules.signals[Outcome.WRONG_STOP].reward  # as for a plan that is not understood
+        if self.reward != "return":
+            reward = REWARDS[self.reward](Played(self.row, outcome, self.state, 0.0)) if self.done else 0.0
+        text = f"The episode is over: {outcome}." if self.done else self._text()
+        return Turn(text, reward, self.done, outcome, name)
+
+    def _text(self) -> str:
+        legal = self._dynamics.legal_mask(self.state)
+        return text_of(self._dynamics, self.state, legal=legal, scene=self.scene, rules=False)

@@ -8,8 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from lilgym_mp.contrib.rlvr.prompts import scene_answer
-from lilgym_mp.contrib.rlvr.rows import Row, dynamics_of, solver_of
+from lilgym_mp.contrib.rlvr.rows import Row, dynamics_of, scene_answer, solver_of
 from lilgym_mp.corpus.generator import statements
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.envs.rules import State
