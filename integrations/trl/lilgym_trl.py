@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import torch
@@ -17,6 +18,7 @@ from datasets import IterableDataset
 from trl import GRPOConfig, GRPOTrainer
 
 from lilgym_mp.contrib.rlvr import Conversation, Row, RowError, images_of, messages_of, rows, score
+from lilgym_mp.wrappers.text import content_of
 
 
 def stream(
@@ -38,11 +40,12 @@ def stream(
 
 def _examples(arguments: tuple[str, str, int], *, turns: bool, scene: str, **settings: Any) -> Iterator[dict[str, Any]]:
     for row in rows(*arguments, **settings):
+        images = images_of(row) if scene in ("image", "both") else []
         prompt = messages_of(row, scene, inline=False)
         if turns:
-            prompt = [{"role": "user", "content": f"{Conversation(row).prompt}\nAct step by step, with the tool."}]
-        images = {"images": images_of(row)} if scene in ("image", "both") else {}
-        yield {"prompt": prompt, "row": json.dumps(row.to_json()), **images}
+            text = f"{Conversation(row, scene=scene).prompt}\nAct step by step, with the tool."
+            prompt = [{"role": "user", "content": content_of(text, images, inline=False)}]
+        yield {"prompt": prompt, "row": json.dumps(row.to_json()), **({"images": images} if images else {})}
 
 
 def verified_reward(completions: Sequence[Any], row: Sequence[str], **columns: Any) -> list[float | None]:
@@ -62,13 +65,17 @@ class PlanEnvironment:
     """For `environment_factory`: one action for each call of the tool `act`.
 
     Always train with `stream(turns=True)`, whose prompts show the start: TRL resets each member of a group on its own,
-    so without rows the members would get different tasks, and their rewards could not be compared.
+    so without rows the members would get different tasks, and their rewards could not be compared. `scene`: that of the
+    prompts.
     """
 
-    def reset(self, row: str, **columns: Any) -> None:
-        self._talk, self._reward = Conversation(Row.from_json(json.loads(row))), 0.0
+    def __init__(self, scene: str = "list") -> None:
+        self._scene = scene
 
-    def act(self, action: str) -> str:
+    def reset(self, row: str, **columns: Any) -> None:
+        self._talk, self._reward = Conversation(Row.from_json(json.loads(row)), scene=self._scene), 0.0
+
+    def act(self, action: str) -> Any:
         """
         Take one action.
 
@@ -82,21 +89,23 @@ class PlanEnvironment:
             return "The episode is over."
         turn = self._talk.step(action)
         self._reward += turn.reward
-        return turn.text
+        shown = [{"type": "image", "image": image} for image in self._talk.images]
+        return [*shown, {"type": "text", "text": turn.text}] if shown else turn.text
 
     def get_reward(self) -> float:
         return self._reward
 
 
 def trainer(
-    model: Any, *, turns: bool = False, tokenizer: Any = None, dataset: Any = None, **settings: Any
+    model: Any, *, turns: bool = False, scene: str = "list", tokenizer: Any = None, dataset: Any = None, **settings: Any
 ) -> GRPOTrainer:
     """A trainer of plans. `settings`: of GRPOConfig."""
-    rewards = {"environment_factory": PlanEnvironment} if turns else {"reward_funcs": verified_reward}
+    environment = partial(PlanEnvironment, scene)
+    rewards = {"environment_factory": environment} if turns else {"reward_funcs": verified_reward}
     return GRPOTrainer(
         model=model,
         args=GRPOConfig(**settings),
-        train_dataset=stream(turns=turns) if dataset is None else dataset,
+        train_dataset=stream(turns=turns, scene=scene) if dataset is None else dataset,
         processing_class=tokenizer,
         **rewards,
     )
@@ -111,13 +120,14 @@ def main() -> None:
     parser.add_argument("--scene", choices=["list", "image", "both"], default="list")
     parser.add_argument("--max-completion-length", type=int, default=256, help="in tokens")
     parser.add_argument("--out", default="runs/grpo")
+    parser.add_argument("--option", nargs="+", default=[], metavar="KEY=VALUE", help="others of GRPOConfig, in JSON")
     args = parser.parse_args()
-    if args.turns and args.scene != "list":
-        parser.error("--turns shows scenes as lists")
     settings = {"output_dir": args.out, "max_steps": args.steps, "num_generations": 8, "logging_steps": 1}
     settings |= {"max_completion_length": args.max_completion_length, "use_cpu": not torch.accelerator.is_available()}
+    for key, _, value in (option.partition("=") for option in args.option):
+        settings[key] = json.loads(value)
     dataset = stream(level=args.level, turns=args.turns, scene=args.scene)
-    trainer(args.model, turns=args.turns, dataset=dataset, **settings).train()
+    trainer(args.model, turns=args.turns, scene=args.scene, dataset=dataset, **settings).train()
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ import pytest
 import torch
 import transformers
 import trl
-from lilgym_trl import stream, trainer, verified_reward
+from lilgym_trl import PlanEnvironment, stream, trainer, verified_reward
 from tokenizers import AddedToken, Tokenizer, models, pre_tokenizers
 
 from lilgym_mp.contrib.rlvr import Row, expert_reply, rows
@@ -108,6 +108,12 @@ def test_stream__has_pictures_and_prompts_for_turns():
     assert seen["images"][0].size == (380, 100)
     (turn,) = stream(level=1, turns=True).take(1)
     assert turn["prompt"][0]["content"].count(json.loads(turn["row"])["task"]["statement"]) == 1
+    (seen,) = stream(level=1, turns=True, scene="image").take(1)
+    assert [part["type"] for part in seen["prompt"][0]["content"]] == ["image", "text"]
+    environment = PlanEnvironment("image")
+    environment.reset(seen["row"])
+    assert [part["type"] for part in environment.act("hm")] == ["image", "text"]
+    assert environment.act("STOP") == "The episode is over: wrong_stop."
 
 
 def test_stream__rows_can_be_scored():

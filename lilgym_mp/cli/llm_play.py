@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from itertools import count
 from pathlib import Path
-from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.corpus.notes import printable
@@ -100,7 +99,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.llm import Player, make_agent, summarise
-    from lilgym_mp.contrib.llm.recording import write_recording
+    from lilgym_mp.contrib.llm.recording import named_policy, write_recording
+    from lilgym_mp.evaluation.recording import episodes_file
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
@@ -119,17 +119,24 @@ def run(args: argparse.Namespace) -> int:
         thoughts=args.thoughts or THOUGHTS,
         system=not args.no_system,
     )
-    if args.out is None:
-        args.out = _default_directory(args, agent_options)
+    args.out = args.out or _default_directory(args, agent_options)
     settings = _settings(player, args)
-    done = _checked_output(args, agent_options, settings)
-    taken = Lock()  # by the thread that uses `agent`
+    done = _episodes_to_resume(args.out, settings) if args.resume else []
+    outputs = [args.out / TRANSCRIPTS, args.out / SUMMARY]
+    if args.record is not None:
+        named = named_policy(player, args.agent, agent_options)
+        outputs.append(episodes_file(args.record, named, player.settings, args.split, args.seed))
+    elif args.judge_decisions:
+        raise CommandError("--judge-decisions needs --record DIR")
+    for path in outputs:
+        fresh_file(path, force=args.force or args.resume)
+    unused = iter([agent])
 
     def make_player() -> Player:
         """A player for a thread. Threads share an agent that plays several episodes; of others each has its own."""
-        if getattr(agent, "concurrency", 1) > 1 or taken.acquire(blocking=False):
-            return replace(player, agent=agent)
-        return replace(player, agent=make_agent(args.agent, agent_options))
+        is_shared = getattr(agent, "concurrency", 1) > 1
+        own = agent if is_shared else next(unused, None) or make_agent(args.agent, agent_options)
+        return replace(player, agent=own)
 
     episodes, failures = _play(player, make_player, args, done, settings)
     summary = summarise(episodes, len(failures), args.prices and tuple(args.prices))
@@ -137,9 +144,7 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.out / SUMMARY, {"settings": settings, **asdict(summary)})
     print(f"results      {args.out}")
     if failures:
-        print(
-            f"failed       {len(failures)} episodes, which are not in the rates; --out {args.out} --resume plays them"
-        )
+        print(f"failed       {len(failures)} episodes, not in the rates; --out {args.out} --resume plays them")
     if args.record is not None:
         judges = args.judge_decisions
         path = write_recording(
@@ -213,28 +218,6 @@ def _play(
 
 def _write_transcripts(path: Path, results: Sequence[Episode | Failure]) -> None:
     write_text(path, "".join(json.dumps(asdict(each), ensure_ascii=False) + "\n" for each in results))
-
-
-def _checked_output(args: argparse.Namespace, agent_options: dict[str, Any], settings: dict[str, Any]) -> list[Episode]:
-    """The episodes of the run to resume, if any.
-
-    Raises OutputError if results exist and may not be overwritten, or cannot be written, CommandError for a run with
-    other settings.
-    """
-    from lilgym_mp.contrib.llm.recording import recording_name
-    from lilgym_mp.evaluation.recording import episodes_file
-
-    if args.judge_decisions and args.record is None:
-        raise CommandError("--judge-decisions needs --record DIR")
-    if args.record is not None:
-        named = recording_name(args.agent, agent_options)
-        path = episodes_file(args.record, named, Settings(**given_settings(args)), args.split, args.seed)
-        fresh_file(path, force=args.force or args.resume)
-    if args.resume:
-        return _episodes_to_resume(args.out, settings)
-    for name in (TRANSCRIPTS, SUMMARY):
-        fresh_file(args.out / name, force=args.force)
-    return []
 
 
 def _episodes_to_resume(out: Path, settings: dict[str, Any]) -> list[Episode]:

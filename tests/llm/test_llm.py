@@ -54,8 +54,12 @@ class Scripted:
         return Answer(self.answers.pop(0) if self.answers else "STOP", 10, 2)
 
 
-@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
-@pytest.mark.parametrize("scene", ["list", "drawing"])
+def play(arguments: str, *more: str) -> int:
+    """The status of `lilgym-mp llm play` with these arguments, separated by blanks, and `more`."""
+    return main(["llm", "play", "TowerFlipIt", *arguments.split(), *more])
+
+
+@pytest.mark.parametrize(("configuration", "scene"), [("TowerFlipIt", "drawing"), ("ScatterScratch", "list")])
 def test_expert__succeeds_through_text(configuration: str, scene: str):
     player = Player(Settings(configuration), make_agent("expert"), scene=scene)
     episodes = [player.play(task) for task in player.task_ids()[:5]]
@@ -261,8 +265,8 @@ def test_system_role__can_be_left_out():
 @pytest.mark.parametrize("scene", ["image", "both"])
 def test_pictures__arrive_at_the_server_in_native_size(scene: str, tmp_path: Path):
     with served(lambda body, number: (200, chat("ADD(LEFT, BLUE)" if number == 1 else "STOP"))) as (url, requests):
-        command = ["llm", "play", "TowerScratch", "--agent", "openai", "--option", f"url={url}", "model=sees"]
-        assert main([*command, "--episodes", "1", "--scene", scene, "--out", str(tmp_path)]) == 0
+        command = f"llm play TowerScratch --agent openai --option url={url} model=sees --episodes 1 --scene {scene}"
+        assert main([*command.split(), "--out", str(tmp_path)]) == 0
     contents = [message["content"] for message in requests[1]["messages"] if message["role"] == "user"]
     player = Player(Settings("TowerScratch"), Scripted())
     player.env.reset(options={"task": player.task_ids()[0]})
@@ -303,28 +307,16 @@ def test_command__failed_episodes_are_counted_and_resumed(tmp_path: Path, capsys
         url,
         asked,
     ):
-        command = [
-            "llm",
-            "play",
-            "TowerFlipIt",
-            "--agent",
-            "openai",
-            "--option",
-            f"url={url}",
-            "model=m",
-            "--episodes",
-            "6",
-        ]
-        command += ["--out", str(tmp_path), "--concurrency", "1", "--prices", "1", "10"]
-        assert main(command) == 0
+        command = f"--agent openai --option url={url} model=m --episodes 6 --out {tmp_path} --concurrency 1"
+        assert play(f"{command} --prices 1 10") == 0
         summary = json.loads((tmp_path / "summary.json").read_text())
         assert (summary["episodes"], summary["failed_episodes"], summary["failed_calls"]) == (4, 2, 2)
         assert summary["cost"] == pytest.approx(4 * (7 * 1 + 3 * 10) / 1e6)
-        assert "failed       2 episodes, which are not in the rates" in capsys.readouterr().out
+        assert "failed       2 episodes, not in the rates" in capsys.readouterr().out
         down.clear()
-        assert main([*command, "--resume"]) == 0
+        assert play(f"{command} --resume") == 0
         assert len(asked) == 8
-        assert main([*command[:-3], "--scene", "drawing", "--resume"]) == 2
+        assert play(f"{command} --scene drawing --resume") == 2
         assert "was played with scene 'list', not 'drawing'" in capsys.readouterr().err
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert (summary["episodes"], summary["failed_episodes"]) == (6, 0)
@@ -341,23 +333,13 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
         return 200, chat("STOP")
 
     with served(reply) as (url, requests):
-        command = [
-            "llm",
-            "play",
-            "TowerFlipIt",
-            "--agent",
-            "openai",
-            "--option",
-            f"url={url}",
-            "model=m",
-            "--episodes",
-            "8",
-        ]
-        assert main([*command, "--out", str(tmp_path / "a"), "--concurrency", "8"]) == 0
+        assert (
+            play(f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path / 'a'}") == 0
+        )
     assert len(requests) == 8
-    command = ["llm", "play", "TowerFlipIt", "--agent", "random", "--episodes", "8", "--retries", "0"]
-    for name, concurrency in (("b", "1"), ("c", "3")):
-        assert main([*command, "--out", str(tmp_path / name), "--concurrency", concurrency]) == 0
+    for name, concurrency in (("b", 1), ("c", 3)):
+        command = f"--agent random --episodes 8 --retries 0 --concurrency {concurrency}"
+        assert play(f"{command} --out {tmp_path / name}") == 0
     one, three = (
         [json.loads(line)["actions"] for line in (tmp_path / name / "transcripts.jsonl").read_text().splitlines()]
         for name in ("b", "c")
@@ -367,7 +349,7 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
 
 def test_command__writes_to_a_directory_by_default(capsys: pytest.CaptureFixture[str]):
     for directory in (Path("runs/llm-TowerFlipIt-expert"), Path("runs/llm-TowerFlipIt-expert-2")):
-        assert main(["llm", "play", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]) == 0
+        assert play("--agent expert --episodes 1") == 0
         assert f"results      {directory}" in capsys.readouterr().out
     assert {file.name for file in directory.iterdir()} == {"summary.json", "transcripts.jsonl"}
 
@@ -391,36 +373,34 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
 
 
 def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    command = ["llm", "play", "TowerFlipIt", "--agent", "expert", "--episodes", "1"]
-    for outputs in (["--out", str(tmp_path / "out")], ["--record", str(tmp_path / "record")]):
-        assert main([*command, *outputs]) == 0
-        assert main([*command, *outputs]) == 2
+    for option in ("--out", "--record"):
+        command = f"--agent expert --episodes 1 {option} {tmp_path / option}"
+        assert play(command) == 0
+        assert play(command) == 2
         assert "--force overwrites it" in capsys.readouterr().err
-        assert main([*command, *outputs, "--force"]) == 0
+        assert play(f"{command} --force") == 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--agent", "nobody"], "unknown agent 'nobody'; choose from expert, openai, random, transformers"),
-        (["--agent", "openai"], "cannot be constructed with the options"),
-        (["--agent", "openai", "--option", "url"], "--option takes KEY=VALUE, not 'url'"),
-        (["--agent", "json:loads"], "cannot be constructed with the options"),
-        (["--agent", "os:abort.x"], "name it module:Class, importable from here"),
-        (["--agent", "openai", "--option", "url=ftp://x", "model=m"], "url must begin with http:// or https://"),
-        (["--agent", "openai", "--option", "url=http://x", "model=m", "retries=-1"], "must be positive, retries"),
-        (["--agent", "openai", "--option", "url=http://x", "model=m", "api_key=x"], "api_key cannot be set"),
-        (["--agent", "openai", "--option", "model=m", "key_variable=NO_KEY"], "set NO_KEY to the API key, or give the"),
-        (["--agent", "expert", "--resume", "--out", "nowhere"], "nowhere: no run to resume"),
-        (["--agent", "expert", "--concurrency", "0"], "--concurrency must be at least 1, not 0"),
-        (["--agent", "collections:OrderedDict"], "has no method answer"),
-        (["--agent", "expert", "--episodes", "0"], "--episodes must be at least 1, not 0"),
+        ("--agent nobody", "unknown agent 'nobody'; choose from expert, openai, random, transformers"),
+        ("--agent openai", "cannot be constructed with the options"),
+        ("--agent openai --option url", "--option takes KEY=VALUE, not 'url'"),
+        ("--agent json:loads", "cannot be constructed with the options"),
+        ("--agent os:abort.x", "name it module:Class, importable from here"),
+        ("--agent openai --option url=ftp://x model=m", "url must begin with http:// or https://"),
+        ("--agent openai --option url=http://x model=m retries=-1", "must be positive, retries"),
+        ("--agent openai --option url=http://x model=m api_key=x", "api_key cannot be set"),
+        ("--agent openai --option model=m key_variable=NO_KEY", "set NO_KEY to the API key, or give the"),
+        ("--agent expert --resume --out nowhere", "nowhere: no run to resume"),
+        ("--agent expert --concurrency 0", "--concurrency must be at least 1, not 0"),
+        ("--agent collections:OrderedDict", "has no method answer"),
+        ("--agent expert --episodes 0", "--episodes must be at least 1, not 0"),
     ],
 )
-def test_command__invalid_arguments_are_reported(
-    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-):
-    assert main(["llm", "play", "TowerFlipIt", *arguments]) == 2
+def test_command__invalid_arguments_are_reported(arguments: str, message: str, capsys: pytest.CaptureFixture[str]):
+    assert play(arguments) == 2
     assert message in capsys.readouterr().err
 
 
@@ -523,36 +503,41 @@ class Sampler(Scripted):
         super().__init__()
 
 
-SMALL = {"model": "small"}
-
-
 @pytest.mark.parametrize(
     ("agent", "options", "expected", "recipe"),
     [
-        ("random", [], ("sampled", True, "none"), {}),
-        ("expert", [], ("greedy", False, "knows the rules, the scene and the program"), {}),
-        (f"{__name__}:Sampler", ["temperature=0"], ("greedy", False, UNKNOWN), {**SMALL, "temperature": 0}),
-        (f"{__name__}:Sampler", [], ("sampled", False, UNKNOWN), {**SMALL, "temperature": 0.7}),
+        ("random", "", ("sampled", True, "none"), {}),
+        ("expert", "", ("greedy", False, "knows the rules, the scene and the program"), {}),
+        (
+            f"{__name__}:Sampler",
+            "--option model=small temperature=0",
+            ("greedy", False, UNKNOWN),
+            {"model": "small", "temperature": 0},
+        ),
+        (
+            f"{__name__}:Sampler",
+            "--option model=small",
+            ("sampled", False, UNKNOWN),
+            {"model": "small", "temperature": 0.7},
+        ),
     ],
 )
 def test_recording__names_the_model_and_whether_it_samples(
-    agent: str, options: list[str], expected: tuple[str, bool, str], recipe: dict[str, Any], tmp_path: Path
+    agent: str, options: str, expected: tuple[str, bool, str], recipe: dict[str, Any], tmp_path: Path
 ):
-    command = ["llm", "play", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--record", str(tmp_path)]
-    options = ["--option", "model=small", *options] if "model" in recipe else []
-    assert main([*command, *options, "--scene", "drawing", "--no-legal-actions", "--retries", "2"]) == 0
+    shown = {"scene": "drawing", "legal_actions": False, "retries": 2, "history": 12}
+    command = f"--agent {agent} --episodes 1 --record {tmp_path} --scene drawing --no-legal-actions --retries 2"
+    assert play(f"{command} {options}") == 0
     header = read_episodes(next(tmp_path.glob(f"*{SUFFIX}"))).header
     assert header.agent == f"text {agent}"
     assert (header.actions, header.mask, header.supervision) == expected
-    shown = {"scene": "drawing", "legal_actions": False, "retries": 2, "history": 12}
     assert header.recipe == {"agent": agent, **recipe, **shown}
 
 
 def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
     agent = f"{__name__}:Sampler"
     for model in ("small", "large"):
-        command = ["llm", "play", "TowerFlipIt", "--agent", agent, "--episodes", "1", "--option", f"model={model}"]
-        assert main([*command, "--record", str(tmp_path)]) == 0
+        assert play(f"--agent {agent} --episodes 1 --option model={model} --record {tmp_path}") == 0
     agents = load_report_data([tmp_path]).agents
     assert sorted(agents) == [f"text {agent} (model {model})" for model in ("large", "small")]
 
@@ -566,10 +551,9 @@ def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
     ],
 )
 def test_command__writes_no_secrets(agent: str, options: list[str], shown: str, tmp_path: Path):
-    outputs = ["--episodes", "1", "--record", str(tmp_path), "--out", str(tmp_path)]
     with served(lambda body, number: (200, chat("STOP"))) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
-        assert main(["llm", "play", "TowerFlipIt", "--agent", agent, *options, *outputs]) == 0
+        assert play(f"--agent {agent} --episodes 1 --record {tmp_path} --out {tmp_path}", *options) == 0
     assert shown.replace("SAFE", url) in next(tmp_path.glob("*.metadata.json")).read_text()
     files = list(tmp_path.iterdir())
     assert len(files) == 4

@@ -248,13 +248,10 @@ def test_reply__in_scatter_may_use_words(make: Make, reply: str):
 )
 def test_reply__in_scatter_ignores_numbers_that_were_not_shown(make: Make, reply: str):
     env = TextObservation(make("ScatterScratch"))
+    assert env.parse_action("remove 3 4").understood  # before the first reset
     env.reset(seed=0)
     assert env.parse_action(reply) == Reply(0, understood=False)
     assert env.parse_action("0") == Reply(0, understood=True)
-
-
-def test_reply__before_the_first_reset_can_be_parsed(make: Make):
-    assert TextObservation(make("ScatterScratch")).parse_action("remove 3 4").understood
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
@@ -297,23 +294,16 @@ def test_drawing__shows_shapes_colours_and_cells(make: Make):
     assert text in env.observation_space
 
 
-def test_unknown_scene_style__is_refused(make: Make):
-    with pytest.raises(ValueError, match="unknown scene 'picture'; choose from both, drawing, image, list"):
-        TextObservation(make("TowerScratch"), scene="picture")
-
-
-@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterFlipIt"])
-def test_instructions__state_rewards_actions_and_answer_format(make: Make, configuration: str):
-    text = TextObservation(make(configuration)).instructions()
-    assert "Rewards: STOP +1" in text
-    assert "REMOVE(" in text
-    assert "Answer with one action" in text
-    assert ("separators" in text) is configuration.startswith("Scatter")
-
-
-def test_default__must_be_an_action(make: Make):
-    with pytest.raises(ValueError, match="default must be the number or name of an action, not 99"):
-        TextObservation(make("TowerScratch"), default=99)
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"scene": "picture"}, "unknown scene 'picture'; choose from both, drawing, image, list"),
+        ({"default": 99}, "default must be the number or name of an action, not 99"),
+    ],
+)
+def test_invalid_settings__are_refused(make: Make, settings: dict[str, Any], message: str):
+    with pytest.raises(ValueError, match=message):
+        TextObservation(make("TowerScratch"), **settings)
 
 
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -123,8 +124,7 @@ def summarise(
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
     low, high = wilson_interval(successes, count)
     progressions = [episode.progression for episode in episodes]
-    mean = sum(progressions) / count
-    variance = sum((each - mean) ** 2 for each in progressions) / (count - 1) if count > 1 else 0.0
+    deviation = statistics.stdev(progressions) if count > 1 else 0.0
     turns = [turn for episode in episodes for turn in episode.turns]
     outcomes = [episode.outcome for episode in episodes]
     read, written = (_total([getattr(turn, name) for turn in turns]) for name in ("prompt_tokens", "completion_tokens"))
@@ -137,10 +137,10 @@ def summarise(
         success=successes / count,
         success_low=low,
         success_high=high,
-        progression=mean,
-        progression_deviation=math.sqrt(variance / count),
-        mean_reward=sum(episode.reward for episode in episodes) / count,
-        mean_actions=sum(len(episode.actions) for episode in episodes) / count,
+        progression=statistics.fmean(progressions),
+        progression_deviation=deviation / math.sqrt(count),
+        mean_reward=statistics.fmean(episode.reward for episode in episodes),
+        mean_actions=statistics.fmean(len(episode.actions) for episode in episodes),
         answers=len(turns),
         misunderstood=sum(not turn.understood for turn in turns),
         seconds=sum(turn.seconds for turn in turns),
@@ -156,4 +156,4 @@ def summarise(
 def _total(numbers: Sequence[int | None]) -> int | None:
     """The sum; None if any number is unknown."""
     known = [number for number in numbers if number is not None]
-    return sum(known) if known and len(known) == len(numbers) else None
+    return sum(known) if 0 < len(known) == len(numbers) else None

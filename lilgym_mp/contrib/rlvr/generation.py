@@ -6,6 +6,7 @@ import math
 import random
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import lru_cache
 from itertools import islice
 
 import numpy as np
@@ -92,6 +93,9 @@ def _rows(
             number, barren, begun = number + 1, 0, time.monotonic()
 
 
+_split_of = lru_cache(maxsize=65_536)(split_of)  # most statements are of other splits, and draws repeat programs
+
+
 def _new_statements(appearance: str, level: int, split: str, rng: random.Random) -> Iterator[TrainingPair]:
     """Statements of the split, new ones as long as there are any."""
     seen: set[int] = set()
@@ -101,7 +105,7 @@ def _new_statements(appearance: str, level: int, split: str, rng: random.Random)
         key = hash(pair)
         if key in seen and unused <= PATIENCE:
             continue
-        if statement_digest(pair.statement) in shipped_digests() or split_of(pair.program, appearance) != split:
+        if statement_digest(pair.statement) in shipped_digests() or _split_of(pair.program, appearance) != split:
             continue
         if unused <= PATIENCE:
             unused = 0

@@ -5,6 +5,7 @@ Each prompt states the rules, the task and the form of the answer.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -24,7 +25,7 @@ from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, scale_line, shown_lines
 
-FORMAT = "lilgym_mp row 1"
+FORMAT = "lilgym_mp row 2"
 BUDGET_SHARE = 100  # the solver examines at most a hundredth of its usual number of scenes
 WITH_PICTURE = ("plan", "truth")  # kinds
 PICTURE = "A picture has three boxes with items in them."
@@ -67,7 +68,8 @@ class Row:
         return _prompt(self, "list")
 
     def to_json(self) -> dict[str, Any]:
-        """An unknown level or number of steps is 0, no pair "": rows of all kinds have the same types."""
+        """An unknown level or number of steps is 0, no pair "", and the start scene is JSON text: in tables, columns of
+        rows of all kinds have the same types."""
         return {
             "format": FORMAT,
             "id": self.id,
@@ -77,7 +79,7 @@ class Row:
             "steps": self.steps or 0,
             "pair": self.pair or "",
             "prompt": self.prompt,
-            "task": self.task.to_json(),
+            "task": {**self.task.to_json(), "start": json.dumps(self.task.start.to_json())},
         }
 
     @classmethod
@@ -86,14 +88,17 @@ class Row:
 
         The program must compile and have a value in the start scene, which a plan must have to change.
         """
-        record = cast("Mapping[str, Any]", data) if isinstance(data, Mapping) else {}
+        record: Mapping[str, Any] = cast("Any", data) if isinstance(data, Mapping) else {}
         if record.get("format") != FORMAT:
             raise RowError(f"a row must have the format {FORMAT!r}, not {record.get('format')!r:.80}")
         try:
             kind, appearance = record.get("kind"), record.get("appearance")
             choose("kind", kind, _PROMPTS)
             choose("appearance", appearance, APPEARANCES)
-            task = Task.from_json(record.get("task"))
+            told = record.get("task")
+            task = Task.from_json(
+                {**told, "start": json.loads(told.get("start"))} if isinstance(told, Mapping) else told
+            )
             APPEARANCES[appearance].check_scene(task.start)
             value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
             if kind == "plan" and value == task.target:
@@ -103,7 +108,7 @@ class Row:
                 raise ValueError("level and steps must be whole numbers, pair a text, or null")
         except (ProgramError, ProgramRuntimeError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: its program: {error}") from None
-        except (ValueError, SceneError) as error:
+        except (ValueError, TypeError, RecursionError, SceneError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: {error}") from None
         return cls(kind, appearance, task, level, steps, pair)
 
