@@ -149,7 +149,7 @@ def answer_text(reply: object, thoughts: Sequence[str] = THOUGHTS) -> str | None
 
 
 def _sign(match: re.Match[str]) -> str:
-    """What a sign of LaTeX, or a line end written as in Python, stands for."""
+    """The plain text for a sign of LaTeX, or for a line end written as in Python."""
     if match["relation"]:
         return f" {_RELATIONS[match['relation']]} "
     return match["escaped"] or ("\n" if match["line"] else " -> " if match["arrow"] else " ")

@@ -32,6 +32,10 @@ from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, 
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos
+SCALE = (
+    f"Scene: three boxes of {BOX_SIDE} x {BOX_SIDE} pixels; (x, y) is an item's top-left corner in its box,"
+    " y grows downwards."
+)
 ANSWER = "Answer with one action: its name on a line of its own, such as {example}."
 ANSWER_RULES = (
     "Actions within sentences do not count. If several lines are actions, write your choice as Action: {example}."
@@ -141,7 +145,7 @@ def shown_lines(scene: Scene, appearance: Appearance, style: str, *, rules: bool
     elif style == "drawing":
         yield from drawing_lines(scene, appearance)
     else:
-        yield from (scale_line(), *cell_lines(appearance)) if rules else ()
+        yield from (SCALE, *cell_lines(appearance)) if rules else ()
         yield from item_lines(scene, appearance)
 
 
@@ -170,7 +174,7 @@ def content_of(text: str, images: Sequence[Image.Image], *, inline: bool = True)
 
 
 def is_shown(appearance: Appearance, legal: Callable[[], BoolArray], index: int) -> bool:
-    """Whether the number of an action means something to the agent: if there are few actions, or it is listed.
+    """Whether the agent knows an action by its number: if there are few actions, or it is listed.
 
     `legal`: returns the current mask.
     """
@@ -286,7 +290,7 @@ def instructions(dynamics: Dynamics, rewards: str | None = None) -> str:
             "You edit a picture of three boxes, one action at a time. You are told a statement about the picture, and"
             " whether to make it true or false. When it is as wanted, STOP.",
             rewards or reward_line(dynamics),
-            scale_line(),
+            SCALE,
             *cell_lines(dynamics.appearance),
             *dynamics.appearance.explain(dynamics.rules.placement),
             answer_line(dynamics.appearance),
@@ -306,30 +310,19 @@ def reward_line(dynamics: Dynamics) -> str:
     )
 
 
-def scale_line() -> str:
-    """The coordinate system."""
-    return (
-        f"Scene: three boxes of {BOX_SIDE} x {BOX_SIDE} pixels; (x, y) is an item's top-left corner in its box,"
-        " y grows downwards."
-    )
-
-
 def cell_lines(appearance: Appearance) -> Iterator[str]:
     """The grid of cells; nothing for appearances whose actions name only boxes."""
     if appearance.grid is None:
         return
-    columns, rows = appearance.grid
     width, height = cell_size(appearance.grid)
     places = box_columns(appearance.grid)
     boxes = ", ".join(f"{name} {first}-{last}" for name, (first, last) in zip(BOX_NAMES, places, strict=True))
-    used = {column for first, last in places for column in range(first, last + 1)}
-    separators = [column for column in range(columns) if column not in used]
-    half = len(separators) // (BOX_COUNT - 1)
-    between = " and ".join(f"{part[0]}-{part[-1]}" for part in (separators[:half], separators[half:]) if part)
+    gaps = [(last + 1, first - 1) for (_, last), (first, _) in itertools.pairwise(places)]
+    between = " and ".join(f"{first}-{last}" for first, last in gaps if first <= last)
     yield (
         f"Cells (column, row) of {width} x {height} pixels: columns of the boxes {boxes}; columns {between} are"
-        f" separators, where nothing can be; rows 0-{rows - 1} from the top. A box's cell covers x from {width} *"
-        f" (column - its first column) and y from {height} * row."
+        f" separators, where nothing can be; rows 0-{appearance.grid[1] - 1} from the top. A box's cell covers x from"
+        f" {width} * (column - its first column) and y from {height} * row."
     )
 
 

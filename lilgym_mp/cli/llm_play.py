@@ -164,7 +164,7 @@ def _default_directory(args: argparse.Namespace, agent_options: dict[str, Any]) 
 
 
 def _settings(player: Player, args: argparse.Namespace) -> dict[str, Any]:
-    """What determines the episodes."""
+    """The settings that determine the episodes."""
     names = ("agent", "split", "scene", "retries", "history", "seed")
     return {
         **player.settings.to_json(),

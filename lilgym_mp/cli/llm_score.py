@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from math import comb
 from pathlib import Path
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_file, write_json
@@ -40,7 +41,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from lilgym_mp.contrib.llm import wilson_interval
     from lilgym_mp.contrib.rlvr import score
     from lilgym_mp.wrappers.replies import THOUGHTS
 
@@ -61,8 +61,8 @@ def run(args: argparse.Namespace) -> int:
         scores.append({"id": row.id, "reward": reward, "outcome": MISSING, "details": {"reason": "there is no reply"}})
     summary = summarised(scores)
     count, success = summary["prompts"], summary["success"]
-    low, high = wilson_interval(success * count, count)
-    print(f"success   {success:.1%} ({success * count:.4g} of {count}; 95 % interval {low:.1%} to {high:.1%})")
+    interval = f"95 % interval {summary['success_low']:.1%} to {summary['success_high']:.1%}"
+    print(f"success   {success:.1%} ({success * count:.4g} of {count}; {interval})")
     for name, rate in summary["pass"].items():
         print(f"{name:<9} {rate:.1%}")
     print(f"reward    {summary['mean_reward']:+.3f} ({args.reward})")
@@ -70,34 +70,38 @@ def run(args: argparse.Namespace) -> int:
     for reason, number in list(summary["reasons"].items())[:SHOWN_REASONS]:
         print(f"          {number} x {reason}")
     if args.out is not None:
-        interval = {"success_low": low, "success_high": high}
-        write_json(args.out, {"reward": args.reward, **summary, **interval, "scores": scores})
+        write_json(args.out, {"reward": args.reward, **summary, "scores": scores})
     return 0
 
 
 def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Means over prompts, each of which has one score or more; pass@k up to the least number of samples."""
-    by_prompt: dict[str, list[Mapping[str, Any]]] = {}
+    from lilgym_mp.contrib.llm import wilson_interval
+
+    by_prompt: defaultdict[str, list[Mapping[str, Any]]] = defaultdict(list)
     for each in scores:
-        by_prompt.setdefault(each["id"], []).append(each)
+        by_prompt[each["id"]].append(each)
     count = len(by_prompt)
     answered = [samples for samples in by_prompt.values() if samples[0]["outcome"] != MISSING]
     right = [(len(samples), sum(each["outcome"] == "success" for each in samples)) for samples in answered]
     least = min(total for total, _ in right)
     ks = sorted({k for k in (1, 2, 4, 8, 16, 32, 64, 128, least) if k <= least}) if least > 1 else []
+    successes = sum(good / total for total, good in right)
+    low, high = wilson_interval(successes, count)
+    reasons = Counter(each["details"]["reason"] for each in scores if "reason" in each["details"])
     return {
         "prompts": count,
         "replies": sum(map(len, answered)),
         "rows_without_reply": count - len(answered),
-        "success": sum(good / total for total, good in right) / count,
+        "success": successes / count,
+        "success_low": low,
+        "success_high": high,
         "pass": {
             f"pass@{k}": sum(1 - comb(total - good, k) / comb(total, k) for total, good in right) / count for k in ks
         },
-        "mean_reward": sum(sum(each["reward"] for each in group) / len(group) for group in by_prompt.values()) / count,
+        "mean_reward": fmean(fmean(each["reward"] for each in group) for group in by_prompt.values()),
         "outcomes": dict(sorted(Counter(each["outcome"] for each in scores).items())),
-        "reasons": dict(
-            Counter(each["details"]["reason"] for each in scores if "reason" in each["details"]).most_common()
-        ),
+        "reasons": dict(reasons.most_common()),
     }
 
 

@@ -194,11 +194,67 @@ PLANS = {
 }
 
 
-@pytest.mark.parametrize("reply", PLANS)
-def test_plan__is_carried_out_as_in_the_environment(reply: str):
-    found = score(reply, PLAN)
-    assert found.outcome == PLANS[reply]
-    assert found.reward == float(PLANS[reply] == "success") == float(found.success)
+ANSWERS = {
+    "plan": [*PLANS.items()],
+    "truth": [
+        ("false", "success"),
+        ("There is a black one only.\n**False.**", "success"),
+        ("Answer: false\nThat is not true", "success"),
+        ("true", "wrong"),
+        ("true\nfalse", "not_understood"),
+        ("It is false that it is true", "not_understood"),
+        ("(false)", "success"),
+        ("The answer is false.", "success"),
+        (r"$\boxed{\mathrm{False}}$", "success"),
+        ("false</s>", "success"),
+        ('{"answer": false}', "success"),
+        ("<answer>true</answer> <answer>false</answer>", "not_understood"),
+        ("Answer: perhaps\nfalse", "not_understood"),
+        ("!true", "not_understood"),
+        ([{"type": "text", "text": "fal"}, {"type": "text", "text": "se"}], "success"),
+        ([{"role": "user", "content": "true"}, {"role": "assistant", "content": "false"}], "success"),
+        ([{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}], "success"),
+        ({"verdict": "false"}, "not_understood"),
+    ],
+    "scene": [
+        ("LEFT: black; blue\nMIDDLE:\nRIGHT: yellow", "success"),
+        ("So:\n**LEFT:**\nMIDDLE box: Blue\nRIGHT:", "success"),
+        ("LEFT: black\nMIDDLE:\nRIGHT:", "wrong"),
+        ("<answer>LEFT: black; blue\nMIDDLE: empty\nRIGHT: (none)</answer>", "success"),
+        (r"\boxed{LEFT: blue \\ MIDDLE: \\ RIGHT:}", "success"),
+        ("LEFT: blue\nLEFT: black\nMIDDLE:\nRIGHT:", "not_understood"),
+        ("LEFT: blue", "not_understood"),
+        ("LEFT: green\nMIDDLE:\nRIGHT:", "not_understood"),
+        ("LEFT: blue; blue; blue; blue; blue\nMIDDLE:\nRIGHT:", "not_understood"),
+    ],
+    "program": [
+        (BLUE, "success"),
+        (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
+        ("Program: Any(all_items, is_blue)", "success"),
+        (f"<answer>{BLUE}</answer>", "success"),
+        ("<answer>count(filter_color(all_items, Color.BLUE)) > 0</answer>", "success"),
+        ("<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>", "success"),
+        (r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}", "success"),
+        (f"```\nexist(all_items) and\n{BLUE}\n```", "success"),
+        (f"Program: {BLUE}\nThat is all.", "success"),
+        (f"**{BLUE}**</s>", "success"),
+        (f"<answer>{BLUE}</answer> <answer>True</answer>", "not_understood"),
+        ("exist(all_items)", "wrong"),
+        ("True", "wrong"),
+        ("exist(filter_color(all_items, Color.GREEN))", "not_understood"),
+        ("import os", "not_understood"),
+    ],
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "reply", "outcome"), [(kind, *each) for kind, answers in ANSWERS.items() for each in answers]
+)
+def test_answer__is_read_and_checked(kind: str, reply: object, outcome: str):
+    found = score(reply, replace(PLAN, kind=kind))
+    assert found.outcome == outcome
+    assert found.reward == float(outcome == "success") == float(found.success)
+    assert ("agreement" in found.details) == (kind == "program" and outcome != "not_understood")
 
 
 @pytest.mark.parametrize(
@@ -224,82 +280,11 @@ def test_rewards__unknown_or_for_another_kind_are_refused():
         score("", replace(PLAN, kind="truth"), "return")
 
 
-@pytest.mark.parametrize(
-    ("reply", "outcome"),
-    [
-        ("false", "success"),
-        ("There is a black one only.\n**False.**", "success"),
-        ("Answer: false\nThat is not true", "success"),
-        ("true", "wrong"),
-        ("true\nfalse", "not_understood"),
-        ("It is false that it is true", "not_understood"),
-        ("(false)", "success"),
-        ("The answer is false.", "success"),
-        (r"$\boxed{\mathrm{False}}$", "success"),
-        ("false</s>", "success"),
-        ('{"answer": false}', "success"),
-        ("<answer>true</answer> <answer>false</answer>", "not_understood"),
-        ("Answer: perhaps\nfalse", "not_understood"),
-        ("!true", "not_understood"),
-        ([{"type": "text", "text": "fal"}, {"type": "text", "text": "se"}], "success"),
-        ([{"role": "user", "content": "true"}, {"role": "assistant", "content": "false"}], "success"),
-        ([{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}], "success"),
-        ({"verdict": "false"}, "not_understood"),
-    ],
-)
-def test_truth__is_one_word_on_a_line(reply: object, outcome: str):
-    assert score(reply, replace(PLAN, kind="truth")).outcome == outcome
-
-
-@pytest.mark.parametrize(
-    ("reply", "outcome"),
-    [
-        ("LEFT: black; blue\nMIDDLE:\nRIGHT: yellow", "success"),
-        ("So:\n**LEFT:**\nMIDDLE box: Blue\nRIGHT:", "success"),
-        ("LEFT: black\nMIDDLE:\nRIGHT:", "wrong"),
-        ("<answer>LEFT: black; blue\nMIDDLE: empty\nRIGHT: (none)</answer>", "success"),
-        (r"\boxed{LEFT: blue \\ MIDDLE: \\ RIGHT:}", "success"),
-        ("LEFT: blue\nLEFT: black\nMIDDLE:\nRIGHT:", "not_understood"),
-        ("LEFT: blue", "not_understood"),
-        ("LEFT: green\nMIDDLE:\nRIGHT:", "not_understood"),
-        ("LEFT: blue; blue; blue; blue; blue\nMIDDLE:\nRIGHT:", "not_understood"),
-    ],
-)
-def test_scene__is_a_line_for_each_box(reply: str, outcome: str):
-    assert score(reply, replace(PLAN, kind="scene")).outcome == outcome
-
-
 def test_scene__of_scatter_must_be_possible():
     row = replace(PLAN, kind="scene", appearance="scatter", task=replace(TASK, start=Scene.empty()))
     overlapping = "LEFT: small blue circle (10, 20); large blue square (5, 15)\nMIDDLE:\nRIGHT:"
     assert score(overlapping, row).outcome == "not_understood"
     assert score(overlapping.replace("(5, 15)", "(50, 15)"), row).success
-
-
-@pytest.mark.parametrize(
-    ("reply", "outcome"),
-    [
-        (BLUE, "success"),
-        (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
-        ("Program: Any(all_items, is_blue)", "success"),
-        (f"<answer>{BLUE}</answer>", "success"),
-        ("<answer>count(filter_color(all_items, Color.BLUE)) > 0</answer>", "success"),
-        ("<answer>0 &lt; count(filter_color(all_items, Color.BLUE))</answer>", "success"),
-        (r"\boxed{count(filter\_color(all\_items, Color.BLUE)) \geq 1}", "success"),
-        (f"```\nexist(all_items) and\n{BLUE}\n```", "success"),
-        (f"Program: {BLUE}\nThat is all.", "success"),
-        (f"**{BLUE}**</s>", "success"),
-        (f"<answer>{BLUE}</answer> <answer>True</answer>", "not_understood"),
-        ("exist(all_items)", "wrong"),
-        ("True", "wrong"),
-        ("exist(filter_color(all_items, Color.GREEN))", "not_understood"),
-        ("import os", "not_understood"),
-    ],
-)
-def test_program__must_agree_on_every_checked_scene(reply: str, outcome: str):
-    found = score(reply, replace(PLAN, kind="program"))
-    assert found.outcome == outcome
-    assert ("agreement" in found.details) == (outcome != "not_understood")
 
 
 def test_program__that_is_always_true_cannot_be_checked():

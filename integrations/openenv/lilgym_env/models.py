@@ -1,4 +1,4 @@
-"""What the agent sends and receives."""
+"""The messages from and to the agent."""
 
 from openenv.core.env_server.types import Action, Observation
 from pydantic import Field

@@ -18,12 +18,12 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.costs import BOUNDED_STEPS
 from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.words import WORDS
-from lilgym_mp.scene import Scene, SceneError
+from lilgym_mp.scene import Item, Scene, SceneError
 from lilgym_mp.scene.actions import BOX_NAMES, describe
 from lilgym_mp.scene.appearances import APPEARANCES, Appearance, make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
-from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, scale_line, shown_lines
+from lilgym_mp.wrappers.text import SCALE, SCENE_STYLES, content_of, picture, shown_lines
 
 FORMAT = "lilgym_mp row 2"
 BUDGET_SHARE = 100  # the solver examines at most a hundredth of its usual number of scenes
@@ -173,9 +173,18 @@ def _truth_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
 
 def _scene_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield f"{PICTURE} You are told a statement. Describe a picture in which it is {_value(task.target)}."
-    yield from _scene_rules(dynamics.appearance)
-    yield ANSWER_LAST
-    yield f"Statement: {task.statement}"
+    yield "Answer with a line for each box, LEFT, MIDDLE and RIGHT, with its items separated by semicolons."
+    if dynamics.appearance.grid is not None:
+        yield SCALE
+        yield (
+            "An item is its size (small: 10 pixels, medium: 20, large: 30), colour (yellow, black, blue), shape"
+            " (circle, square, triangle) and top-left corner; items lie in their box and do not overlap. For example"
+        )
+        yield from ("LEFT: small blue circle (10, 20); large black square (50, 70)", "MIDDLE:", "RIGHT:")
+    else:
+        yield "Items are blocks, named by colour (yellow, black, blue), from the bottom; a box holds 4. For example"
+        yield from ("LEFT: blue; black", "MIDDLE:", "RIGHT: yellow")
+    yield from (ANSWER_LAST, f"Statement: {task.statement}")
 
 
 def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
@@ -186,32 +195,16 @@ def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield f"Statement: {task.statement}"
 
 
-def _scene_rules(appearance: Appearance) -> Iterator[str]:
-    yield "Answer with a line for each box, LEFT, MIDDLE and RIGHT, with its items separated by semicolons."
-    if appearance.grid is not None:
-        yield scale_line()
-        yield (
-            "An item is its size (small: 10 pixels, medium: 20, large: 30), colour (yellow, black, blue), shape"
-            " (circle, square, triangle) and top-left corner; items lie in their box and do not overlap. For example"
-        )
-        yield from ("LEFT: small blue circle (10, 20); large black square (50, 70)", "MIDDLE:", "RIGHT:")
-    else:
-        yield "Items are blocks, named by colour (yellow, black, blue), from the bottom; a box holds 4. For example"
-        yield from ("LEFT: blue; black", "MIDDLE:", "RIGHT: yellow")
-
-
 def scene_answer(scene: Scene, appearance: Appearance) -> str:
     """The scene in the form in which a model should answer."""
-    return "\n".join(
-        f"{name}: "
-        + "; ".join(
-            f"{item.size.name} {item.colour.name} {item.shape.name} ({item.x}, {item.y})".lower()
-            if appearance.grid is not None
-            else item.colour.name.lower()
-            for item in box.items
-        )
-        for name, box in zip(BOX_NAMES, scene.boxes, strict=True)
-    )
+
+    def named(item: Item) -> str:
+        if appearance.grid is None:
+            return item.colour.name.lower()
+        return f"{item.size.name} {item.colour.name} {item.shape.name} ({item.x}, {item.y})".lower()
+
+    lines = zip(BOX_NAMES, scene.boxes, strict=True)
+    return "\n".join(f"{name}: {'; '.join(map(named, box.items))}" for name, box in lines)
 
 
 def _value(target: bool) -> str:

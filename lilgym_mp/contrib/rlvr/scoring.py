@@ -142,7 +142,7 @@ _CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[bool, dict[st
 
 
 class Turn(NamedTuple):
-    """What follows a reply."""
+    """The answer to a reply."""
 
     text: str  # for the model
     reward: float
