@@ -76,7 +76,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--concurrency",
         type=int,
         metavar="N",
-        help="episodes played at the same time (default: 16 for openai, 8 for transformers, else 1)",
+        help="episodes played at the same time (default: 32 for openai, 8 for transformers, else 1)",
     )
     parser.add_argument(
         "--prices",

@@ -20,7 +20,7 @@ SHOWN = 300  # characters of a server's error
 class OpenAIAgent:
     """Asks a model through the `openai` package. One agent can play many episodes at the same time."""
 
-    concurrency = 16  # episodes played at the same time unless the caller says otherwise
+    concurrency = 32  # episodes played at the same time unless the caller says otherwise
 
     def __init__(
         self,
