@@ -84,7 +84,7 @@ def write_recording(
     played = [_evaluated(episode, player.tasks.by_id(episode.task), player.dynamics) for episode in episodes]
     seconds = sum(turn.seconds for episode in episodes for turn in episode.turns)
     named = named_policy(player, agent, options or {})
-    result = Result(named, plan, summarise(played, seen), played, seconds, named.mask)
+    result = Result(named, plan, summarise(played, seen), played, seconds, bool(named.mask))
     return Recorder(settings, player.split, seen, judges_decisions=judges).write(directory, result)
 
 

@@ -79,9 +79,9 @@ def read_plan(reply: object, appearance: Appearance, *, thoughts: Sequence[str] 
     NotUnderstood, also if a line looks like an action and cannot be read, since the plan would lack it.
     """
     text = html.unescape(_answer_text(reply, thoughts))
-    plans = [_plan(part.splitlines(), appearance) for part in enclosed_answers(text)]
+    plans = [_plan(_lines(part), appearance) for part in enclosed_answers(text)]
     if not plans:
-        lines = text.splitlines()
+        lines = _lines(text)
         labelled = next((index for index, line in enumerate(lines) if _prefix(line)["whole"]), 0)
         plans = [_plan(lines[labelled:], appearance) or _plan(lines, appearance)]
     stop = appearance.encode(STOP)
@@ -93,6 +93,11 @@ def read_plan(reply: object, appearance: Appearance, *, thoughts: Sequence[str] 
     if stop in joined[:-1]:
         raise NotUnderstood("actions follow STOP")
     return joined
+
+
+def _lines(text: str) -> list[str]:
+    """The lines with a word or number."""
+    return [line for line in text.splitlines() if re.search(r"\w", line)]
 
 
 def _plan(lines: Sequence[str], appearance: Appearance) -> list[int]:

@@ -88,17 +88,17 @@ class Row:
 
         The program must compile and have a value in the start scene, which a plan must have to change.
         """
-        record: Mapping[str, Any] = cast("Any", data) if isinstance(data, Mapping) else {}
+        record = cast("Mapping[str, Any]", data) if isinstance(data, Mapping) else {}
         if record.get("format") != FORMAT:
             raise RowError(f"a row must have the format {FORMAT!r}, not {record.get('format')!r:.80}")
         try:
-            kind, appearance = record.get("kind"), record.get("appearance")
+            kind, appearance, told = (cast("Any", record.get(name)) for name in ("kind", "appearance", "task"))
             choose("kind", kind, _PROMPTS)
             choose("appearance", appearance, APPEARANCES)
-            told = record.get("task")
-            task = Task.from_json(
-                {**told, "start": json.loads(told.get("start"))} if isinstance(told, Mapping) else told
-            )
+            if isinstance(told, Mapping):
+                fields = cast("Mapping[str, Any]", told)
+                told = {**fields, "start": json.loads(fields.get("start", "null"))}
+            task = Task.from_json(told)
             APPEARANCES[appearance].check_scene(task.start)
             value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
             if kind == "plan" and value == task.target:
