@@ -1,4 +1,4 @@
-"""Print the digest of the episodes recorded in a directory, as docs/results.md lists it.
+"""Print the digest of the episodes recorded in a directory, as docs/results/runs.csv lists it.
 
     python scripts/digest_recordings.py DIR
 

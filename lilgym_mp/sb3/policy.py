@@ -147,7 +147,8 @@ class StatementRolloutBuffer(MaskableDictRolloutBuffer):
 
     def get(self, batch_size: int | None = None) -> Generator[MaskableDictRolloutBufferSamples, None, None]:
         next(super().get(1))  # flattens the arrays
-        statements = np.unique(self.observations[STATEMENT], axis=0, return_inverse=True)[1].reshape(-1)
+        indices: dict[bytes, int] = {}
+        statements = np.array([indices.setdefault(row.tobytes(), len(indices)) for row in self.observations[STATEMENT]])
         rng = np.random.default_rng(int(torch.randint(2**62, ())))
         for rows in mini_batches(statements, batch_size or len(statements), rng, by_statement=True):
             yield self._get_samples(rows)

@@ -46,7 +46,6 @@ class BatchVecEnv(VecEnv):
             raise ValueError(f"BatchVecEnv needs autoreset_mode={AutoresetMode.DISABLED!r}, not {mode!r}")
         self.venv = venv
         self._lists: Any = venv if isinstance(venv, DictInfoToList) else DictInfoToList(venv)  # one info for each
-        self._actions = np.zeros(venv.num_envs, np.int64)
         super().__init__(venv.num_envs, venv.single_observation_space, venv.single_action_space)
 
     def reset(self) -> VecEnvObs:

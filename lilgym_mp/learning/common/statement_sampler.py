@@ -51,4 +51,4 @@ class StatementSampler:
         if not left:
             statement, left = self._draws.draw_statement(generator), self._group * self.EPISODES
         self._left[group] = statement, left - 1
-        return self.tasks.ids[self._draws.draw_task(statement, generator)]
+        return self.tasks[self._draws.draw_task(statement, generator)].id
