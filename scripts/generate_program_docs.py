@@ -86,15 +86,12 @@ charged in advance, nested elements included. A collection has at most {size:,} 
 levels. A program that exceeds a limit has no value on that scene.
 
 On one core of current hardware, any text compiles or is rejected within 5 seconds and 100 MB, and evaluates to its
-value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene. Adversarial programs take up to 7 seconds
-and 20 MB ([reliability](reliability.md)); official ones take microseconds.
+value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene; official programs take microseconds.
 
-A lower limit keeps programs of unknown origin, such as those written by a language model, from taking that long.
+A lower limit suits programs of unknown origin, such as those written by a language model:
 `program.evaluate(scene, step_limit=100_000)` raises `StepLimitError` (a `ProgramRuntimeError`) after about 10
-milliseconds. `bounded_truths(source, scenes)` parses a program and gives its truth in each scene, `None` where it has
-no value; it raises `ProgramError` for an invalid one and `StepLimitError` after {bounded:,} steps on all scenes
-together. Adversarial programs end within 50 milliseconds, whether on one scene or on 100 (measured on 2026-11-23).
-Programs of the builtin corpus need 280 steps for each scene at the median, and 2,600 at most.
+milliseconds. `bounded_truths(source, scenes)` gives a program's truth in each scene, `None` where it has no value; it
+raises `ProgramError` for an invalid one and `StepLimitError` after {bounded:,} steps on all scenes together.
 
 Programs are evaluated by generated code while every box has at most {box} items, and by the slower reference evaluator,
 with the same results, otherwise.
