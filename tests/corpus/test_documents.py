@@ -12,14 +12,11 @@ import pytest
 
 from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
-from lilgym_mp.contrib.report.phenomena import SYNTAX_RULES, syntactic_phenomena
 from lilgym_mp.corpus import load_all_tasks, load_tasks
-from lilgym_mp.scene.appearances import APPEARANCES
 from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-BUILTIN = DOCS / "corpus.md"
 OFFICIAL = DOCS / "official_data.md"
 
 
@@ -40,21 +37,6 @@ def test_official_page__matches_the_command_output(
     shown = [line.rstrip() for line in block.splitlines() if not line.startswith("corpus lilgym:")]
     assert len(shown) > 10
     assert [line for line in shown if line not in printed] == []
-
-
-def test_official_page__syntactic_shares_match_the_rules(official_data: Path):
-    text = OFFICIAL.read_text(encoding="utf-8")
-    for appearance in APPEARANCES:
-        for start in ("scratch", "flipit"):
-            for split in ("train", "dev"):
-                tasks = load_tasks("lilgym", appearance, start, split)
-                counts = Counter(found for task in tasks for found in syntactic_phenomena(task.statement))
-                name = f"{appearance.capitalize()}{'Scratch' if start == 'scratch' else 'FlipIt'} {split}"
-                (row,) = [line.split("|") for line in text.splitlines() if line.startswith(f"| {name} |")]
-                total = len(tasks)
-                coordination, preposition = (counts[one] for one in SYNTAX_RULES)
-                assert row[2].strip() == f"{100 * coordination / total:.1f} ({coordination} of {total:,})"
-                assert row[4].strip() == f"{100 * preposition / total:.1f} ({preposition:,})"
 
 
 def flat(name: str) -> str:
