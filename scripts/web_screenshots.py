@@ -180,7 +180,6 @@ SHOTS = (
     Shot("annotate", "/annotate?statement_id=tower-dev-001", _write_a_program),
     Shot("explore", "/explore", _wait_for("#results li")),
     Shot("explore-statement", "/explore", None),
-    Shot("error", "/nowhere"),
 )
 
 
