@@ -39,7 +39,7 @@ COLOUR = 3  # index of an item's colour in `item_array`
 
 
 class Observation(NamedTuple):
-    """What one side sees in B states."""
+    """One side's observations of B states."""
 
     colours: Tensor  # (B, 3, slots) of each box's blocks from the bottom, 0 in empty slots
     statement_of: Tensor  # (B,) index of the statement's tokens
@@ -138,7 +138,7 @@ class Trainer:
         self.ended: list[bool] = []  # whether each game that ended was a success
 
     def seen(self, agent: str) -> Observation:
-        """What a side sees now."""
+        """A side's current observation."""
         observation = self.observations[agent]
         parts = observation["observation"]
         return Observation(

@@ -40,7 +40,7 @@ SIDE, PITCH = 10, 14  # seen pixels: a box's side, and from a box to the next
 
 
 class State(NamedTuple):
-    """What the policy sees in B states."""
+    """The policy's observations of B states."""
 
     statement: Tensor  # (B, length) token ids, 0 is padding
     image: Tensor  # (B, 10, 38, 3) the seen pixels

@@ -28,7 +28,7 @@ BINS = (0.0, 0.5, 0.7, 0.9, 0.97, 0.99, 1.0)  # of probabilities
 
 
 class Claims(NamedTuple):
-    """What R runs choose in N tasks."""
+    """The choices of R runs in N tasks."""
 
     right: BoolArray  # (R, N) whether the run's plan solves the task
     judged: Float64Array  # (R, V, N) probability of success that each run V gives the chosen scene

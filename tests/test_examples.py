@@ -23,12 +23,6 @@ from tests.documents import code_blocks
 
 TESTS = Path(__file__).parent
 EXAMPLES = TESTS.parent / "examples"
-TESTED_ELSEWHERE = {  # example: the test file that runs it
-    "language_model_agent.py": "wrappers/test_text.py",
-    "proposer_verifier_audit.py": "envs/proposer_verifier/test_examples.py",
-    "game_ppo.py": "envs/proposer_verifier/test_examples.py",
-    "supersuit_ppo.py": "envs/proposer_verifier/test_examples.py",
-}
 TIMEOUT_SECONDS = 300  # per process; a local Ray starts slowly on a busy machine
 
 Run = Callable[..., str]
@@ -70,14 +64,6 @@ def run_in_process(tmp_path: Path) -> Run:
         return done.stdout
 
     return run_example
-
-
-def test_every_example__is_run_by_a_test() -> None:
-    def is_tested(path: Path) -> bool:
-        content = (TESTS / TESTED_ELSEWHERE.get(path.name, Path(__file__).name)).read_text()
-        return f'"{path.name}"' in content or f"from {path.stem} import" in content
-
-    assert not [path.name for path in EXAMPLES.glob("*.py") if not is_tested(path)]
 
 
 def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> None:

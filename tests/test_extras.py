@@ -36,23 +36,3 @@ def test_extras__named_in_code_exist():
     sources = [path for place in ("lilgym_mp", "wrappers") for path in (ROOT / place).rglob("*.py")]
     named = {extra for path in sources for extra in re.findall(r"""\binstall\(["'](\w+)["']\)""", path.read_text())}
     assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
-
-
-MODULES = {"pillow": "PIL"}  # distributions whose module has another name
-DEVELOPERS = {"docs", "test", "lint", "dev"}  # extras for development tools
-
-
-def test_extras__install_no_unused_package():
-    places = ("lilgym_mp", "wrappers", "examples", "scripts", "tests")
-    files = (path.read_text() for place in places for path in (ROOT / place).rglob("*.py"))
-    sources = "\n".join(line for text in files for line in text.splitlines() if "import" in line)
-    unused = []
-    for extra in EXTRAS.keys() - DEVELOPERS:
-        for package in EXTRAS[extra]:
-            name = re.split(r"[\[<>=]", package)[0]
-            module = MODULES.get(name, name.replace("-", "_"))
-            if not re.search(
-                rf"""\b(?:import|from) +{module}\b|(?:import_module|importorskip)\(["']{module}\b""", sources
-            ):
-                unused.append(f"{extra}: {package}")
-    assert unused == []

@@ -13,11 +13,9 @@ from hypothesis import strategies as st
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.scene import FOOTPRINT_SIDES, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import APPEARANCES
-from lilgym_mp.scene.appearances.placement import clear_templates
 from lilgym_mp.scene.render import draw
-from lilgym_mp.scene.render.drawing import stamp
 from tests.scenes import LARGE, MEDIUM, SCENES, SMALL, B, K, Y, circle, items, scene, square, triangle
 
 IMAGE_SIZES = pytest.mark.parametrize("image_size", ["half", "native"])
@@ -60,11 +58,6 @@ def test_tower__a_floating_block_is_an_error():
         read_scene(draw(scene([], [square(40, 59)]), "half"), "tower")
 
 
-def test_tower__an_item_beside_the_tower_is_an_error():
-    with pytest.raises(PerceptionError, match="box 1: its items are not a tower"):
-        read_scene(draw(scene([], [square(10, 10, colour=B)]), "half"), "tower")
-
-
 # Scatter, legal scenes
 
 
@@ -80,29 +73,6 @@ def test_scatter__items_are_ordered_by_x_then_y():
     given_items = [square(50, 60, colour=B), circle(50, 10), triangle(0, 60, LARGE, K), square(50, 33, colour=Y)]
     read = read_scene(draw(scene([], given_items), "half"), "scatter")
     assert list(read.boxes[1].items) == sorted(given_items)
-
-
-def test_scatter__footprints_and_parities_are_distinguishable_at_half_size():
-    """Nor at other places: cropped to the pixels that show some of it, every footprint and parity differs."""
-    item_types: set[tuple[tuple[int, ...], bytes]] = set()
-    for footprint, odd_x, odd_y in product(range(9), (0, 1), (0, 1)):
-        counts = stamp(footprint, Colour.YELLOW, odd_x, odd_y, 2).counts
-        rows, columns = (np.flatnonzero(counts.any(axis=axis)) for axis in (1, 0))
-        cut = counts[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-        item_types.add((cut.shape, cut.tobytes()))
-    assert len(item_types) == 36
-
-
-def test_legal_items__never_share_a_drawn_pixel():
-    """Template matching relies on it: items that are apart as shapes are apart as pixels."""
-    for other, new in product(range(9), repeat=2):
-        mine, theirs = (stamp(footprint, Colour.YELLOW, 0, 0, 1).counts for footprint in (new, other))
-        field = np.zeros((FOOTPRINT_SIDES[other] + 60,) * 2, np.uint8)
-        field[30 : 30 + FOOTPRINT_SIDES[other], 30 : 30 + FOOTPRINT_SIDES[other]] = theirs
-        windows = np.lib.stride_tricks.sliding_window_view(field, mine.shape)[:61, :61]
-        shared = np.einsum("yxij,ij->xy", windows.astype(np.int64), mine.astype(np.int64))
-        clear = clear_templates()[other, new][: shared.shape[0], : shared.shape[1]]
-        assert not shared[clear].any()
 
 
 @IMAGE_SIZES
@@ -197,13 +167,6 @@ def test_play__every_scene_is_recovered(appearance: str, rules: str):
 # The cache
 
 
-def test_boxes_with_equal_pixels__are_the_same_object():
-    first, second = (
-        read_scene(draw(scene([circle(10, 10)], right), "half"), "scatter") for right in ([], [square(3, 4)])
-    )
-    assert first.boxes[0] is second.boxes[0]
-
-
 # Invalid images
 
 
@@ -219,11 +182,6 @@ def test_boxes_with_equal_pixels__are_the_same_object():
 def test_wrong_array__error_names_the_valid_shapes(appearance: str, image: Any, reason: str):
     with pytest.raises(PerceptionError, match=rf"uint8 array of shape \(50, 190, 3\) or \(100, 380, 3\), {reason}"):
         read_scene(image, appearance)
-
-
-def test_unknown_appearance__error_names_the_choices():
-    with pytest.raises(ValueError, match=r"towers.*scatter, tower"):
-        read_scene(draw(Scene.empty()), "towers")
 
 
 @IMAGE_SIZES

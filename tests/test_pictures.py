@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from fnmatch import fnmatch
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from PIL import Image
 
 from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 PICTURES = ROOT / "docs" / "pictures"
-MAX_WIDTH = 1000  # pixels, for charts and films
 SUFFIXES = {".png", ".gif", ".svg"}
 
 
@@ -38,21 +35,6 @@ def test_pictures__are_each_made_by_a_documented_command(drawing: ModuleType):
 def test_pictures__are_each_shown_on_a_page():
     pages = "".join(path.read_text() for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
     assert [name for name in names() if f"pictures/{name}" not in pages] == []
-
-
-def test_pictures__of_charts_and_films_are_no_wider_than_a_page():
-    widths = {path.name: _width(path) for path in PICTURES.iterdir() if path.suffix in SUFFIXES}
-    assert len(widths) > 20
-    assert {name: width for name, width in widths.items() if width > MAX_WIDTH} == {}
-
-
-def _width(path: Path) -> float:
-    if path.suffix == ".svg":
-        found = re.search(r'<svg[^>]*?\bwidth="([\d.]+)', path.read_text(), re.DOTALL)
-        assert found, path
-        return float(found[1])
-    with Image.open(path) as picture:
-        return picture.width
 
 
 def test_signs__show_the_project_as_it_is(drawing: ModuleType):

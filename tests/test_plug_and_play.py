@@ -10,14 +10,12 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import lilgym_mp
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
-from lilgym_mp.wrappers.vector_adapter import VectorEnvWrapper
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
@@ -95,14 +93,6 @@ def test_horizon__is_an_attribute(settings: dict[str, Any], horizon: int):
     assert gym.make_vec(TOWER, num_envs=2, **settings).unwrapped.horizon == horizon  # pyright: ignore[reportAttributeAccessIssue]
 
 
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_autoreset_mode__is_an_attribute_as_in_gymnasium(mode: AutoresetMode):
-    envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=2, autoreset_mode=mode))
-    any_envs: Any = envs
-    assert any_envs.autoreset_mode is any_envs.unwrapped.autoreset_mode is mode
-    assert any_envs.metadata["autoreset_mode"] is mode
-
-
 def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
     blue = {"id": "17", "appearance": "tower", "split": "train", "statement": "Blue is here."}
     program = {"program": "exist(filter_color(all_items, Color.BLUE))"}
@@ -164,17 +154,3 @@ except ImportError as fault:
         "['proposer_0', 'verifier_0']",
         f"env needs pettingzoo, BatchedGames does not: {install('pettingzoo')}",
     ], done.stderr
-
-
-def test_workers__stay_open_when_a_wrapper_is_collected(monkeypatch: pytest.MonkeyPatch):
-    """Gymnasium 1.1 to 1.2.2 closes a vector environment when its wrapper is garbage-collected."""
-    pytest.importorskip("stable_baselines3", reason="needs the extra sb3")
-    from lilgym_mp.sb3 import make_vec_env
-
-    monkeypatch.setattr(VectorEnvWrapper, "__del__", lambda self: self.close(), raising=False)
-    env = make_vec_env(TOWER, 2, "workers", num_workers=2)
-    try:
-        env.reset()
-        env.step(np.zeros(2, np.int64))
-    finally:
-        env.close()

@@ -4,28 +4,26 @@ A class wraps one Gymnasium environment; its factory, `name_v0`, applies the sam
 environment, a vector environment of this package, or the PettingZoo game.
 """
 
-from lilgym_mp.wrappers.actions import ActionMask, MultiDiscreteActions, NamedActions, StopForcing
-from lilgym_mp.wrappers.formats import (
-    ChannelsFirst,
-    FlatObservation,
-    GridPlanes,
-    ImageObservation,
-    NativeImage,
-    StatementEmbedding,
-    StepsLeft,
-    StructuredObservation,
-    TokenizedStatement,
-)
+from lilgym_mp.wrappers.actions import ActionMask as ActionMask
+from lilgym_mp.wrappers.actions import MultiDiscreteActions as MultiDiscreteActions
+from lilgym_mp.wrappers.actions import NamedActions as NamedActions
+from lilgym_mp.wrappers.actions import StopForcing as StopForcing
+from lilgym_mp.wrappers.formats import ChannelsFirst as ChannelsFirst
+from lilgym_mp.wrappers.formats import FlatObservation as FlatObservation
+from lilgym_mp.wrappers.formats import GridPlanes as GridPlanes
+from lilgym_mp.wrappers.formats import ImageObservation as ImageObservation
+from lilgym_mp.wrappers.formats import NativeImage as NativeImage
+from lilgym_mp.wrappers.formats import StatementEmbedding as StatementEmbedding
+from lilgym_mp.wrappers.formats import StepsLeft as StepsLeft
+from lilgym_mp.wrappers.formats import StructuredObservation as StructuredObservation
+from lilgym_mp.wrappers.formats import TokenizedStatement as TokenizedStatement
 from lilgym_mp.wrappers.gymnasium_adapter import factory
-from lilgym_mp.wrappers.text import TextObservation
-from lilgym_mp.wrappers.training import (
-    BoxPermutation,
-    NLVRReward,
-    PotentialShaping,
-    ReverseCurriculum,
-    reverse_curriculum_v0,
-)
-from lilgym_mp.wrappers.transformation import WrongEnvironment
+from lilgym_mp.wrappers.text import TextObservation as TextObservation
+from lilgym_mp.wrappers.training import BoxPermutation as BoxPermutation
+from lilgym_mp.wrappers.training import NLVRReward as NLVRReward
+from lilgym_mp.wrappers.training import PotentialShaping as PotentialShaping
+from lilgym_mp.wrappers.training import ReverseCurriculum as ReverseCurriculum
+from lilgym_mp.wrappers.transformation import WrongEnvironment as WrongEnvironment
 
 action_mask_v0 = factory(ActionMask)
 box_permutation_v0 = factory(BoxPermutation)
@@ -39,48 +37,9 @@ named_actions_v0 = factory(NamedActions)
 native_image_v0 = factory(NativeImage)
 nlvr_reward_v0 = factory(NLVRReward)
 potential_shaping_v0 = factory(PotentialShaping)
+reverse_curriculum_v0 = factory(ReverseCurriculum)
 steps_left_v0 = factory(StepsLeft)
 stop_forcing_v0 = factory(StopForcing)
 structured_observation_v0 = factory(StructuredObservation)
 text_observation_v0 = factory(TextObservation)
 tokenized_statement_v0 = factory(TokenizedStatement)
-
-__all__ = [
-    "ActionMask",
-    "BoxPermutation",
-    "ChannelsFirst",
-    "FlatObservation",
-    "GridPlanes",
-    "ImageObservation",
-    "MultiDiscreteActions",
-    "NLVRReward",
-    "NamedActions",
-    "NativeImage",
-    "PotentialShaping",
-    "ReverseCurriculum",
-    "StatementEmbedding",
-    "StepsLeft",
-    "StopForcing",
-    "StructuredObservation",
-    "TextObservation",
-    "TokenizedStatement",
-    "WrongEnvironment",
-    "action_mask_v0",
-    "box_permutation_v0",
-    "channels_first_v0",
-    "flat_observation_v0",
-    "grid_planes_v0",
-    "image_observation_v0",
-    "multi_discrete_actions_v0",
-    "named_actions_v0",
-    "native_image_v0",
-    "nlvr_reward_v0",
-    "potential_shaping_v0",
-    "reverse_curriculum_v0",
-    "statement_embedding_v0",
-    "steps_left_v0",
-    "stop_forcing_v0",
-    "structured_observation_v0",
-    "text_observation_v0",
-    "tokenized_statement_v0",
-]

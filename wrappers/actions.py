@@ -45,7 +45,7 @@ FORCED_NOW = "forced"  # observation key
 
 
 class Forcing(Transformation):
-    """Where STOP succeeds, masks all other actions, replaces them by STOP, or says so in the observation."""
+    """Masks all actions but STOP where STOP succeeds, replaces them by STOP, or says so in the observation."""
 
     def __init__(self, description: EnvDescription, *, mode: str, allow_evaluation: bool) -> None:
         """Raises ValueError for an unknown mode or an evaluation split."""

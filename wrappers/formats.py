@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.envs.observation import EMPTY, image_space
-from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import Float32Array, Int16Array, Int64Array
@@ -289,24 +288,17 @@ class Embedding(Format):
         if first.ndim != 1 or not first.size:
             raise ValueError(f"encoder must return a vector, not an array of shape {first.shape}")
         self.dimension = first.size
-        self._by_task = np.zeros((len(description.tasks), self.dimension), np.float32)
-        self._is_filled = np.zeros(len(description.tasks), np.bool_)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {STATEMENT: spaces.Box(-self._limit, self._limit, (self.dimension,), np.float32)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
-        indices = state.task_indices
-        for index in indices[~self._is_filled.take(indices, mode="clip")].tolist():
-            if index < len(self._by_task):
-                self._by_task[index] = self._embedding(self.env_description.tasks[index])
-                self._is_filled[index] = True
-        return {STATEMENT: state.by_task(self._by_task, self._embedding)}
+        return {STATEMENT: np.stack([self._embedding(statement) for statement in state.statements()])}
 
-    def _embedding(self, task: Task) -> Float32Array:
-        if task.statement not in self._by_statement:
-            self._by_statement[task.statement] = self._checked(self._encode(task.statement), task.statement)
-        return self._by_statement[task.statement]
+    def _embedding(self, statement: str) -> Float32Array:
+        if statement not in self._by_statement:
+            self._by_statement[statement] = self._checked(self._encode(statement), statement)
+        return self._by_statement[statement]
 
     def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
         if vector.shape != (self.dimension,):

@@ -154,7 +154,7 @@ class GameEnvState(EnvState):
 
 
 class GameWrapper:
-    """What the wrappers of both environments have in common; comes before a wrapper of PettingZoo's."""
+    """The common part of both wrappers, a base class before PettingZoo's."""
 
     env: Any
 

@@ -18,8 +18,8 @@ from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import Float64Array
 from lilgym_mp.solver import Solver
 from lilgym_mp.solver.solution import value
-from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper, factory
-from lilgym_mp.wrappers.transformation import EnvDescription, TaskChange, Transformation, WrongEnvironment
+from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
+from lilgym_mp.wrappers.transformation import EnvDescription, TaskChange, Transformation
 
 
 class BoxPermutation(EnvWrapper[TaskChange]):
@@ -77,7 +77,7 @@ def _near_success(task: Task, edits: int, solver: Solver) -> Task:
 def _near_success_change(description: EnvDescription, *, edits: int, budget: int | None) -> TaskChange:
     mdp = description.dynamics
     change = partial(tasks_near_success, mdp.appearance, mdp.rules.name, mdp.horizon, edits, budget)
-    return TaskChange(description, change=change)
+    return TaskChange(description, change=change, adds_items=True)
 
 
 class ReverseCurriculum(EnvWrapper[TaskChange]):
@@ -87,32 +87,15 @@ class ReverseCurriculum(EnvWrapper[TaskChange]):
     be learned. All tasks are solved when the first such wrapper is made, which takes seconds for the official corpus.
     `budget`: scenes the expert may examine per task, None for its default. For training only.
 
-    Must be applied before all other wrappers but those that also change the tasks.
-    Raises ValueError for a negative number of edits or a budget below 1. Source: Florensa et al. 2017.
+    Must be applied before all other wrappers but those that also change the tasks. Raises WrongEnvironment for vector
+    environments of Scatter, whose buffers are too small for such starts, and ValueError for a negative number of edits
+    or a budget below 1. Source: Florensa et al. 2017.
     """
 
     transformation_class = staticmethod(_near_success_change)
 
     def __init__(self, env: gym.Env[Any, Any], edits: int, budget: int | None = None) -> None:
         super().__init__(env, edits=edits, budget=budget)
-
-
-_factory = factory(ReverseCurriculum)
-
-
-def reverse_curriculum_v0(env: Any, edits: int, budget: int | None = None) -> Any:
-    """Applies `ReverseCurriculum` to an environment, or to a vector environment of Tower.
-
-    Raises WrongEnvironment for vector environments of Scatter: their buffers have capacity for the items reachable
-    from the corpus's starts, and these starts have more.
-    """
-    dynamics = getattr(getattr(env, "unwrapped", None), "dynamics", None)
-    if isinstance(env, gym.vector.VectorEnv) and dynamics is not None and dynamics.appearance.box_capacity is None:
-        raise WrongEnvironment(
-            "ReverseCurriculum wraps vector environments of Tower only; for Scatter, wrap each environment:"
-            ' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[...], ...)'
-        )
-    return _factory(env, edits, budget)
 
 
 class Shaping(Transformation):

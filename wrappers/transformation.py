@@ -129,6 +129,14 @@ class EnvState:
             found[row] = make(self.states()[row].task)
         return found
 
+    def statements(self) -> list[str]:
+        """The statements of the current tasks."""
+        tasks = self._description.tasks
+        return [
+            (tasks[index] if index < len(tasks) else self.states()[row].task).statement
+            for row, index in enumerate(self.task_indices.tolist())
+        ]
+
     @property
     def steps(self) -> Int64Array:
         """(B,) actions taken."""
@@ -196,28 +204,42 @@ class Transformation:
 
 
 class TaskChange(Transformation):
-    """Replaces the environment's tasks by `change(tasks)` once, when it is wrapped."""
+    """Replaces the environment's tasks by `change(tasks)` once, when it is wrapped.
 
-    def __init__(self, description: EnvDescription, *, change: Callable[[TaskSet], TaskSet]) -> None:
+    `adds_items`: whether new starts may have more items than those reachable from the corpus's.
+    """
+
+    def __init__(
+        self, description: EnvDescription, *, change: Callable[[TaskSet], TaskSet], adds_items: bool = False
+    ) -> None:
         super().__init__(description)
-        self.change = change
+        self.change, self.adds_items = change, adds_items
 
 
 def change_tasks(env: Any, transformation: Transformation) -> None:
     """Replaces the tasks of `env` if it is to be wrapped in a TaskChange.
 
-    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks.
+    Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks, or has no space for the items.
     """
     if not isinstance(transformation, TaskChange):
         return
+    description = transformation.env_description
+    base: Any = env.unwrapped
+    unbounded = description.dynamics.appearance.box_capacity is None
+    if transformation.adds_items and unbounded and isinstance(base, VectorEnv):
+        raise WrongEnvironment(
+            f"{description.wrapper} wraps vector environments of Tower only; for Scatter, wrap each environment:"
+            ' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[...], ...)'
+        )
     inner = env
     while inner is not None:
         other = vars(inner).get("transformation")
         if other is not None and not isinstance(other, TaskChange):
-            changing, dependent = transformation.env_description.wrapper, other.env_description.wrapper
-            raise WrongEnvironment(f"{changing} changes the tasks, so it must be applied before {dependent}")
+            raise WrongEnvironment(
+                f"{description.wrapper} changes the tasks, so it must be applied before {other.env_description.wrapper}"
+            )
         inner = vars(inner).get("env")
-    env.unwrapped.change_tasks(transformation.change)
+    base.change_tasks(transformation.change)
 
 
 class Format(Transformation):

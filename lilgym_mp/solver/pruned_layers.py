@@ -65,7 +65,7 @@ class SuccessorGenerator:
 
 
 class HeuristicSignature:
-    """What a program is likely to depend on in a box: each item's class and size, and the classes of related items."""
+    """The likely inputs of a program from a box: each item's class and size, and the classes of related items."""
 
     def __init__(self, features: ProgramFeatures, classes: ItemClasses) -> None:
         self._features = features

@@ -1,4 +1,4 @@
-"""What the solver returns: solutions and their values, and sets of optimal first actions."""
+"""The solver's results: solutions and their values, and sets of optimal first actions."""
 
 from __future__ import annotations
 

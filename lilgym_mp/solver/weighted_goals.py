@@ -67,7 +67,7 @@ class _Candidate(NamedTuple):
         return any(goal[:2] == satisfied[:2] for satisfied in self.satisfied)
 
     def beats(self, other: _Candidate, edit_cost: float) -> bool:
-        """Whether it has more mass after the cost of its edits, or equally much in fewer edits."""
+        """Whether its mass less the cost of its edits is higher, or equal with fewer edits."""
         extra_edits = len(self.edits) - len(other.edits)
         gain = self.mass - other.mass - edit_cost * extra_edits
         return gain > ROUNDING or (gain > -ROUNDING and extra_edits < 0)

@@ -11,8 +11,6 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import make_dynamics
-from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.options import split_of
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import make_appearance
@@ -104,26 +102,8 @@ def test_solve__refuses_unsuitable_options_with_task(corpus: str, arguments: lis
     assert message in capsys.readouterr().err
 
 
-def test_results__are_not_overwritten_unasked(corpus: str, tmp_path: Path, capsys: Captured):
-    out = tmp_path / "results.json"
-    out.write_text("precious")
-    line = ["solve", "TowerScratch", "--corpus", corpus, "--jobs", "1", "--split", "dev", "--out", str(out)]
-    assert main(line) == 2
-    assert f"{out} exists; --force overwrites it" in capsys.readouterr().err
-    assert out.read_text() == "precious"
-    assert main([*line, "--force"]) == 0
-    assert out.read_bytes() != b"precious"
-
-
 def test_task__is_found_in_its_split(capsys: Captured):
     assert main(["solve", "TowerScratch", "--task", "tower-train-005"]) == 0
     assert "tower-train-005: make" in capsys.readouterr().out
     assert main(["solve", "TowerScratch", "--task", "tower-train-005", "--split", "dev"]) == 2
     assert "tower-train-005 of TowerScratch is in train, not dev" in capsys.readouterr().err
-
-
-def test_split__is_that_of_the_task_else_dev():
-    settings = Settings("TowerScratch")
-    assert split_of(settings, None) == "dev"
-    assert split_of(settings, None, "tower-train-005") == "train"
-    assert split_of(settings, "test", None) == "test"

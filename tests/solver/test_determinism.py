@@ -22,7 +22,7 @@ def results(appearance: str, order: int) -> dict[str, object]:
     dynamics = mdp(appearance)
     solver = Solver(dynamics)
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
-    chosen = random.Random(0).sample(range(len(tasks)), 24)
+    chosen = random.Random(0).sample(range(len(tasks)), 10)
     found: dict[str, object] = {}
     for index in random.Random(order).sample(chosen, len(chosen)):
         one = tasks[index]
@@ -48,9 +48,3 @@ def test_scatter__equal_in_any_order_and_process():
     assert results("scatter", 1) == expected  # with what the first call left in caches
     assert results("scatter", 2) == expected
     assert in_new_process("scatter", 3) == expected
-
-
-def test_tower__equal_in_any_order_and_process():
-    expected = results("tower", 1)
-    assert results("tower", 2) == expected
-    assert in_new_process("tower", 3) == expected

@@ -7,7 +7,6 @@ import random
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.scene import Box
 from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, ITEM_TYPES
 from lilgym_mp.solver.canonical_items import canonical_index
@@ -15,9 +14,7 @@ from lilgym_mp.solver.edit_tables import (
     addition_actions,
     addition_table,
     removal_actions,
-    removal_table,
 )
-from tests.scenes import B, K, tower
 from tests.solver.tasks import after_random_edits, mdp
 
 
@@ -50,10 +47,3 @@ def test_tables__agree_with_the_rules(rules: str, grid: tuple[int, int]):
                     assert (after.boxes[index] if not invalid else None) == (
                         box.without(position) if position >= 0 else None
                     )
-
-
-def test_removal_table__takes_stacks_of_blocks():
-    scatter = mdp("scatter").appearance
-    assert isinstance(scatter, Scatter)
-    box = Box(tuple(tower(B, K)))
-    assert set(removal_table(scatter, box.items).tolist()) == {-1, 0, 1}

@@ -45,14 +45,6 @@ def test_expert__replans_after_other_actions():
     assert play(env, expert)[1]["is_success"]
 
 
-def test_expert__plays_consecutive_episodes():
-    env = gym.make("lilgym_mp/TowerScratch-v0", split="dev")
-    expert = Expert(env)
-    for _ in range(3):
-        env.reset(seed=1)
-        assert play(env, expert)[1]["is_success"]
-
-
 def test_expert__stops_if_there_is_no_solution():
     env = gym.make("lilgym_mp/TowerScratch-v0", split="dev", horizon=1)
     env.reset(seed=0)

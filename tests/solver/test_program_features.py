@@ -6,12 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Box, Scene, Size
 from lilgym_mp.solver.abstraction import Abstraction
 from lilgym_mp.solver.program_features import ProgramFeatures, program_features
-from tests.scenes import LARGE, B, K, Y, circle, scatter_boxes, square, unchecked_boxes
+from tests.scenes import B, K, Y, circle, scatter_boxes, square, unchecked_boxes
 
 
 def of(program: str) -> ProgramFeatures:
@@ -87,27 +86,6 @@ def test_abstraction__preserves_the_programs_value(boxes: tuple[Box, Box, Box], 
     abstraction = Abstraction(program_features(program.tree))
     left, middle, right = (abstraction.representative(abstraction.abstract(box)) for box in boxes)
     assert program(Scene((left, middle, right))) == program(Scene(boxes))
-
-
-@pytest.mark.parametrize("split", ["train", "dev"])
-def test_abstraction__preserves_the_values_of_builtin_programs(split: str):
-    starts = load_tasks("builtin", "scatter", "flipit", split)[:150]
-    for task in starts:
-        features = program_features(compile_program(task.program).tree)
-        if not features.relational:
-            abstraction = Abstraction(features)
-            left, middle, right = (abstraction.representative(abstraction.abstract(box)) for box in task.start.boxes)
-            assert task.truth(Scene((left, middle, right))) != task.target, task.program
-
-
-def test_item_classes__have_an_item_type_of_each_footprint():
-    classes = Abstraction(of("exist(filter_obj(all_items, lambda x: is_big(x) and is_black(x)))")).classes
-    item_class = classes.of(square(0, 0, LARGE, K))
-    assert {(shape.name, size.name) for shape, _, size in classes.item_types[item_class]} == {
-        ("CIRCLE", "LARGE"),
-        ("SQUARE", "LARGE"),
-        ("TRIANGLE", "LARGE"),
-    }
 
 
 def test_item_classes__are_all_known_in_advance():

@@ -41,12 +41,6 @@ def test_interruption__ends_all_processes():
     assert not multiprocessing.active_children()
 
 
-@pytest.mark.parametrize(("option", "message"), [("jobs", "jobs must be at least 1"), ("budget", "budget must be")])
-def test_options__must_be_positive(option: str, message: str):
-    with pytest.raises(ValueError, match=message):
-        solve_tasks(TASKS, mdp("tower"), **{option: 0})
-
-
 def test_summary__excludes_unsolvable_tasks_from_the_share():
     one = task("True")
     summary = summarise([TaskReport(one, SOLVED, 0.0015), TaskReport(one, UNSOLVABLE, 0.0045)])

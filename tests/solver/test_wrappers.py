@@ -13,7 +13,6 @@ from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import (
     PotentialShaping,
     ReverseCurriculum,
-    StructuredObservation,
     WrongEnvironment,
     potential_shaping_v0,
     reverse_curriculum_v0,
@@ -57,7 +56,7 @@ def test_shaping__gives_zero_reward_along_shortest_solutions(make: Make, configu
 @pytest.mark.parametrize("discount", [1.0, 0.9])
 def test_shaping__shifts_every_return_by_the_starts_potential(make: Make, discount: float):
     def discounted_return(actions: list[int]) -> tuple[float, float]:
-        """Of the same episode, shaped and not."""
+        """The returns of one episode, shaped and not."""
         env = PotentialShaping(make("TowerScratch"), discount)
         env.reset(seed=4)
         shaped = plain = 0.0
@@ -90,22 +89,14 @@ def test_shaping__needs_a_discount(make: Make, discount: float):
 
 
 def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list[float]:
-    """What shaping adds to each agent's return in a game, where the proposer takes `actions` and then STOPs."""
-    from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
+    """Plays a game whose proposer takes `actions`, then STOP; returns what shaping adds to each agent's return."""
+    from lilgym_mp.envs.proposer_verifier import env, parallel_env
 
     to_come = iter(actions)
-    if form == "single":
-        view = SingleAgentView(potential_shaping_v0(env(**settings)), "proposer_0", "oracle")
-        view.reset(options={"task": "train-0"})
-        added, ended = 0.0, False
-        while not ended:
-            _, reward, terminated, truncated, info = view.step(next(to_come, STOP))
-            added, ended = added + float(reward) - info["unshaped_reward"], terminated or truncated
-        return [added]
     game = potential_shaping_v0((env if form == "turns" else parallel_env)(**settings))
     game.reset(options={"task": "train-0"})
     agents = list(game.agents)
-    gained, unshaped = dict.fromkeys(agents, 0.0), dict.fromkeys(agents, 0.0)
+    added = dict.fromkeys(agents, 0.0)
 
     def chosen(agent: str) -> int:
         """The proposer's next action, or the verifier's 1; the last index is "wait"."""
@@ -116,26 +107,22 @@ def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list
     while game.agents:
         if form == "turns":
             agent = game.agent_selection
-            _, reward, terminated, truncated, info = game.last()
-            gained[agent] += reward
-            if not (terminated or truncated):
-                game.step(chosen(agent))
-                for one in agents:
-                    unshaped[one] += game.infos[one]["unshaped_reward"]
-                    assert game.rewards[one] - game.infos[one]["unshaped_reward"] == pytest.approx(
-                        game.rewards[agents[0]] - game.infos[agents[0]]["unshaped_reward"]
-                    )
-            else:
+            _, reward, terminated, truncated, _ = game.last()
+            added[agent] += reward
+            if terminated or truncated:
                 game.step(None)
+                continue
+            game.step(chosen(agent))
+            for one in agents:
+                added[one] -= game.infos[one]["unshaped_reward"]
         else:
             _, rewards, _, _, infos = game.step({agent: chosen(agent) for agent in agents})
             for agent in agents:
-                gained[agent] += rewards[agent]
-                unshaped[agent] += infos[agent]["unshaped_reward"]
-    return [gained[agent] - unshaped[agent] for agent in agents]
+                added[agent] += rewards[agent] - infos[agent]["unshaped_reward"]
+    return list(added.values())
 
 
-@pytest.mark.parametrize("form", ["turns", "together", "single"])
+@pytest.mark.parametrize("form", ["turns", "together"])
 @pytest.mark.parametrize("protocol", ["veto", "joint", "critique"])
 def test_shaping__of_a_game_shifts_returns_by_the_starts_potential(corpus: str, protocol: str, form: str):
     pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
@@ -145,8 +132,8 @@ def test_shaping__of_a_game_shifts_returns_by_the_starts_potential(corpus: str, 
     _, reward, _, _, info = potential.step(STOP)
     for actions in ([], [ADD_LEFT_YELLOW], [ADD_LEFT_YELLOW, 3, 3]):
         added = added_by_shaping(form, actions, **settings)
-        assert added == pytest.approx([float(reward) - info["unshaped_reward"]] * len(added))
-    assert added != pytest.approx([0] * len(added))
+        assert added == pytest.approx([float(reward) - info["unshaped_reward"]] * 2)
+    assert added != pytest.approx([0] * 2)
 
 
 @pytest.mark.parametrize("edits", [0, 1, 2])
@@ -164,13 +151,6 @@ def test_reverse_curriculum__keeps_the_starts_of_unsolved_tasks(make: Make):
     env = ReverseCurriculum(make("TowerFlipIt", horizon=1), 0)
     plain = make("TowerFlipIt", horizon=1)
     assert [task.start for task in env.unwrapped.tasks] == [task.start for task in plain.unwrapped.tasks]
-
-
-def test_reverse_curriculum__is_applied_before_other_wrappers(make: Make):
-    env = StructuredObservation(ReverseCurriculum(make("ScatterScratch"), 0))
-    observation, _ = env.reset(seed=0)
-    assert env.observation_space.contains(observation)
-    assert env.unwrapped.goal_reached()
 
 
 def test_reverse_curriculum__is_rebuilt_from_its_spec(make: Make):
@@ -196,9 +176,3 @@ def test_reverse_curriculum__refuses_batches_of_scatter(make_batch: Callable[[st
 def test_reverse_curriculum__needs_a_whole_number_of_edits(make: Make, edits: int):
     with pytest.raises(ValueError, match="edits must be a whole number of at least 0"):
         ReverseCurriculum(make("TowerScratch"), edits)
-
-
-def test_reverse_curriculum__refuses_true_even_after_a_call_with_one(make: Make):
-    ReverseCurriculum(make("TowerScratch"), 1)
-    with pytest.raises(ValueError, match="edits must be a whole number of at least 0, not True"):
-        ReverseCurriculum(make("TowerScratch"), True)

@@ -1,4 +1,4 @@
-"""Recordings and training runs with odd values: reports on them, and the web application's pages that show them.
+"""Recordings with odd values: reports on them, and the web application's pages that show them.
 
 A report must be a page without foreign markup, or one line of error; a response must come in time and be no 5xx.
 """
@@ -12,11 +12,10 @@ import io
 import json
 import random
 import re
-import shutil
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,8 +31,6 @@ ODD_VALUES: tuple[Any, ...] = (
     [[]], {"a": {}}, "\ud800", [None], "TowerFlipIt", "../../etc", 2**63, "=1+1", "| a | b |",
     10**400, "\u202e", "STOP", [[[[[]]]]], [0] * 1_000,
 )  # fmt: skip
-PROGRESS = [{"steps": steps, "accuracy": 0.5, "seconds": 1.0, "loss": 2.0} for steps in (100, 200)]
-RUN = {"learner": "ppo", "environment": {"configuration": "TowerScratch"}, "recipe": {"seed": 0}}
 
 
 def _places(value: Any) -> Iterator[tuple[Any, Any]]:
@@ -77,29 +74,15 @@ def hostile_reports(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     rng, outcomes = random.Random(seed), Counter[str]()
     with tempfile.TemporaryDirectory() as base:
         rows, metadata = recorded(Path(base) / "recorded")
-        for _ in range(count):
-            parts = json.loads(json.dumps({"rows": rows, "metadata": metadata, "progress": PROGRESS, "run": RUN}))
-            spoil(rng.choice([parts["rows"][0], parts["rows"][rng.randint(1, EPISODES)], parts, *parts.values()]), rng)
-            case = Path(base) / "case"
-            shutil.rmtree(case, ignore_errors=True)
-            with contextlib.suppress(KeyError, TypeError):
-                _write(case, parts)
+        for index in range(count):
+            lines, described = copy.deepcopy((rows, metadata))
+            spoil(rng.choice([lines[0], lines[rng.randint(1, EPISODES)], lines, described]), rng)
+            case = Path(base) / str(index)
+            case.mkdir()
+            (case / f"a{METADATA_SUFFIX}").write_text(json.dumps(described), encoding="utf-8")
+            (case / f"a{SUFFIX}").write_bytes(gzip.compress(_lines(lines).encode()))
             outcomes[_outcome(case)] += 1
     return outcomes, []
-
-
-def _write(case: Path, parts: Any) -> None:
-    run = case / "run"
-    run.mkdir(parents=True)
-    files: dict[Path, Callable[[], str]] = {
-        case / f"a{METADATA_SUFFIX}": lambda: json.dumps(parts["metadata"]),
-        run / "run.json": lambda: json.dumps({"identity": parts["run"]}),
-        run / "progress.jsonl": lambda: _lines(parts["progress"]),
-        run / "evaluations.jsonl": lambda: _lines(parts["progress"]),
-    }
-    (case / f"a{SUFFIX}").write_bytes(gzip.compress(_lines(parts["rows"]).encode()))
-    for path, text in files.items():
-        path.write_text(text(), encoding="utf-8")
 
 
 def _lines(rows: Any) -> str:
@@ -145,7 +128,7 @@ def hostile_pages(count: int, seed: int) -> tuple[Counter[str], list[str]]:
 
 
 def _responses(browser: Any) -> Iterator[tuple[str, Any]]:
-    """What the pages on recordings ask for."""
+    """Requests everything that the pages on recordings do."""
     base = "/api/watch/recordings"
     paths = [base, "/api/explore/statements?appearance=tower&split=dev", "/watch"]
     for line in browser.get(base).json()["recordings"]:

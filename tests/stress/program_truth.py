@@ -189,7 +189,7 @@ def value(program: Program, scene: Scene, *, reference: bool = False) -> bool | 
 
 
 def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bool | str]) -> Iterator[str]:
-    """What disagrees with the reference evaluator's values, except in batches."""
+    """Disagreements with the reference evaluator's values, except in batches."""
     generated = ("generated code", "generated code, again") if program.has_generated_code else ()
     for scene, wanted in zip(probes, expected, strict=True):
         for attempt in generated:  # the second time from the boxes' memos
@@ -218,7 +218,7 @@ def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bo
 
 
 def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene, bool | str]]) -> Iterator[str]:
-    """Where compiled cores disagree with the reference evaluator; there, an error counts as false."""
+    """Disagreements of compiled cores, in which an error counts as false, with the reference evaluator."""
     tasks = [Task("own", "It is so.", source, True, scene) for source, scene, _ in cases]
     task_set = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
     dynamics = make_dynamics(make_appearance(appearance), "paper", 1)

@@ -29,7 +29,7 @@ def shaped_returns(rewards: np.ndarray, ended: np.ndarray) -> list[float]:
 
 
 def expected_returns(seed: int, actions: list[int]) -> list[float]:
-    """Of the same actions with a reset by hand after every episode."""
+    """The returns of the same actions with a reset by hand after every episode."""
     env = PotentialShaping(gym.make(TOWER))
     env.reset(seed=seed)
     rewards, ends, resets = [], [], False

@@ -9,7 +9,6 @@ import pytest
 
 pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes with the extra `pettingzoo`")
 
-from pettingzoo.utils import BaseWrapper
 
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
@@ -52,24 +51,6 @@ def test_stop_forcing__allows_only_stop_at_the_goal(make: Any):
     assert forced > 3
 
 
-def test_stop_forcing__in_mode_replace_reports_forced_stop():
-    view = SingleAgentView(stop_forcing_v0(env(reveal_truth=True), mode="replace"), PROPOSER, ALWAYS_ACCEPT)
-    generator = np.random.default_rng(0)
-    for seed in range(50):
-        _, info = view.reset(seed=seed)
-        for _ in range(12):
-            reached = info["goal_reached"]
-            action = int(generator.choice(np.flatnonzero(view.action_masks())[1:]))
-            _, _, terminated, truncated, info = view.step(action)
-            assert info["forced_stop"] is reached
-            if terminated or truncated:
-                break
-        if reached:
-            assert info["outcome"] == "success"
-            return
-    pytest.fail("no goal was met")
-
-
 def test_action_mask__of_the_view_is_in_its_info():
     view = SingleAgentView(action_mask_v0(stop_forcing_v0(env())), PROPOSER, ALWAYS_ACCEPT)
     for seed in range(5):
@@ -96,17 +77,6 @@ def test_wrappers__apply_to_the_partner():
                 break
     assert met
     assert all(met)
-
-
-def test_other_wrappers__apply_too():
-    class Negated(BaseWrapper[str, Any, Any]):
-        @property
-        def rewards(self) -> dict[str, float]:
-            return {agent: -reward for agent, reward in self.env.rewards.items()}
-
-    view = SingleAgentView(Negated(env()), PROPOSER, ALWAYS_ACCEPT)
-    view.reset(seed=0)
-    assert view.step(1)[1] == 0.1
 
 
 def test_array_observations__are_refused():

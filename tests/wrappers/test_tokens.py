@@ -38,11 +38,6 @@ def test_words_not_in_the_train_split__are_unknown(make: Make):
     assert env.vocabulary.words == WORDS
 
 
-def test_default_length__is_the_same_for_every_split(make: Make):
-    spaces = [TokenizedStatement(make("TowerScratch", split=split)).observation_space for split in ("train", "dev")]
-    assert spaces[0] == spaces[1]
-
-
 def test_longer_statement__is_refused_naming_it(make: Make):
     with pytest.raises(ValueError, match=r"'There are exactly two blocks\.' has 5 words, but length is 3: set"):
         TokenizedStatement(make("TowerScratch"), length=3)
@@ -66,9 +61,3 @@ def test_vocabulary__may_be_an_object_or_a_path(make: Make, tmp_path: Path):
     for given in (vocabulary, tmp_path / "words.json", str(tmp_path / "words.json")):
         obs, _ = TokenizedStatement(make("TowerScratch"), given).reset(options={"task": "blue"})
         assert obs["statement"][:3].tolist() == [2, UNKNOWN, UNKNOWN]
-
-
-def test_second_tokenizer__overrides_the_first(make: Make):
-    env = TokenizedStatement(TokenizedStatement(make("TowerScratch")), Vocabulary(("blue",)), length=5)
-    obs, _ = env.reset(options={"task": "blue"})
-    assert obs["statement"].tolist() == [2, UNKNOWN, UNKNOWN, PAD, PAD]
