@@ -11,7 +11,6 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
-import lilgym_mp
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.scene import Scene
@@ -76,15 +75,6 @@ def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
             assert env.action_masks().tolist() == [True, False, False] + [True] * 6
             return
     pytest.fail("no goal was reached")
-
-
-def test_action_masks__are_those_of_the_whole_stack():
-    env = gym.wrappers.TimeLimit(StopForcing(gym.make(TOWER)), 100)
-    env.reset(seed=0)
-    assert (lilgym_mp.action_masks(env) == env.env.action_masks()).all()  # pyright: ignore[reportAttributeAccessIssue]
-    envs = stop_forcing_v0(gym.make_vec(TOWER, num_envs=3))
-    envs.reset(seed=0)
-    assert lilgym_mp.action_masks(envs).shape == (3, 13)
 
 
 @pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 5}, 5)])

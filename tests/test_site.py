@@ -12,13 +12,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import gymnasium as gym
-import numpy as np
 import pytest
 
 import lilgym_mp  # noqa: F401
-from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from tests.browser import axe_script, chromium, watched_page
 from tests.scripts import load_script
 
@@ -70,39 +66,6 @@ def test_site__fetches_nothing_from_elsewhere(site: Path) -> None:
 def test_environment_pages__are_up_to_date(pages: ModuleType) -> None:
     stale = [path.name for path, text in pages.documents().items() if path.read_text() != text]
     assert not stale, "run scripts/write_environment_pages.py"
-
-
-@pytest.mark.parametrize("configuration", CONFIGURATIONS)
-def test_environment_pages__name_the_infos_and_rewards_of_play(configuration: str) -> None:
-    settings = Settings(configuration)
-    pages = (ROOT / "docs" / "environments" / f"{name}.md" for name in ("index", settings.appearance))
-    text = "".join(page.read_text() for page in pages)
-    env = gym.make(settings.id).unwrapped
-    assert isinstance(env, LilGymEnv)
-    env.reset(seed=0)
-    *_, info = env.step(int(np.flatnonzero(~env.action_masks())[0]))
-    assert all(f"`{key}`" in text for key in info)
-    assert f"`{info['invalid_reason']}`" in text
-    assert "**+1**, terminated | **+1**, terminated" in text
-
-
-def test_environment_pages__formula_of_scatter_action_indices_is_right(pages: ModuleType) -> None:
-    settings = Settings("ScatterFlipIt")
-    text = pages.page("scatter")
-    appearance = settings.dynamics().appearance
-    assert "`cell = 5 * column + row` and `item_type = 9 * shape + 3 * colour + size`" in text
-    assert "ADD is `1 + 27 * cell + item_type` and that of REMOVE `2566 + cell`" in text
-    for column, row, shape, colour, size in [(0, 0, 0, 0, 0), (7, 4, 1, 1, 0), (18, 3, 2, 2, 2)]:
-        cell, item_type = 5 * column + row, 9 * shape + 3 * colour + size
-        assert appearance.to_array(appearance.decode(1 + 27 * cell + item_type)) == [
-            1,
-            column,
-            row,
-            shape,
-            colour,
-            size,
-        ]
-        assert appearance.to_array(appearance.decode(2566 + cell))[:3] == [2, column, row]
 
 
 @pytest.fixture(scope="module")

@@ -20,7 +20,7 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.rules import State
 from lilgym_mp.envs.single import UNCHANGED_REWARD
-from lilgym_mp.scene.arrays import BoolArray, Int8Array
+from lilgym_mp.scene.arrays import Int8Array
 from lilgym_mp.wrappers.transformation import (
     Batch,
     EnvDescription,
@@ -132,25 +132,15 @@ class TransformedAgent:
     def _proposes(self) -> bool:
         return self._role is Role.PROPOSER and Role.PROPOSER in self._engine.movers
 
-    def _state(self, mask: Int8Array | None) -> GameEnvState:
-        return GameEnvState(self.transformation.env_description, self._engine, mask)
+    def _state(self, mask: Int8Array | None) -> EnvState:
+        """`mask`: the agent's legal actions, None if not needed."""
+        masks = None if mask is None else mask[None].astype(np.bool_)
+        return EnvState(self.transformation.env_description, (self._engine.state.mdp,), masks)
 
 
 def _first(batch: Batch) -> Any:
     """The first value of a batch. Scalars stay NumPy's, as PettingZoo's tests demand."""
     return {name: _first(part) for name, part in batch.items()} if isinstance(batch, dict) else batch[0]
-
-
-class GameEnvState(EnvState):
-    """The `EnvState` of a game for one agent; `mask`: its legal actions, None if not needed."""
-
-    def __init__(self, description: EnvDescription, engine: Any, mask: Int8Array | None) -> None:
-        super().__init__(description, (engine.state.mdp,))
-        self._mask = mask
-
-    def action_masks(self) -> BoolArray:
-        assert self._mask is not None
-        return self._mask[None].astype(np.bool_)
 
 
 class GameWrapper:

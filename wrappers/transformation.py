@@ -104,11 +104,14 @@ def description_of(env: Any, wrapper: str) -> EnvDescription:
 
 
 class EnvState:
-    """The current state of B environments: computed from `states()`, and with the full masks, unless overridden."""
+    """The current state of B environments, computed from `states()` unless overridden."""
 
-    def __init__(self, description: EnvDescription, states: Sequence[State] = ()) -> None:
+    def __init__(
+        self, description: EnvDescription, states: Sequence[State] = (), masks: BoolArray | None = None
+    ) -> None:
+        """`masks`: (B, actions) the legal actions, if the wrapped wrappers narrow them."""
         self._description = description
-        self._states = states
+        self._states, self._masks = states, masks
 
     def states(self) -> Sequence[State]:
         """One state per environment."""
@@ -150,6 +153,8 @@ class EnvState:
 
     def action_masks(self) -> BoolArray:
         """(B, actions) a new array: the legal actions after the wrapped wrappers."""
+        if self._masks is not None:
+            return self._masks.copy()
         return np.stack([self._description.dynamics.legal_mask(state) for state in self.states()])
 
     def goal_reached(self) -> BoolArray:

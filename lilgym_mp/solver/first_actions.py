@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -149,14 +148,15 @@ class ScatterBox:
 
     def _first_removals(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
         """The removals of an item of the class after which one of `remainders` is feasible."""
-        positions = [position for position, other in enumerate(self._item_classes) if other == item_class]
-        return FirstActions.union(self._first_removal(position, remainders, budget) for position in positions)
-
-    def _first_removal(self, position: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
-        found = self._refine_any(remainders, MAX_REMAINDERS, self._box.without(position), budget)
-        if isinstance(found, NoRefinement):
-            return FirstActions(frozenset(), complete=found is NoRefinement.INFEASIBLE)
-        return FirstActions(frozenset(self._removal_actions(position)))
+        actions: set[int] = set()
+        complete = True
+        for position in (position for position, other in enumerate(self._item_classes) if other == item_class):
+            found = self._refine_any(remainders, MAX_REMAINDERS, self._box.without(position), budget)
+            if isinstance(found, NoRefinement):
+                complete = complete and found is NoRefinement.INFEASIBLE
+            else:
+                actions.update(self._removal_actions(position))
+        return FirstActions(frozenset(actions), complete)
 
     def _first_additions(self, item_class: int, remainders: Sequence[Remainder], budget: Budget) -> FirstActions:
         """The additions of an item of the class after which one of `remainders` is feasible.
@@ -171,34 +171,40 @@ class ScatterBox:
         left, top = table.places[cells, footprints].T
         sides = np.array(FOOTPRINT_SIDES)[footprints]
         squares = np.stack([left, top, left + sides, top + sides], axis=1)
-        feasible, complete = self._feasible_additions(_PlacedItems(squares, footprints), remainders, budget)
+        feasible, complete = self._feasible_additions(squares, footprints, remainders, budget)
         allowed = np.zeros((len(table.places), FOOTPRINT_COUNT), np.bool_)
         allowed[cells[feasible], footprints[feasible]] = True
         by_item_type &= allowed.reshape(-1, len(Shape), 1, len(Size))
         return FirstActions(frozenset(self._addition_actions(chosen.nonzero()[0])), complete)
 
     def _feasible_additions(
-        self, added: _PlacedItems, remainders: Sequence[Remainder], budget: Budget
+        self, squares: Int64Array, footprints: Int64Array, remainders: Sequence[Remainder], budget: Budget
     ) -> tuple[BoolArray, bool]:
-        """(n,) after which additions one of `remainders` is known to be feasible, and whether this is exact."""
-        feasible = np.zeros(len(added.footprints), np.bool_)
+        """(n,) after which additions one of `remainders` is known to be feasible, and whether this is exact.
+
+        `squares`: (n, 4) left, top, right and bottom of the added items, the last two exclusive; `footprints`: (n,).
+        """
+        feasible = np.zeros(len(footprints), np.bool_)
         for remainder in remainders[:MAX_REMAINDERS]:
             for reverse in (False, True):
                 found = self._refine(remainder, self._box, budget, reverse=reverse)
                 if not isinstance(found, NoRefinement) and not feasible.all():
-                    feasible |= self._unaffected(found, added.squares)
+                    feasible |= self._unaffected(found, squares)
         complete = True
         for checked, index in enumerate((~feasible).nonzero()[0].tolist()):
             if checked == MAX_CHECKED:
                 return feasible, False
             if not feasible[index]:
-                found = self._refine_any(remainders, MAX_REMAINDERS, self._box.with_item(added.item(index)), budget)
+                left, top, *_ = squares[index].tolist()
+                shape, size = divmod(int(footprints[index]), len(Size))
+                box = self._box.with_item(Item(left, top, Shape(shape), Colour.YELLOW, Size(size)))
+                found = self._refine_any(remainders, MAX_REMAINDERS, box, budget)
                 if isinstance(found, NoRefinement):
                     complete = complete and found is NoRefinement.INFEASIBLE
                     continue
                 feasible[index] = True
-                if self._unaffected(found, added.squares[index : index + 1])[0]:  # also feasible without the addition
-                    feasible |= self._unaffected(found, added.squares)
+                if self._unaffected(found, squares[index : index + 1])[0]:  # also feasible without the addition
+                    feasible |= self._unaffected(found, squares)
         return feasible, complete
 
     def _unaffected(self, edits: Sequence[BoxEdit], squares: Int64Array) -> BoolArray:
@@ -217,16 +223,3 @@ class ScatterBox:
             side = SIZE_PIXELS[edit.size]
             return x - CLEARANCE, y - CLEARANCE, x + width + side + CLEARANCE, y + height + side + CLEARANCE
         return x, y, x + width, y + height
-
-
-class _PlacedItems(NamedTuple):
-    """n added items without their colours."""
-
-    squares: Int64Array  # (n, 4) left, top, right, bottom; the last two exclusive
-    footprints: Int64Array  # (n,)
-
-    def item(self, index: int) -> Item:
-        """Item `index` in an arbitrary colour."""
-        left, top, *_ = self.squares[index].tolist()
-        shape, size = divmod(int(self.footprints[index]), len(Size))
-        return Item(left, top, Shape(shape), Colour.YELLOW, Size(size))

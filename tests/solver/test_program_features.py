@@ -17,30 +17,27 @@ def of(program: str) -> ProgramFeatures:
     return program_features(compile_program(program).tree)
 
 
-def test_item_features__combine_tests_of_one_item():
-    features = of("exist(filter_obj(all_items, lambda x: is_blue(x) and not is_touching_wall(x)))")
-    (feature,) = features.item_features
-    assert [feature(item) for item in (circle(40, 40, colour=B), circle(0, 0, colour=B), circle(40, 40))] == [
-        True,
-        False,
-        False,
-    ]
+BLUE_INSIDE = "exist(filter_obj(all_items, lambda x: is_blue(x) and not is_touching_wall(x)))"
+BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE = circle(40, 40, colour=B), square(5, 5, colour=K), circle(0, 0, colour=Y)
+
+
+@pytest.mark.parametrize(
+    ("program", "values"),
+    [
+        (BLUE_INSIDE, [1, 0, 0]),
+        ("exist(filter_color(all_items, Color.BLUE))", [1, 0, 0]),
+        ("count(get_set_colors(all_items)) == 2", [B, K, Y]),
+    ],
+)
+def test_item_feature__has_a_value_for_every_item(program: str, values: list[int]):
+    (feature,) = of(program).item_features
+    assert list(map(feature, (BLUE_CIRCLE, BLACK_SQUARE, YELLOW_CIRCLE))) == values
 
 
 def test_item_features__are_shared_by_programs_with_equal_tests():
     assert of("exist(filter_obj(all_items, is_blue))").item_features == (
         of("count(filter_obj(all_boxes[0], lambda item: is_blue(item))) == 2").item_features
     )
-
-
-def test_item_features__for_a_named_value_distinguish_that_value_only():
-    (feature,) = of("exist(filter_color(all_items, Color.BLUE))").item_features
-    assert feature(circle(0, 0, colour=K)) == feature(square(5, 5, colour=Y))
-
-
-def test_item_features__for_all_values_are_the_attribute():
-    (feature,) = of("count(get_set_colors(all_items)) == 2").item_features
-    assert feature(circle(0, 0, colour=K)) != feature(circle(0, 0, colour=Y))
 
 
 @pytest.mark.parametrize(

@@ -53,9 +53,11 @@ def test_solution__succeeds_when_played(rules: str, program: str, start: Scene):
     assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS
 
 
-@pytest.mark.parametrize("grid", [(38, 10), (19, 10), "native"])
-@pytest.mark.parametrize("program", PROGRAMS)
-def test_solution__succeeds_on_other_grids(program: str, grid: tuple[int, int] | str):
+@pytest.mark.parametrize(
+    ("grid", "program"),
+    [*(((38, 10), program) for program in PROGRAMS), *(("native", program) for program in PROGRAMS[:3])],
+)
+def test_solution__succeeds_on_other_grids(grid: tuple[int, int] | str, program: str):
     dynamics = mdp("scatter", grid=grid)
     solution = Solver(dynamics).solve(task(program))
     assert outcome(dynamics, dynamics.start(task(program)), solution.actions) is Outcome.SUCCESS
