@@ -64,13 +64,20 @@ def axe_script() -> str:
 
 @contextmanager
 def watched_page(
-    browser: Any, width: int = 1280, height: int = 900, *, dark: bool = False, bypass_csp: bool = False
+    browser: Any,
+    width: int = 1280,
+    height: int = 900,
+    *,
+    url: str | None = None,
+    dark: bool = False,
+    bypass_csp: bool = False,
 ) -> Iterator[Watched]:
-    """A new page in a window of the given size in pixels."""
+    """A new page in a window of the given size in pixels; paths are relative to `url`."""
     context = browser.new_context(
         viewport={"width": width, "height": height},
         color_scheme="dark" if dark else "light",
         bypass_csp=bypass_csp,
+        base_url=url,
     )
     try:
         context.set_default_timeout(START_MS)

@@ -60,40 +60,50 @@ def browser() -> Iterator[Any]:
         yield opened
 
 
-def _assert_clean(watched: Watched, url: str, *allowed: str) -> None:
+@pytest.fixture
+def watched(browser: Any, tmp_path: Path) -> Iterator[Watched]:
+    """A page on a server of its own."""
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as opened:
+        yield opened
+
+
+@pytest.fixture
+def page(watched: Watched) -> Any:
+    return watched.page
+
+
+def _assert_clean(watched: Watched, *allowed: str) -> None:
     """All requests went to the server, and no errors occurred except those containing an allowed text."""
-    assert {urlsplit(asked).netloc for asked in watched.requests} == {urlsplit(url).netloc}
+    assert {urlsplit(asked).netloc for asked in watched.requests} == {urlsplit(watched.page.url).netloc}
     assert [fault for fault in watched.faults if not any(each in fault for each in allowed)] == []
 
 
-def test_play__by_keyboard_alone(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(f"{url}/play")
-        page.select_option("[name=configuration]", "ScatterFlipIt")
-        page.wait_for_selector(".board.fine .cells button")
-        page.focus("text=Draw a task")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#statement:not(:empty)")
-        page.wait_for_selector(".cells button[data-column='0']:focus")
-        for _ in range(2):
-            page.keyboard.press("ArrowRight")
-        page.keyboard.press("ArrowDown")
-        page.keyboard.press("l")
-        page.wait_for_selector(".cells button.legal")
-        label = page.evaluate("document.activeElement.getAttribute('aria-label')")
-        assert label.startswith("column 2, row 1")
-        page.evaluate("document.querySelector('.cells button.legal').focus()")
-        page.keyboard.press("Enter")
-        page.wait_for_selector("#history:has-text('So far: ADD(')")
-        page.keyboard.press("t")
-        page.wait_for_selector("#end-title:focus")
-        page.keyboard.press("n")
-        page.wait_for_selector("#tools:not([hidden])")
-        page.wait_for_selector(".cells button:focus")
-        assert not page.is_visible("#end")
-        _assert_clean(watched, url)
+def test_play__by_keyboard_alone(watched: Watched):
+    page = watched.page
+    page.goto("/play")
+    page.select_option("[name=configuration]", "ScatterFlipIt")
+    page.wait_for_selector(".board.fine .cells button")
+    page.focus("text=Draw a task")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#statement:not(:empty)")
+    page.wait_for_selector(".cells button[data-column='0']:focus")
+    for _ in range(2):
+        page.keyboard.press("ArrowRight")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("l")
+    page.wait_for_selector(".cells button.legal")
+    label = page.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert label.startswith("column 2, row 1")
+    page.evaluate("document.querySelector('.cells button.legal').focus()")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#history:has-text('So far: ADD(')")
+    page.keyboard.press("t")
+    page.wait_for_selector("#end-title:focus")
+    page.keyboard.press("n")
+    page.wait_for_selector("#tools:not([hidden])")
+    page.wait_for_selector(".cells button:focus")
+    assert not page.is_visible("#end")
+    _assert_clean(watched)
 
 
 SIZES = [(1280, 900), (360, 740)]
@@ -104,19 +114,19 @@ def _in_viewport(page: Any, selector: str) -> bool:
     return box["y"] >= 0 and box["y"] + box["height"] <= page.viewport_size["height"]
 
 
-def _begin(page: Any, url: str, task: str = "scatter-dev-025-a") -> None:
-    page.goto(f"{url}/play?configuration=ScatterFlipIt&task={task}")
+def _begin(page: Any) -> None:
+    page.goto("/play?configuration=ScatterFlipIt&task=scatter-dev-025-a")
     page.wait_for_selector(".board.fine .cells button")
     page.wait_for_selector("#episode:not([aria-busy])")
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_play__an_illegal_action_is_explained_below_the_scene_without_moving_it(
+def test_play__an_illegal_action_is_explained_below_the_scene_and_the_end_is_in_view(
     browser: Any, tmp_path: Path, size: tuple[int, int]
 ):
-    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
         page = watched.page
-        _begin(page, url)
+        _begin(page)
         cell = page.locator(".cells button[data-column='0'][data-row='1']")
         cell.scroll_into_view_if_needed()
         page.evaluate("board.choose('size', 'LARGE')")
@@ -126,13 +136,6 @@ def test_play__an_illegal_action_is_explained_below_the_scene_without_moving_it(
         page.wait_for_selector("#messages .error:has-text('Not done: ')")
         assert page.evaluate(tops) == before
         assert _in_viewport(page, "#messages .error")
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_play__the_end_of_an_episode_is_in_view_with_next(browser: Any, tmp_path: Path, size: tuple[int, int]):
-    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
-        page = watched.page
-        _begin(page, url)
         page.click("#stop")
         page.wait_for_selector("#end-title:focus")
         assert page.inner_text("#end-title") == "Wrong STOP"
@@ -140,32 +143,29 @@ def test_play__the_end_of_an_episode_is_in_view_with_next(browser: Any, tmp_path
         assert _in_viewport(page, "#next")
 
 
-def test_play__opens_with_a_task_and_shows_the_item_under_the_pointer(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/play")
-        page.wait_for_selector(".cells button")
-        assert page.inner_text("#target") in ("true", "false")
-        _begin(page, url)
-        page.hover(".cells button[data-column='8'][data-row='2']")
-        ghost = page.locator(".ghost.shape-circle.colour-yellow").bounding_box()
-        cell = page.locator(".cells button[data-column='8'][data-row='2']").bounding_box()
-        assert ghost["x"] == pytest.approx(cell["x"], abs=1)
-        assert ghost["y"] == pytest.approx(cell["y"], abs=1)
+def test_play__opens_with_a_task_and_shows_the_item_under_the_pointer(page: Any):
+    page.goto("/play")
+    page.wait_for_selector(".cells button")
+    assert page.inner_text("#target") in ("true", "false")
+    _begin(page)
+    page.hover(".cells button[data-column='8'][data-row='2']")
+    ghost = page.locator(".ghost.shape-circle.colour-yellow").bounding_box()
+    cell = page.locator(".cells button[data-column='8'][data-row='2']").bounding_box()
+    assert ghost["x"] == pytest.approx(cell["x"], abs=1)
+    assert ghost["y"] == pytest.approx(cell["y"], abs=1)
 
 
-def _annotate(page: Any, url: str) -> None:
-    page.goto(f"{url}/annotate?appearance=tower&split=dev&statement_id={STATEMENT_ID}")
+def _annotate(page: Any) -> None:
+    page.goto(f"/annotate?appearance=tower&split=dev&statement_id={STATEMENT_ID}")
     page.wait_for_selector("#work:not([aria-busy])")
     page.wait_for_selector("#scenes img")
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_annotate__a_program_is_run_submitted_and_downloaded(browser: Any, tmp_path: Path, size: tuple[int, int]):
-    with served(tmp_path) as (url, _), watched_page(browser, *size) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, *size, url=url) as watched:
         page = watched.page
-        page.set_default_timeout(60_000)
-        _annotate(page, url)
+        _annotate(page)
         shown = page.locator("#scenes img").count()
         program = scenes_of()[0].program
         page.fill("#program", f"NOT({program})")
@@ -197,25 +197,24 @@ def test_annotate__a_program_is_run_submitted_and_downloaded(browser: Any, tmp_p
         assert page.input_value("#program") == ""
 
 
-def test_annotate__the_text_and_the_name_survive_a_reload(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        _annotate(page, url)
-        page.fill("[name=name]", "Ada")
-        page.fill("#program", "exist(all_items")
-        page.wait_for_selector("#program-fault:not(:empty)")
-        page.reload()
-        page.wait_for_selector("#scenes img")
-        page.wait_for_selector("#work:not([aria-busy])")
-        assert page.input_value("#program") == "exist(all_items"
-        assert page.input_value("[name=name]") == "Ada"
-        _assert_clean(watched, url)
+def test_annotate__the_text_and_the_name_survive_a_reload(watched: Watched):
+    page = watched.page
+    _annotate(page)
+    page.fill("[name=name]", "Ada")
+    page.fill("#program", "exist(all_items")
+    page.wait_for_selector("#program-fault:not(:empty)")
+    page.reload()
+    page.wait_for_selector("#scenes img")
+    page.wait_for_selector("#work:not([aria-busy])")
+    assert page.input_value("#program") == "exist(all_items"
+    assert page.input_value("[name=name]") == "Ada"
+    _assert_clean(watched)
 
 
 def test_watch__the_heat_map_leaves_items_alone(browser: Any, tmp_path: Path, runs: Path):
-    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.goto(f"{url}/watch")
+        page.goto("/watch")
         page.wait_for_selector("#recording option", state="attached")
         page.select_option("#recording", label=next(iter(page.locator("#recording option").all_inner_texts())))
         page.wait_for_selector("#viewer .strip img")
@@ -237,133 +236,89 @@ def test_watch__the_heat_map_leaves_items_alone(browser: Any, tmp_path: Path, ru
             assert difference[middle].max() <= 2, item
 
 
-def test_watch__plays_pauses_and_steps_by_key_and_empties_for_no_match(browser: Any, tmp_path: Path, runs: Path):
-    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/watch")
-        page.wait_for_selector("#viewer .strip img")
-        page.press("#viewer", "Space")
-        page.wait_for_selector("#play[aria-label=Pause]")
-        page.press("#viewer", "Space")
-        page.wait_for_selector("#play[aria-label=Play]")
-        page.press("#viewer", "End")
-        page.wait_for_selector("#step-line:has-text('End')")
-        page.press("#viewer", "Home")
-        page.wait_for_selector("#step-line:has-text('Step 1 of')")
-        page.fill("#filters [name=text]", "no statement says this")
-        page.wait_for_selector("#total:has-text('No episode matches')")
-        page.wait_for_selector("#viewer", state="hidden")
+def test_game__key_1_accepts_and_the_end_reveals_the_task(page: Any):
+    page.goto("/game")
+    page.select_option("#preset", "judge")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#turn:text-matches('your turn')")
+    assert "playing with expert" in page.inner_text("#seat-title")
+    assert "Round 1 of" in page.inner_text("#task-line")
+    assert page.locator("#answers button").first.inner_text().startswith("accept")
+    for _ in range(20):
+        page.wait_for_selector("#turn:text-matches('your turn|is over')")
+        if page.is_visible("#end"):
+            break
+        page.press("#seat-title", "1")
+        page.wait_for_selector("#board:not([aria-busy])")
+    assert "The game is over: the goal was " in page.inner_text("#turn")
+    assert "The proposer was " in page.inner_text("#end-line")
+    page.click("#again")
+    page.wait_for_selector("#turn:text-matches('your turn')")
 
 
-def test_game__key_1_accepts_and_the_end_reveals_the_task(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/game")
-        page.select_option("#preset", "judge")
-        page.click("#setup [type=submit]")
-        page.wait_for_selector("#turn:text-matches('your turn')")
-        assert "playing with expert" in page.inner_text("#seat-title")
-        assert "Round 1 of" in page.inner_text("#task-line")
-        assert page.locator("#answers button").first.inner_text().startswith("accept")
-        for _ in range(20):
-            page.wait_for_selector("#turn:text-matches('your turn|is over')")
-            if page.is_visible("#end"):
-                break
-            page.press("#seat-title", "1")
-            page.wait_for_selector("#board:not([aria-busy])")
-        assert "The game is over: the goal was " in page.inner_text("#turn")
-        assert "The proposer was " in page.inner_text("#end-line")
-        page.click("#again")
-        page.wait_for_selector("#turn:text-matches('your turn')")
+def test_keys__act_after_a_click_on_the_blank_page_but_not_on_another_control(page: Any):
+    _begin(page)
+    page.mouse.click(5, 700)
+    page.keyboard.press("a")
+    assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
+    page.focus("text=Draw a task")
+    page.keyboard.press("a")
+    assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
 
 
-def test_play__a_change_of_configuration_draws_a_task(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/play")
-        page.wait_for_selector(".board:not(.fine) .cells button")
-        assert page.input_value("[name=configuration]") == "TowerFlipIt"
-        page.select_option("[name=configuration]", "ScatterFlipIt")
-        page.wait_for_selector(".board.fine .cells button")
-        _assert_clean(watched, url)
+def test_play__remove_crosses_the_item_out_and_a_right_click_removes_it(page: Any):
+    _begin(page)
+    item, name = page.evaluate("Object.entries(board.removable).map(([name, item]) => [item, name])[0]")
+    column, row = name[len("REMOVE(") : -1].split(", ")
+    cell = page.locator(f".cells button[data-column='{column}'][data-row='{row}']")
+    page.click("[data-choice=kind] [data-value=REMOVE]")
+    cell.hover()
+    ghost, scene = page.locator(".ghost.removed").bounding_box(), page.locator("#board .scene").bounding_box()
+    assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
+    assert ghost["width"] * 380 / scene["width"] == pytest.approx(item["side"], abs=1)
+    page.click("[data-choice=kind] [data-value=ADD]")
+    cell.click(button="right")
+    page.wait_for_selector(f"#history:has-text('{name}')")
 
 
-def test_keys__act_after_a_click_on_the_blank_page_but_not_on_another_control(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        _begin(page, url)
-        page.mouse.click(5, 700)
-        page.keyboard.press("a")
-        assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
-        page.focus("text=Draw a task")
-        page.keyboard.press("a")
-        assert page.get_attribute("[data-choice=kind] [data-value=REMOVE]", "aria-pressed") == "true"
+def test_play__the_end_says_whether_the_solution_is_the_shortest_and_folds_the_program(page: Any):
+    page.goto("/play?configuration=TowerFlipIt&task=tower-dev-001-a")
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    steps = page.evaluate("request('POST', `/api/play/episodes/${episode.id}/solution`)")["steps"]
+    for detour in (True, False):
+        actions = ["ADD(RIGHT, BLACK)", "REMOVE(RIGHT)"] * detour + [step["action"] for step in steps]
+        for count, action in enumerate(actions, start=1):
+            page.evaluate("action => act(action)", action)
+            page.wait_for_function("count => episode.actions.length === count", arg=count)
+        expected = f"; the expert needs {len(steps)}" if detour else ", the shortest possible"
+        page.wait_for_selector(f"#end-title:has-text('Solved in {len(actions)} actions{expected}')")
+        assert page.is_hidden("#parts li >> nth=0")
+        page.click("#why summary")
+        assert page.inner_text("#parts .value >> nth=0") == "false"
+        if detour:
+            page.keyboard.press("r")
+            page.wait_for_selector("#tools:not([hidden])")
 
 
-def test_play__remove_crosses_the_item_out_and_a_right_click_removes_it(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        _begin(page, url)
-        item, name = page.evaluate("Object.entries(board.removable).map(([name, item]) => [item, name])[0]")
-        column, row = name[len("REMOVE(") : -1].split(", ")
-        cell = page.locator(f".cells button[data-column='{column}'][data-row='{row}']")
-        page.click("[data-choice=kind] [data-value=REMOVE]")
-        cell.hover()
-        ghost, scene = page.locator(".ghost.removed").bounding_box(), page.locator("#board .scene").bounding_box()
-        assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
-        assert ghost["width"] * 380 / scene["width"] == pytest.approx(item["side"], abs=1)
-        page.click("[data-choice=kind] [data-value=ADD]")
-        cell.click(button="right")
-        page.wait_for_selector(f"#history:has-text('{name}')")
-
-
-def test_play__an_illegal_action_is_explained_in_words(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        _begin(page, url)
-        page.evaluate("act('ADD(5, 0, CIRCLE, BLUE, SMALL)')")
-        page.wait_for_selector("#messages .error:has-text('items cannot lie between the boxes')")
-
-
-def test_play__the_end_says_whether_the_solution_is_the_shortest_and_folds_the_program(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/play?configuration=TowerFlipIt&task=tower-dev-001-a")
-        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
-        steps = page.evaluate("request('POST', `/api/play/episodes/${episode.id}/solution`)")["steps"]
-        for detour in (True, False):
-            actions = ["ADD(RIGHT, BLACK)", "REMOVE(RIGHT)"] * detour + [step["action"] for step in steps]
-            for count, action in enumerate(actions, start=1):
-                page.evaluate("action => act(action)", action)
-                page.wait_for_function("count => episode.actions.length === count", arg=count)
-            expected = f"; the expert needs {len(steps)}" if detour else ", the shortest possible"
-            page.wait_for_selector(f"#end-title:has-text('Solved in {len(actions)} actions{expected}')")
-            assert page.is_hidden("#parts li >> nth=0")
-            page.click("#why summary")
-            assert page.inner_text("#parts .value >> nth=0") == "false"
-            if detour:
-                page.keyboard.press("r")
-                page.wait_for_selector("#tools:not([hidden])")
-
-
-def test_home__is_a_playable_tower_task(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(url)
-        page.wait_for_selector("#episode:not([aria-busy]) .cells button")
-        assert page.inner_text("#target") in ("true", "false")
-        page.keyboard.press("t")
-        page.wait_for_selector("#end-title:has-text('Wrong STOP')")
-        assert page.locator("main a[href='/play']").count() == 1
-        _assert_clean(watched, url)
+def test_home__is_a_playable_tower_task(watched: Watched):
+    page = watched.page
+    page.goto("/")
+    page.wait_for_selector("#episode:not([aria-busy]) .cells button")
+    assert page.inner_text("#target") in ("true", "false")
+    page.keyboard.press("t")
+    page.wait_for_selector("#end-title:has-text('Wrong STOP')")
+    assert page.locator("main a[href='/play']").count() == 1
+    _assert_clean(watched)
 
 
 def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(browser: Any, tmp_path: Path):
     with served(tmp_path) as (url, _):
-        context = browser.new_context(viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True)
+        context = browser.new_context(
+            base_url=url, viewport={"width": 360, "height": 740}, has_touch=True, is_mobile=True
+        )
         try:
             page = context.new_page()
-            _begin(page, url)
+            _begin(page)
             assert page.locator("#board").bounding_box()["y"] < 300
             assert _in_viewport(page, "#stop")
             assert page.locator("kbd:visible").count() == 0
@@ -371,68 +326,49 @@ def test_play__on_a_phone_the_scene_and_stop_are_in_view_and_no_key_is_shown(bro
             context.close()
 
 
-def test_game__the_verifier_sees_the_proposed_item(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/game")
-        page.select_option("[name=configuration]", "ScatterFlipIt")
-        page.select_option("#preset", "judge")
-        for _ in range(12):
-            page.evaluate("begin()")
-            page.hover("#board .picture", force=True)
-            page.hover("#seat-title")
-            seat = page.evaluate("seat")
-            kind, item = seat["proposal"].partition("(")[0], seat["proposed_item"]
-            if kind == "STOP":
-                continue
-            ghost = page.locator(
-                f".ghost.proposed{'.removed' if kind == 'REMOVE' else ':not(.removed)'}"
-            ).bounding_box()
-            scene = page.locator("#board .scene").bounding_box()
-            assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
-            is_there = item["description"] in [each["description"] for each in seat["scene"]["items"]]
-            assert is_there is (kind == "REMOVE")
+def test_game__the_verifier_sees_the_proposed_item(page: Any):
+    page.goto("/game")
+    page.select_option("[name=configuration]", "ScatterFlipIt")
+    page.select_option("#preset", "judge")
+    for _ in range(12):
+        page.evaluate("begin()")
+        page.hover("#board .picture", force=True)
+        page.hover("#seat-title")
+        seat = page.evaluate("seat")
+        kind, item = seat["proposal"].partition("(")[0], seat["proposed_item"]
+        if kind == "STOP":
+            continue
+        ghost = page.locator(f".ghost.proposed{'.removed' if kind == 'REMOVE' else ':not(.removed)'}").bounding_box()
+        scene = page.locator("#board .scene").bounding_box()
+        assert (ghost["x"] - scene["x"]) * 380 / scene["width"] == pytest.approx(item["x"], abs=1)
+        is_there = item["description"] in [each["description"] for each in seat["scene"]["items"]]
+        assert is_there is (kind == "REMOVE")
 
 
-def test_game__in_audit_key_1_says_that_the_claim_holds(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/game")
-        page.select_option("#preset", "catch")
-        page.click("#setup [type=submit]")
-        page.wait_for_selector("#answers button")
-        assert page.locator("#answers button").all_inner_texts() == ["holds 1", "does not hold 2"]
-        assert "in the order shown" in page.inner_text(".keys")
-        page.mouse.click(5, 5)
-        page.keyboard.press("1")
-        page.wait_for_selector("#turn:text-matches('is over')")
-
-
-def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(browser: Any, tmp_path: Path):
+def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(watched: Watched):
     pytest.importorskip("torch")
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/sentence")
-        page.fill("[name=sentence]", "There is a blue block, zyxwv.")
-        page.click("#ask [type=submit]")
-        page.wait_for_selector("#answer-title:has-text('will be true with a probability of')")
-        assert "'zyxwv'" in page.inner_text("#notes")
-        readings = page.locator("#readings li").all_inner_texts()
-        assert any("✓" in reading and "%" in reading for reading in readings)
-        page.wait_for_selector("#plan .step:has-text(': STOP')")  # without a click
-        assert "blue" in page.get_attribute("#plan img", "alt")
-        page.click("#plan .back")
-        assert "STOP" not in page.inner_text("#plan .step")
-        _assert_clean(watched, url)
+    page = watched.page
+    page.goto("/sentence")
+    page.fill("[name=sentence]", "There is a blue block, zyxwv.")
+    page.click("#ask [type=submit]")
+    page.wait_for_selector("#answer-title:has-text('will be true with a probability of')")
+    assert "'zyxwv'" in page.inner_text("#notes")
+    readings = page.locator("#readings li").all_inner_texts()
+    assert any("✓" in reading and "%" in reading for reading in readings)
+    page.wait_for_selector("#plan .step:has-text(': STOP')")  # without a click
+    assert "blue" in page.get_attribute("#plan img", "alt")
+    page.click("#plan .back")
+    assert "STOP" not in page.inner_text("#plan .step")
+    _assert_clean(watched)
 
 
 def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser: Any, tmp_path: Path):
     pytest.importorskip("torch")
     dynamics = Settings("TowerFlipIt").dynamics()
     solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.goto(f"{url}/beat?seed=7")
+        page.goto("/beat?seed=7")
         page.wait_for_selector("#progress:has-text('Task 1 of 10')")
         for number in range(1, 11):
             page.wait_for_selector("#tools:not([hidden])")
@@ -458,28 +394,25 @@ def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser: 
             assert (picture.format, picture.width) == ("PNG", 1000)
         shared = urlsplit(page.url)._replace(fragment="").geturl()
         names = page.evaluate("tasks")
-        _assert_clean(watched, url)
+        _assert_clean(watched)
         with watched_page(browser) as other:
             other.page.goto(shared)
             other.page.wait_for_selector("#progress:has-text('Task 1 of 10')")
             assert other.page.evaluate("tasks") == names
 
 
-def test_explore__links_to_play_the_task(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/explore/scatter/dev/scatter-dev-025-a")
-        page.locator("text=Play this task").last.click()
-        page.wait_for_selector(".board.fine .cells button")
-        assert page.inner_text("#statement")
+def test_explore__links_to_play_the_task(page: Any):
+    page.goto("/explore/scatter/dev/scatter-dev-025-a")
+    page.locator("text=Play this task").last.click()
+    page.wait_for_selector(".board.fine .cells button")
+    assert page.inner_text("#statement")
 
 
 @pytest.mark.parametrize("dark", [False, True])
 def test_pages__fit_360_pixels_and_load_no_external_resources(browser: Any, tmp_path: Path, dark: bool):
-    with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark) as watched:
-        watched.page.set_default_timeout(60_000)
+    with served(tmp_path) as (url, _), watched_page(browser, 360, 740, dark=dark, url=url) as watched:
         for path in PAGES:
-            watched.page.goto(url + path, wait_until="networkidle")
+            watched.page.goto(path, wait_until="networkidle")
             if path in ("/play", "/game"):
                 watched.page.select_option("[name=configuration]", "ScatterFlipIt")
                 watched.page.click("#setup [type=submit]")
@@ -488,7 +421,7 @@ def test_pages__fit_360_pixels_and_load_no_external_resources(browser: Any, tmp_
             assert watched.page.evaluate(wider) <= 0, path
             tops = "links => [...new Set(links.map(link => link.getBoundingClientRect().top))]"
             assert len(watched.page.locator(".top nav a").evaluate_all(tops)) == 1, "the navigation takes one line"
-        _assert_clean(watched, url, "404", "icon.svg")  # navigation may cancel the request for the icon
+        _assert_clean(watched, "404", "icon.svg")  # navigation may cancel the request for the icon
 
 
 RULES = "{runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice']}"
@@ -500,12 +433,12 @@ def test_pages__pass_axe(browser: Any, tmp_path: Path, runs: Path, dark: bool, w
     script = axe_script()
     with (
         served(tmp_path, runs=runs) as (url, _),
-        watched_page(browser, width, dark=dark, bypass_csp=True) as watched,
+        watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched,
     ):
         page = watched.page
         found: list[str] = []
         for path in PAGES:
-            page.goto(url + path, wait_until="networkidle")
+            page.goto(path, wait_until="networkidle")
             if path in ("/play", "/game"):
                 page.click("#setup [type=submit]")
                 page.wait_for_selector(".cells button")
@@ -531,10 +464,9 @@ def _barriers(page: Any, script: str, where: str) -> list[str]:
 def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Path, dark: bool, width: int):
     """The program editor empty, with an error, and with an agreeing program; the end of an episode and of a game."""
     script = axe_script()
-    with served(tmp_path) as (url, _), watched_page(browser, width, dark=dark, bypass_csp=True) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, width, dark=dark, bypass_csp=True, url=url) as watched:
         page, found = watched.page, list[str]()
-        page.set_default_timeout(60_000)
-        _annotate(page, url)
+        _annotate(page)
         found += _barriers(page, script, "editor")
         page.fill("#program", "exist(")
         page.wait_for_selector("#program-fault:not(:empty)")
@@ -543,14 +475,14 @@ def test_pages__pass_axe_during_and_after_interaction(browser: Any, tmp_path: Pa
         page.click("#run")
         page.wait_for_selector("#submit:not([disabled])")
         found += _barriers(page, script, "editor with an agreeing program")
-        page.goto(f"{url}/play")
+        page.goto("/play")
         page.click("#setup [type=submit]")
         page.wait_for_selector(".cells button")
         page.click("#stop")
         page.click("#why summary")
         page.wait_for_selector("#parts li")
         found += _barriers(page, script, "end of an episode")
-        page.goto(f"{url}/game")
+        page.goto("/game")
         page.select_option("[name=configuration]", "TowerScratch")
         page.click("#setup [type=submit]")
         page.wait_for_selector("#turn:text-matches('your turn')")
@@ -572,10 +504,9 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path: Path, runs: Path):
-    with served(tmp_path, runs=runs) as (url, _), watched_page(browser) as watched:
+    with served(tmp_path, runs=runs) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(f"{url}/watch")
+        page.goto("/watch")
         page.wait_for_selector("#episodes button")
         page.select_option(
             "#recording", label=next(filter(_of_expert, page.locator("#recording option").all_inner_texts()))
@@ -587,8 +518,13 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         page.fill("[name=text]", "")
         page.select_option("[name=outcome]", "wrong_stop")
         page.wait_for_selector("#total:has-text('No episode matches')")
+        page.wait_for_selector("#viewer", state="hidden")
         page.select_option("[name=outcome]", "success")
         page.wait_for_selector("#episodes button")
+        page.press("#viewer", "Space")
+        page.wait_for_selector("#play[aria-label=Pause]")
+        page.press("#viewer", "Space")
+        page.wait_for_selector("#play[aria-label=Play]")
         page.select_option("#beside", index=1)
         page.locator("#episodes button").nth(3).click()
         page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
@@ -609,7 +545,7 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         page.wait_for_selector("#step-line:has-text('Step 1 ')")
         page.reload()
         page.wait_for_selector("#sides.two .side:nth-child(2) .strip img")
-        _assert_clean(watched, url)
+        _assert_clean(watched)
 
 
 def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
@@ -620,10 +556,9 @@ def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
     (tmp_path / "runs").mkdir()
     player = Player(Settings("TowerFlipIt"), Hesitant())
     write_recording(tmp_path / "runs", player, "mine:Hesitant", [player.play(player.task_ids()[0])], 0, judges=True)
-    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser) as watched:
+    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(f"{url}/watch")
+        page.goto("/watch")
         page.locator("#episodes button").first.click()
         page.wait_for_selector(".side .answer")
         assert page.locator(".side h3", has_text="Answer, not understood as an action").count() == 1
@@ -633,40 +568,38 @@ def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
         page.keyboard.press("ArrowRight")
         page.wait_for_selector("#step-line:has-text('Step 2')")
         assert page.locator(".side .answer").count() == 1
-        _assert_clean(watched, url)
+        _assert_clean(watched)
 
 
 def _of_expert(title: str) -> bool:
     return title.startswith("expert")
 
 
-def test_watch__without_recordings_lets_a_shipped_agent_play(browser: Any, tmp_path: Path):
+def test_watch__without_recordings_lets_a_shipped_agent_play(watched: Watched):
     pytest.importorskip("torch")
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.goto(f"{url}/watch")
-        page.wait_for_selector("#nothing:has-text('--record-decisions')")
-        page.click("#request [type=submit]")
-        page.wait_for_selector("#about-title:has-text('parse-and-plan, TowerFlipIt')")
-        page.wait_for_selector("#viewer .strip img")
-        assert page.is_hidden("#nothing")
-        assert page.locator("#episodes button").count() == 12
-        facts = page.inner_text(".side .facts >> nth=-1")
-        assert "when no edit of its plan is left" in facts
-        assert "Satisfied readings" in facts
-        page.press("#viewer", "End")
-        page.press("#viewer", "ArrowLeft")  # the step at which it stops
-        page.wait_for_selector(".side [role=status]:has-text('STOP')")
-        assert "✓" in page.inner_text(".side .bars >> nth=2")
-        _assert_clean(watched, url)
+    page = watched.page
+    page.goto("/watch")
+    page.wait_for_selector("#nothing:has-text('--record-decisions')")
+    page.click("#request [type=submit]")
+    page.wait_for_selector("#about-title:has-text('parse-and-plan, TowerFlipIt')")
+    page.wait_for_selector("#viewer .strip img")
+    assert page.is_hidden("#nothing")
+    assert page.locator("#episodes button").count() == 12
+    facts = page.inner_text(".side .facts >> nth=-1")
+    assert "when no edit of its plan is left" in facts
+    assert "Satisfied readings" in facts
+    page.press("#viewer", "End")
+    page.press("#viewer", "ArrowLeft")  # the step at which it stops
+    page.wait_for_selector(".side [role=status]:has-text('STOP')")
+    assert "✓" in page.inner_text(".side .bars >> nth=2")
+    _assert_clean(watched)
 
 
 @pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person")])
 def test_game__every_protocol_can_be_played_to_the_end(browser: Any, tmp_path: Path, seats: tuple[str, str]):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
+    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
         page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(f"{url}/game")
+        page.goto("/game")
         page.select_option("[name=configuration]", "TowerScratch")
         page.click("#more summary")
         for seat, who in zip(("proposer", "verifier"), seats, strict=True):
@@ -679,7 +612,7 @@ def test_game__every_protocol_can_be_played_to_the_end(browser: Any, tmp_path: P
                 page.click("#legal")
             _play_out(page)
             assert "Your reward: " in page.inner_text("#turn")
-        _assert_clean(watched, url)
+        _assert_clean(watched)
 
 
 def _play_out(page: Any) -> None:
@@ -699,22 +632,3 @@ def _play_out(page: Any) -> None:
             page.locator(".cells button.legal:not(:disabled)").first.click()
         page.wait_for_selector("#board:not([aria-busy])")
     raise AssertionError("the game did not end")
-
-
-def test_game__a_verdict_is_chosen_from_probabilities(browser: Any, tmp_path: Path):
-    with served(tmp_path) as (url, _), watched_page(browser) as watched:
-        page = watched.page
-        page.set_default_timeout(60_000)
-        page.goto(f"{url}/game")
-        page.click("#more summary")
-        chosen = {"configuration": "TowerFlipIt", "protocol": "audit", "rewards": "brier"}
-        for name, value in {**chosen, "proposer": "helpful", "verifier": "person"}.items():
-            page.select_option(f"[name={name}]", value)
-        page.click("#setup [type=submit]")
-        page.wait_for_selector("#answers button")
-        shares = [text.split()[3] for text in page.locator("#answers button").all_inner_texts()]
-        assert shares == ["0.1", "0.3", "0.5", "0.7", "0.9"]
-        page.focus("#answers button")
-        page.keyboard.press("5")
-        page.wait_for_selector("#turn:text-matches('Your reward: -0.(01|81)')")  # of a true claim, of a false one
-        _assert_clean(watched, url)

@@ -167,15 +167,6 @@ def test_end__tells_both_seats_the_truth_and_what_each_knew(browser: Browser):
     assert ends == [expected, expected]
 
 
-def test_responses__each_seat_learns_its_own_reward_at_the_end(browser: Browser):
-    made = begin(browser, proposer="person", verifier="person", rewards="correctness", protocol="audit")
-    bodies = [json.loads(text) for text in play_out(browser, people(made))]
-    assert all(body["reward"] is None for body in bodies if "over" in body and not body["over"])
-    ends = [seat(browser, key) for key in people(made).values()]
-    game = live_game(browser.app, made["proposer"])
-    assert [end["reward"] for end in ends] == [pytest.approx(reward) for reward in game.rewards]
-
-
 def test_view__simultaneous_choices_stay_hidden_until_both_are_made(browser: Browser):
     made = begin(browser, protocol="joint", proposer="person", verifier="person")
     before = browser.get(f"{SEATS}/{made['verifier']}").text
@@ -317,7 +308,7 @@ def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: P
     settings = GameSettings(protocol="audit", rewards="correctness")
     trained = train_game(settings, recipe, tmp_path / "run", steps=16, device="cpu")
     name = "agent:parse-and-plan"
-    monkeypatch.setattr(browser.app.state.services.trained_partners, "_agent", {name: trained}.get)
+    monkeypatch.setattr(browser.app.state.services.runs, "_agent", {name: trained}.get)
     chosen = {"verifier": name, "proposer": "person", "configuration": "TowerScratch"}
     refused = browser.post(GAMES, {**chosen, "protocol": "veto"})
     assert refused.status_code == 422
@@ -335,14 +326,3 @@ def test_games__are_limited_in_number(browser: Browser, monkeypatch: pytest.Monk
     monkeypatch.setattr(live_games, "MAX_GAMES", 5)
     begin(Browser(browser.app))
     assert len(browser.app.state.services.games.games) == 5
-
-
-def test_seat__an_unknown_key_is_refused(browser: Browser):
-    response = browser.get(f"{SEATS}/nobody")
-    assert (response.status_code, "no such seat" in response.json()["message"]) == (404, True)
-
-
-def test_game_page__offers_every_protocol_and_partner(browser: Browser):
-    page = browser.get("/game").text
-    for word in ("veto", "joint", "audit", "critique", "oracle", "helpful"):
-        assert f'value="{word}"' in page

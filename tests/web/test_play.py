@@ -169,9 +169,3 @@ def test_task__with_an_unknown_id_or_configuration_is_refused(browser: Browser):
     assert response.status_code == 404
     assert "no task 'nowhere'" in response.json()["message"]
     assert browser.post(EPISODES, {"configuration": "Towers"}).status_code == 422
-
-
-def test_page__offers_every_configuration(browser: Browser):
-    text = browser.get("/play").text
-    for name in ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"):
-        assert f'value="{name}"' in text

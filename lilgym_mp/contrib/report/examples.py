@@ -22,25 +22,20 @@ EXAMPLE_LENGTH = 4  # preferred number of actions of an example
 def tasks_and_programs(data: ReportData) -> Iterator[Item]:
     """Figures 1, 2 and 7."""
     entries = [data.find(EXPERT, name) or data.of(name)[0] for name in data.configurations if data.of(name)]
-    runs = [entry.runs[0] for entry in entries]
-    chosen = [(run, episode) for run in runs if (episode := example_episode(run)) is not None]
+    chosen = [(e.runs[0], episode) for e in entries if (episode := example_episode(e.runs[0])) is not None]
     if not chosen:
         for item, title in (("Figure 1", "A task"), ("Figure 2", "Trajectories"), ("Figure 7", "Programs")):
             yield MissingItem(item, title, "no recorded episode succeeds")
         return
     run, episode = max(chosen, key=lambda pair: len(pair[1].actions))
+    notes = [f"Played by {of.header.agent}, corpus {of.header.corpus}." for of in (run, chosen[0][0])]
     strip = film_strip(run, episode)
-    yield Chart("Figure 1", "A task and a way to complete it", film_strips([strip]), _played_by(run), raster=True)
+    yield Chart("Figure 1", "A task and a way to complete it", film_strips([strip]), notes[0], raster=True)
     films = [film_strip(run, episode) for run, episode in chosen]
-    note = _played_by(chosen[0][0])
-    yield Chart("Figure 2", "Trajectories, one per configuration", film_strips(films), note, raster=True)
+    yield Chart("Figure 2", "Trajectories, one per configuration", film_strips(films), notes[1], raster=True)
     programs = [_program(run, episode) for run, episode in chosen[:2]]
     note = "Before the first and after the last edit: the program is false in one scene and true in the other."
     yield Chart("Figure 7", "Programs with true and false scenes", film_strips(programs), note, raster=True)
-
-
-def _played_by(run: Recording) -> str:
-    return f"Played by {run.header.agent}, corpus {run.header.corpus}."
 
 
 def example_episode(run: Recording) -> RecordedEpisode | None:
@@ -87,9 +82,8 @@ def failures(data: ReportData) -> Iterator[Item]:
     """For each agent, the first recorded example of each kind of error."""
     for agent in data.agents:
         examples: dict[str, FilmStrip] = {}
-        entries = [entry for entry in data.main_results if entry.agent == agent]
-        played = [(run, episode) for entry in entries for run in entry.runs for episode in run.episodes]
-        for run, episode in played:
+        runs = [run for entry in data.main_results if entry.agent == agent for run in entry.runs]
+        for run, episode in [(each, episode) for each in runs for episode in each.episodes]:
             kind = error_kind(episode)
             if kind is not None and kind not in examples:
                 settings = run.header.settings

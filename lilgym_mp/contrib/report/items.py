@@ -40,7 +40,7 @@ FEW_EPISODES = 100  # below, decimals of a percentage mean nothing
 class Named:
     """An item of the paper, or our own."""
 
-    item: str  # its name in the paper, such as "Table 2", or our own
+    item: str  # such as "Table 2"
     title: str
 
     @property

@@ -227,8 +227,9 @@ def _arguments(node: Node) -> tuple[Node, ...]:
 
 def _argument_of(node: Node | None, *names: str) -> Node | None:
     """The first argument if the node calls a word of those names."""
-    is_call = isinstance(node, Call) and node.word.name in names
-    return next(children(node), None) if is_call else None
+    if isinstance(node, Call) and node.word.name in names:
+        return next(children(node), None)
+    return None
 
 
 def _comparisons(tree: Node) -> Iterator[tuple[Node, str, Node]]:

@@ -11,7 +11,7 @@ from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
 from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
-from lilgym_mp.contrib.web.errors import add_error_handlers
+from lilgym_mp.contrib.web.responses import add_error_handlers
 from lilgym_mp.contrib.web.routes import ROUTERS
 from lilgym_mp.contrib.web.security import CurrentVisitor, Guard
 
@@ -39,10 +39,6 @@ def create_app(options: ServeOptions) -> FastAPI:
     app.state.services = services
     for router in ROUTERS:
         app.include_router(router)
-
-    @app.get("/healthz", include_in_schema=False)
-    async def health() -> dict[str, str]:  # async: needs no thread, so a busy thread pool does not delay it
-        return {"status": "ok"}
 
     @app.get("/api/session")
     def session(visitor: CurrentVisitor) -> dict[str, str]:

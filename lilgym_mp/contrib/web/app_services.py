@@ -12,8 +12,7 @@ from fastapi import Depends, Request
 
 from lilgym_mp.contrib.web.database import Database
 from lilgym_mp.contrib.web.live_games import LiveGames
-from lilgym_mp.contrib.web.run_directory import RunDirectory
-from lilgym_mp.contrib.web.trained_partners import TrainedPartners
+from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
@@ -71,12 +70,11 @@ class AppServices:
         self.options = options
         self.database = Database(options.database)
         self.catalogue = Catalogue(options.corpus)
-        self.run_directory = RunDirectory(options.runs)
-        self.trained_partners = TrainedPartners(self.run_directory)
+        self.runs = Runs(options.runs)
         self.games = LiveGames()
 
     def close(self) -> None:
-        self.run_directory.close()
+        self.runs.close()
 
 
 async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool

@@ -1,20 +1,25 @@
-"""Parts of responses shared by several pages, and PNG images of scenes."""
+"""Field types of requests, parts of responses shared by several pages, and PNG images of scenes."""
 
 from __future__ import annotations
 
 import base64
 import io
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
+from pydantic import AfterValidator, StringConstraints
 
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import action_cells
+from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.programs.tracing import BOX_TITLES, cell_text, trace
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
 from lilgym_mp.scene.actions import ActionType, describe
+from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.render.frames import smooth_picture
 
 IMAGE_CACHE_SIZE = 2_000
@@ -23,6 +28,26 @@ COMPRESSION = 3  # zlib level; higher levels take longer than sending the bytes 
 
 JSON = dict[str, Any]
 """Part of a response."""
+
+
+def storable(text: str) -> str:
+    """The text unchanged. Raises ValueError for NUL characters and lone surrogates, which databases reject."""
+    if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
+        raise ValueError("contains a character that cannot be stored")
+    return text
+
+
+Name = Annotated[str, StringConstraints(max_length=200), AfterValidator(storable)]
+RandomId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+
+if TYPE_CHECKING:  # type checkers know no literals made of tables
+    AppearanceName = ConfigurationName = PresetName = ProtocolName = SplitName = str
+else:
+    AppearanceName = Literal[*APPEARANCES]
+    ConfigurationName = Literal[*CONFIGURATIONS]
+    PresetName = Literal[*PRESETS]
+    ProtocolName = Literal[*PROTOCOLS]
+    SplitName = Literal[*SPLITS]
 
 
 def pick(source: object, *names: str) -> JSON:
@@ -63,6 +88,7 @@ def scene_body(scene: Scene) -> JSON:
 
 def _item_body(box: int, index: int, item: Item) -> JSON:
     """An item's description, and its bounding square in native pixels of the whole image."""
+    middle = cell_text(box, item.x + item.side // 2, item.y + item.side // 2)
     return {
         "box": box,
         "index": index,
@@ -71,7 +97,7 @@ def _item_body(box: int, index: int, item: Item) -> JSON:
         "side": item.side,
         "shape": item.shape.name.lower(),
         "colour": item.colour.name.lower(),
-        "description": _description(box, item),
+        "description": f"{item.size.name} {item.colour.name} {item.shape.name} at {middle}".lower(),
     }
 
 
@@ -97,8 +123,3 @@ def removable_items(dynamics: Dynamics, scene: Scene) -> dict[str, JSON]:
         if item is not None:
             found[describe(action)] = item
     return found
-
-
-def _description(box: int, item: Item) -> str:
-    middle = cell_text(box, item.x + item.side // 2, item.y + item.side // 2)
-    return f"{item.size.name} {item.colour.name} {item.shape.name} at {middle}".lower()

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.responses import http_error
 from lilgym_mp.envs.proposer_verifier import Partner, PartnerError, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action

@@ -16,14 +16,14 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from lilgym_mp.contrib.web.app_services import ServeOptions
-from lilgym_mp.contrib.web.errors import error_response
+from lilgym_mp.contrib.web.responses import error_response
 
 VISITOR_COOKIE = "lilgym_visitor"
 _VISITOR_ID = re.compile(r"[A-Za-z0-9_-]{43}")
 CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 TOKEN_COOKIE = "lilgym_token"
-PUBLIC_PATHS = ("/assets/", "/healthz")  # path prefixes served without the token
+PUBLIC_PATHS = "/assets/"  # served without the token
 MAX_BODY = 256 * 1024  # bytes
 COOKIE_ATTRIBUTES = f"; Path=/; Max-Age={400 * 24 * 3600}; HttpOnly; SameSite=Lax"
 SECURITY_HEADERS = {
@@ -43,14 +43,6 @@ class Visitor:
     """A browser. Its id is known to it and the server alone."""
 
     id: str
-    is_new: bool  # sent no valid cookie
-
-    @classmethod
-    def of_cookie(cls, cookie: str | None) -> Visitor:
-        """The visitor with that id; a new one if the cookie is missing or no id."""
-        if cookie is not None and _VISITOR_ID.fullmatch(cookie):
-            return cls(cookie, is_new=False)
-        return cls(secrets.token_urlsafe(32), is_new=True)
 
     @property
     def csrf_token(self) -> str:
@@ -86,14 +78,16 @@ class Guard:
             await self.app(scope, receive, send)
             return
         request = Request(scope)
-        visitor = scope["visitor"] = Visitor.of_cookie(request.cookies.get(VISITOR_COOKIE))
+        cookie = request.cookies.get(VISITOR_COOKIE, "")
+        is_new = _VISITOR_ID.fullmatch(cookie) is None
+        visitor = scope["visitor"] = Visitor(secrets.token_urlsafe(32) if is_new else cookie)
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
-                if visitor.is_new and message["status"] < 400 and not scope["path"].startswith("/assets/"):
+                if is_new and message["status"] < 400 and not scope["path"].startswith(PUBLIC_PATHS):
                     headers.append("Set-Cookie", f"{VISITOR_COOKIE}={visitor.id}{COOKIE_ATTRIBUTES}")
             await send(message)
 

@@ -8,16 +8,14 @@ from __future__ import annotations
 import json
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from pydantic import AfterValidator, BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, scene_body
+from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, scene_body, storable
 from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, save_annotation
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import AppearanceName, Name, SplitName, storable
-from lilgym_mp.contrib.web.routes.explore import find_statement, list_statements
-from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.routes.explore import CorpusStatement, FoundStatement, list_statements
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError
 from lilgym_mp.programs.compiler import Program
@@ -47,33 +45,24 @@ class NewAnnotation(ProgramBody):
     name: Annotator
 
 
-class AnnotatedStatement(NamedTuple):
-    """A statement of the corpus with labelled scenes: those shown, and those that only check submissions."""
+class LabelledScenes(NamedTuple):
+    """The scenes of a statement with its value there: those shown, and those that only check submissions."""
 
-    id: str
-    appearance: str
-    split: str
-    text: str
+    of: CorpusStatement
     shown: list[tuple[Scene, bool]]
     hidden: list[tuple[Scene, bool]]
 
 
-def get_statement(
-    services: Services,
-    statement_id: Annotated[Name, Query()],
-    appearance: AppearanceName = "tower",
-    split: SplitName = "dev",
-) -> AnnotatedStatement:
+def get_scenes(found: FoundStatement) -> LabelledScenes:
     """Responds with 404 if there is no such statement, or it has no FlipIt scenes."""
-    found = find_statement(services.catalogue, appearance, split, statement_id)
     scenes = [(task.start, task.truth(task.start)) for start, task in found.tasks if start == FLIPIT]
     if not scenes:
-        raise http_error(404, f"the statement {statement_id!r} has no FlipIt scenes; choose another")
+        raise http_error(404, f"the statement {found.id!r} has no FlipIt scenes; choose another")
     middle = (len(scenes) + 1) // 2
-    return AnnotatedStatement(found.id, appearance, split, found.statement, scenes[:middle], scenes[middle:])
+    return LabelledScenes(found, scenes[:middle], scenes[middle:])
 
 
-CurrentStatement = Annotated[AnnotatedStatement, Depends(get_statement)]
+Scenes = Annotated[LabelledScenes, Depends(get_scenes)]
 
 
 @router.get("/annotate", include_in_schema=False)
@@ -114,39 +103,38 @@ def statements(
 
 
 @api.get("/statement")
-def statement(found: CurrentStatement) -> JSON:
+def statement(scenes: Scenes) -> JSON:
     """A statement with the scenes shown to annotators and its value there; of the others, only the number."""
-    shown = [{"label": label, "scene": scene_body(scene)} for scene, label in found.shown]
-    return {"statement": found.text, "shown": shown, "hidden": len(found.hidden)}
+    shown = [{"label": label, "scene": scene_body(scene)} for scene, label in scenes.shown]
+    return {"statement": scenes.of.statement, "shown": shown, "hidden": len(scenes.hidden)}
 
 
 @api.post("/run")
-def run(found: CurrentStatement, written: ProgramBody) -> list[JSON]:
+def run(scenes: Scenes, written: ProgramBody) -> list[JSON]:
     """A program's value on each shown scene, part by part; null where it has none, with the error in `fault`."""
     program = Program(written.program)
     return [
         {**_value(program, scene), "label": label, "parts": parts_body(program.source, scene, STEP_LIMIT)}
-        for scene, label in found.shown
+        for scene, label in scenes.shown
     ]
 
 
 @api.post("/annotations", status_code=201)
-def submit(found: CurrentStatement, new: NewAnnotation, services: Services) -> JSON:
+def submit(scenes: Scenes, new: NewAnnotation, services: Services) -> JSON:
     """Saves a program that agrees with the shown scenes, after checking it on the hidden ones.
 
     Responds with 409 if it disagrees with a shown scene, or has no value on the empty scene, as every program must.
     """
     program = Program(new.program)
     shown, hidden = (
-        all(_value(program, scene)["truth"] is label for scene, label in scenes)
-        for scenes in (found.shown, found.hidden)
+        all(_value(program, scene)["truth"] is label for scene, label in part) for part in (scenes.shown, scenes.hidden)
     )
     if not shown:
         raise http_error(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
     if fault := _value(program, Scene.empty())["fault"]:
         raise http_error(409, f"the program fails on a scene without items ({fault}); it must have a value everywhere")
-    about = {"corpus": services.catalogue.corpus, "statement_id": found.id, "statement": found.text, "comment": ""}
-    row = {**new.model_dump(), **about, **pick(found, "appearance", "split"), "accepted": hidden}
+    about = {"corpus": services.catalogue.corpus, "statement_id": scenes.of.id, "comment": "", "accepted": hidden}
+    row = {**new.model_dump(), **about, **pick(scenes.of, "appearance", "split", "statement")}
     with services.database.write() as connection:
         save_annotation(connection, row)
     return {"accepted": hidden, "message": ACCEPTED if hidden else FAILED}

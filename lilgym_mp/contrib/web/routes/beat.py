@@ -11,13 +11,11 @@ from typing import Annotated, NamedTuple
 from fastapi import APIRouter, Query, Request, Response
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
-from lilgym_mp.contrib.web.bodies import JSON
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import ConfigurationName, RandomId, SplitName
+from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, RandomId, SplitName
+from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
-from lilgym_mp.contrib.web.security import CurrentVisitor
-from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.contrib.web.trained_partners import PARSER
+from lilgym_mp.contrib.web.runs import PARSER
+from lilgym_mp.contrib.web.security import CurrentVisitor, Visitor
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
@@ -45,7 +43,7 @@ class Row(NamedTuple):
 
 @router.get("/beat", include_in_schema=False)
 def beat_page(request: Request, services: Services) -> Response:
-    has_agent = PARSER in services.trained_partners.names()
+    has_agent = PARSER in services.runs.agents()
     return render_page(request, "beat.html", sizes=services.catalogue.sizes(), agent=AGENT_NAME, has_agent=has_agent)
 
 
@@ -64,7 +62,7 @@ def tasks(
 @api.get("/round")
 def score(services: Services, visitor: CurrentVisitor, episode: Episodes) -> JSON:
     """The score of this browser's episodes that are over."""
-    rows = _rows(services, visitor.id, episode)
+    rows = _rows(services, visitor, episode)
     verdict, summary = _told(rows)
     shown = [{name: value for name, value in row._asdict().items() if name != "scene"} for row in rows]
     return {"rows": shown, "verdict": verdict, "summary": summary}
@@ -73,10 +71,10 @@ def score(services: Services, visitor: CurrentVisitor, episode: Episodes) -> JSO
 @api.get("/picture", response_class=Response)
 def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> Response:
     """The same as a PNG image. Responds with 409 before an episode is over."""
-    rows = _rows(services, visitor.id, episode)
+    rows = _rows(services, visitor, episode)
     if not rows:
         raise http_error(409, "no episode is over yet")
-    title = load_episode(services, visitor.id, episode[0]).row.configuration
+    title = load_episode(services, visitor, episode[0]).row.configuration
     verdict, summary = _told(rows, "Player")
     lines = [
         ScoreLine(f"Make it {str(row.target).lower()}: {row.statement}", row.scene, (row.you, row.agent, row.shortest))
@@ -87,8 +85,8 @@ def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> R
     return Response(buffer.getvalue(), media_type="image/png")
 
 
-def _rows(services: AppServices, visitor_id: str, ids: Sequence[str]) -> list[Row]:
-    loaded = [load_episode(services, visitor_id, each) for each in ids]
+def _rows(services: AppServices, visitor: Visitor, ids: Sequence[str]) -> list[Row]:
+    loaded = [load_episode(services, visitor, each) for each in ids]
     return [_row(services, each) for each in loaded if each.over]
 
 
@@ -103,9 +101,9 @@ def _row(services: AppServices, loaded: LoadedEpisode) -> Row:
 def _others(services: AppServices, configuration: str, split: str, task_id: str) -> tuple[int | None, int | None]:
     """The actions with which the agent solves a task, and of a shortest solution."""
     agent = shortest = None
-    if PARSER in services.trained_partners.names():
+    if PARSER in services.runs.agents():
         settings = Settings(configuration, services.options.corpus)
-        policy = services.trained_partners.agent(PARSER).policy(settings)
+        policy = services.runs.agent(PARSER).policy(settings)
         (played,) = evaluate(policy, settings, split, task_ids=[task_id])
         agent = len(played.actions) if played.is_success else None
     try:

@@ -6,18 +6,16 @@ from collections import Counter
 from functools import lru_cache
 from typing import Annotated
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Query, Request, Response
 
-from lilgym_mp.contrib.report.phenomena import phenomena
+from lilgym_mp.contrib.report.phenomena import phenomena, word_names
 from lilgym_mp.contrib.web.app_services import Catalogue, Services
-from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, png, scene_body
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import AppearanceName, Name, SplitName
-from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, png, scene_body
+from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
-from lilgym_mp.programs.syntax import Call, WordName, parse, walk
+from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.solver.solution import ActionSet
@@ -29,9 +27,6 @@ api = APIRouter(prefix="/api/explore", tags=["explore"])
 PAGE_SIZE = 30  # statements
 STATEMENT_CACHE_SIZE = 12  # (appearance, split) pairs
 MAX_SCENES = 12  # per statement
-CONFIGURATION_NAMES = {parts: name for name, parts in CONFIGURATIONS.items()}
-"""Configurations by (appearance, start)."""
-
 TextQuery = Annotated[str, Query(max_length=200)]
 
 
@@ -72,57 +67,55 @@ def explore_page(
     )
 
 
+class CorpusStatement:
+    """A statement and program of the corpus, with its tasks."""
+
+    def __init__(self, appearance: str, split: str, task: Task) -> None:
+        self.appearance = appearance
+        self.split = split
+        self.id = task.id
+        self.statement = task.statement
+        self.program = task.program
+        self.tasks: list[tuple[str, Task]] = []  # (start, task)
+        self.length = len(words(task.statement))
+        self.phenomena = sorted(phenomena(task.program))
+        self.words = word_names(parse(task.program))
+
+
+def find_statement(
+    services: Services, statement_id: Name, appearance: AppearanceName = "tower", split: SplitName = "dev"
+) -> CorpusStatement:
+    """The statement of the task with that id. Responds with 404 if there is none."""
+    for statement in list_statements(services.catalogue, appearance, split):
+        if any(task.id == statement_id for _, task in statement.tasks):
+            return statement
+    raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
+
+
+FoundStatement = Annotated[CorpusStatement, Depends(find_statement)]
+
+
 @router.get("/explore/{appearance}/{split}/{statement_id:path}", include_in_schema=False)
-def statement_page(
-    request: Request, services: Services, appearance: AppearanceName, split: SplitName, statement_id: str
-) -> Response:
-    found = find_statement(services.catalogue, appearance, split, statement_id)
-    query = {"appearance": appearance, "split": split, "statement_id": found.id}
-    return render_page(request, "explore_statement.html", statement=found.statement, query=query)
+def statement_page(request: Request, found: FoundStatement) -> Response:
+    return render_page(request, "explore_statement.html", found=found)
 
 
 @api.get("/statement")
-def statement(
-    services: Services,
-    statement_id: Annotated[Name, Query()],
-    appearance: AppearanceName = "tower",
-    split: SplitName = "dev",
-) -> JSON:
+def statement(found: FoundStatement, services: Services) -> JSON:
     """A statement with its program, scenes and solutions."""
-    found = find_statement(services.catalogue, appearance, split, statement_id)
     return {
         **pick(found, "id", "statement", "program", "phenomena"),
         "scenes": [
-            _scene(services.catalogue, CONFIGURATION_NAMES[appearance, start], task)
+            _scene(services.catalogue, configuration_name(found.appearance, start), task)
             for start, task in found.tasks[:MAX_SCENES]
         ],
     }
 
 
 @api.get("/picture", response_class=Response)
-def picture(
-    services: Services,
-    statement_id: Annotated[Name, Query()],
-    appearance: AppearanceName = "tower",
-    split: SplitName = "dev",
-) -> Response:
+def picture(found: FoundStatement) -> Response:
     """A start scene of a statement, as a PNG image; the last one, as scenes to flip follow the empty one."""
-    found = find_statement(services.catalogue, appearance, split, statement_id)
     return Response(png(found.tasks[-1][1].start), media_type="image/png")
-
-
-class CorpusStatement:
-    """A statement and program of the corpus, with its tasks."""
-
-    def __init__(self, task: Task) -> None:
-        self.id = task.id
-        self.statement = task.statement
-        self.program = task.program
-        self.tasks: list[tuple[str, Task]] = []  # (start, task)
-        self.length = len(words(task.statement))
-        self.phenomena = sorted(map(str, phenomena(task.program)))
-        nodes = walk(parse(task.program))
-        self.words = frozenset(node.word.name for node in nodes if isinstance(node, Call | WordName))
 
 
 @lru_cache(STATEMENT_CACHE_SIZE)
@@ -131,23 +124,15 @@ def list_statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[
     found: dict[tuple[str, str], CorpusStatement] = {}
     for start in (SCRATCH, FLIPIT):
         try:
-            tasks = catalogue.tasks(CONFIGURATION_NAMES[appearance, start], split)
+            tasks = catalogue.tasks(configuration_name(appearance, start), split)
         except NoTasksError:
             continue
         for task in tasks:
-            statement = found.setdefault((task.statement, task.program), CorpusStatement(task))
+            statement = found.setdefault((task.statement, task.program), CorpusStatement(appearance, split, task))
             statement.tasks.append((start, task))
     if not found:
         raise http_error(404, f"the corpus has no {appearance} statements in {split}")
     return tuple(found.values())
-
-
-def find_statement(catalogue: Catalogue, appearance: str, split: str, statement_id: str) -> CorpusStatement:
-    """The statement of the task with that id. Responds with 404 if there is none."""
-    for statement in list_statements(catalogue, appearance, split):
-        if any(task.id == statement_id for _, task in statement.tasks):
-            return statement
-    raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
 
 
 def _scene(catalogue: Catalogue, configuration: str, task: Task) -> JSON:

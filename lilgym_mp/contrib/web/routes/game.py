@@ -8,7 +8,6 @@ server while the game is played. Once it is over, each seat learns its own rewar
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
 from functools import lru_cache
 from typing import Annotated, Any
 
@@ -17,19 +16,22 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
-from lilgym_mp.contrib.web.bodies import JSON, changed_item, pick, removable_items, scene_body
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import (
+from lilgym_mp.contrib.web.bodies import (
+    JSON,
     ConfigurationName,
     Name,
     PresetName,
     ProtocolName,
     RandomId,
+    changed_item,
+    pick,
+    removable_items,
+    scene_body,
 )
 from lilgym_mp.contrib.web.live_games import LiveGame
+from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.runs import RUN_PREFIX, SHIPPED_PREFIX
 from lilgym_mp.contrib.web.security import CurrentVisitor
-from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.contrib.web.trained_partners import RUN_PREFIX, SHIPPED_PREFIX
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
@@ -47,7 +49,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_A
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
-from lilgym_mp.scene.actions import describe, named
+from lilgym_mp.scene.actions import STOP, Action, describe, named
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
@@ -57,7 +59,7 @@ PARTNER_TITLES: dict[str, str] = {
     EXPERT: "expert: edits towards its goal",
     "helpful": "helpful: edits at random, claims if true",
     "deceptive": "deceptive: edits at random, claims if false",
-    "by_intent": "helpful or deceptive, as the game's intent",
+    "by_intent": "by intent: helpful or deceptive, as drawn",
     "oracle": "oracle: knows the truth",
 }
 SCRIPTED_PARTNERS: dict[Role, tuple[str, ...]] = {  # by the seat they can take
@@ -103,7 +105,7 @@ def game_page(request: Request, services: Services) -> Response:
 def _players(services: AppServices, role: Role) -> dict[str, str]:
     """Titles of those who can take the seat."""
     scripted = {name: PARTNER_TITLES.get(name, name.replace("_", " ")) for name in SCRIPTED_PARTNERS[role]}
-    return {PERSON: "a person", **scripted, **services.trained_partners.names()}
+    return {PERSON: "a person", **scripted, **services.runs.agents()}
 
 
 @api.post("/games", status_code=201)
@@ -113,14 +115,14 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
         raise http_error(422, "at least one of the seats must be taken by a person")
     partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
     try:
-        setup = _game_setup(services.options.corpus, new.configuration, new.protocol, new.rewards)
+        engine = GameEngine(_game_setup(services.options.corpus, new.configuration, new.protocol, new.rewards))
     except CorpusError:
         raise
     except ValueError as fault:
         raise http_error(422, str(fault)) from None
-    engine = GameEngine(setup)
     engine.reset(secrets.randbelow(2**31), None)
-    game = LiveGame(visitor.id, new.configuration, engine, partners, (new.verifier, new.proposer))
+    opposite = [PARTNER_TITLES.get(name, name).partition(": ")[0] for name in (new.verifier, new.proposer)]
+    game = LiveGame(visitor.id, new.configuration, engine, partners, (opposite[0], opposite[1]))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
@@ -133,7 +135,7 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
         return None
     if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
         settings = Settings(new.configuration, services.options.corpus)
-        return services.trained_partners.partner(name, settings, role, new.protocol)
+        return services.runs.partner(name, settings, role, new.protocol)
     known = SCRIPTED_PARTNERS[role]
     if name not in known:
         raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
@@ -225,6 +227,9 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
     intent, message = observation.get("intent"), observation.get("message")
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
     dynamics, scene = game.config.dynamics, live.engine.state.mdp.scene
+    proposal, item = _proposal(live, observation.get("proposal")), None
+    if proposal not in (None, STOP):  # the item that it would add or remove
+        item = changed_item(scene, dynamics.appearance.apply(scene, proposal, dynamics.rules.placement).scene)
     return {
         "role": role.name.lower(),
         "protocol": game.protocol.name,
@@ -243,8 +248,8 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
         "statement": read_text(observation["statement"]),
         "target": bool(observation["target"]),
         "intent": None if intent is None else Intent(int(intent)).name.lower(),
-        "proposal": _proposal(live, observation.get("proposal")),
-        "proposed_item": _proposed_item(live, observation),
+        "proposal": None if proposal is None else describe(proposal),
+        "proposed_item": item,
         "removable": removable_items(dynamics, scene) if legal and role is Role.PROPOSER else {},
         "message": None if message is None else int(message),
         "history": [_past_turn(live, row) for row in observation.get("history", ())],
@@ -265,29 +270,21 @@ def _end_body(live: LiveGame) -> JSON:
     }
 
 
-def _proposal(live: LiveGame, array: Any) -> str | None:
-    """The name of an action in the released array form; None for no action."""
+def _proposal(live: LiveGame, array: Any) -> Action | None:
+    """An action from its released array form; None for no action."""
     if array is None or array[0] == NO_CHOICE:
         return None
-    return describe(live.engine.game.config.dynamics.appearance.from_array(array))
-
-
-def _proposed_item(live: LiveGame, observation: Mapping[str, Any]) -> JSON | None:
-    """The item that the proposal would add or remove."""
-    name = _proposal(live, observation.get("proposal"))
-    if name in (None, "STOP"):
-        return None
-    scene, dynamics = live.engine.state.mdp.scene, live.engine.game.config.dynamics
-    return changed_item(scene, dynamics.appearance.apply(scene, named(name), dynamics.rules.placement).scene)
+    return live.engine.game.config.dynamics.appearance.from_array(array)
 
 
 def _past_turn(live: LiveGame, row: Any) -> JSON:
     """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
     game = live.engine.game
     *array, answer, proposer_message, verifier_message = row.tolist()
+    proposal = _proposal(live, np.array(array))
     answers = game.protocol.answers(game.config)
     return {
-        "proposal": _proposal(live, np.array(array)),
+        "proposal": None if proposal is None else describe(proposal),
         "answer": answers[answer] if 0 <= answer < len(answers) else None,
         "proposer_message": max(0, proposer_message),
         "verifier_message": max(0, verifier_message),

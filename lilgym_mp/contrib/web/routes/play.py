@@ -8,18 +8,27 @@ from __future__ import annotations
 import secrets
 import sqlite3
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, Depends, Request, Response
 from pydantic import BaseModel, Field
 
-from lilgym_mp.contrib.web.app_services import AppServices, Catalogue, Services
-from lilgym_mp.contrib.web.bodies import JSON, parts_body, pick, removable_items, scene_body
+from lilgym_mp.contrib.web.app_services import Catalogue, Services
+from lilgym_mp.contrib.web.bodies import (
+    JSON,
+    ConfigurationName,
+    Name,
+    RandomId,
+    SplitName,
+    parts_body,
+    pick,
+    removable_items,
+    scene_body,
+)
 from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import ConfigurationName, Name, RandomId, SplitName
+from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.contrib.web.security import CurrentVisitor
-from lilgym_mp.contrib.web.templating import render_page
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.programs.task import Task
@@ -62,73 +71,6 @@ class ActionTaken(BaseModel):
     steps: int = Field(ge=0, le=1_000)
 
 
-@router.get("/", include_in_schema=False)
-@router.get("/play", include_in_schema=False)
-def play_page(request: Request, services: Services) -> Response:
-    """The start page offers a task to play, too."""
-    values = {"sizes": services.catalogue.sizes(), "corpus": services.options.corpus}
-    return render_page(request, "play.html", is_home=request.url.path == "/", **values)
-
-
-@api.post("/episodes", status_code=201)
-def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
-    """Starts an episode."""
-    task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
-    dynamics = services.catalogue.dynamics(new.configuration)
-    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.catalogue.corpus}
-    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor.id, **fields)
-    with services.database.write() as connection:
-        save_episode(connection, row)
-    return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
-
-
-@api.get("/episodes/{episode_id}")
-def episode(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
-    """The current state of an episode of this browser."""
-    return _episode_body(load_episode(services, visitor.id, episode_id))
-
-
-@api.post("/episodes/{episode_id}/actions")
-def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> JSON:
-    """Takes an action; an illegal one is refused unless the episode is strict."""
-    with services.database.write() as connection:
-        loaded = _find_episode(connection, services.catalogue, visitor.id, episode_id)
-        row, dynamics = loaded.row, loaded.dynamics
-        if loaded.over:
-            raise http_error(409, "this episode is over; start a new one")
-        if taken.steps != loaded.state.steps:
-            raise http_error(409, f"this episode is already at step {loaded.state.steps}; reload it")
-        action = named(taken.action)
-        index = dynamics.appearance.encode(action)
-        transition = dynamics.step(loaded.state, action)
-        if transition.invalid is not None and not row.strict:
-            raise http_error(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
-        row.actions = [*row.actions, index]
-        row.reward += transition.reward
-        if transition.result.ends:
-            row.outcome = str(transition.outcome)
-        save_episode(connection, row)
-    return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state, transition))
-
-
-@api.get("/episodes/{episode_id}/legal")
-def legal(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
-    """Legal actions by the exact mask."""
-    loaded = load_episode(services, visitor.id, episode_id)
-    indices = [] if loaded.over else np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
-    return {"actions": [describe(loaded.dynamics.appearance.decode(index)) for index in indices]}
-
-
-@api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
-    """The expert's solution; the database keeps whether it was requested before the episode's end."""
-    with services.database.write() as connection:
-        loaded = _find_episode(connection, services.catalogue, visitor.id, episode_id)
-        loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
-        save_episode(connection, loaded.row)
-    return _solution(services.catalogue, loaded)
-
-
 @dataclass(frozen=True, slots=True)
 class LoadedEpisode:
     """An episode's database row, task and current MDP state."""
@@ -153,19 +95,14 @@ def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: st
         raise http_error(404, str(fault)) from None
 
 
-def load_episode(services: AppServices, visitor_id: str, episode_id: str) -> LoadedEpisode:
-    with services.database.read() as connection:
-        return _find_episode(connection, services.catalogue, visitor_id, episode_id)
-
-
-def _find_episode(
-    connection: sqlite3.Connection, catalogue: Catalogue, visitor_id: str, episode_id: str
+def find_loaded(
+    connection: sqlite3.Connection, services: Services, visitor: CurrentVisitor, episode_id: RandomId
 ) -> LoadedEpisode:
     """An episode of this visitor, replayed to its current state.
 
     Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
     """
-    row = find_episode(connection, episode_id, visitor_id)
+    row, catalogue = find_episode(connection, episode_id, visitor.id), services.catalogue
     if row is None:
         raise http_error(404, "you have no such episode; start a new one")
     if row.corpus != catalogue.corpus:
@@ -177,6 +114,91 @@ def _find_episode(
         last = dynamics.step(state, dynamics.appearance.decode(index))
         state = last.state
     return LoadedEpisode(row, task, dynamics, state, last)
+
+
+def load_episode(services: Services, visitor: CurrentVisitor, episode_id: RandomId) -> LoadedEpisode:
+    with services.database.read() as connection:
+        return find_loaded(connection, services, visitor, episode_id)
+
+
+Loaded = Annotated[LoadedEpisode, Depends(load_episode)]
+
+
+@router.get("/", include_in_schema=False)
+@router.get("/play", include_in_schema=False)
+def play_page(request: Request, services: Services) -> Response:
+    """The start page offers a task to play, too."""
+    values = {"sizes": services.catalogue.sizes(), "corpus": services.options.corpus}
+    return render_page(request, "play.html", is_home=request.url.path == "/", **values)
+
+
+@api.post("/episodes", status_code=201)
+def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
+    """Starts an episode."""
+    task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
+    dynamics = services.catalogue.dynamics(new.configuration)
+    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.catalogue.corpus}
+    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor.id, **fields)
+    with services.database.write() as connection:
+        save_episode(connection, row)
+    return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
+
+
+@api.get("/episodes/{episode_id}")
+def episode(loaded: Loaded) -> JSON:
+    """The current state of an episode of this browser."""
+    return _episode_body(loaded)
+
+
+@api.post("/episodes/{episode_id}/actions")
+def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> JSON:
+    """Takes an action; an illegal one is refused unless the episode is strict."""
+    with services.database.write() as connection:
+        loaded = find_loaded(connection, services, visitor, episode_id)
+        row, dynamics = loaded.row, loaded.dynamics
+        if loaded.over:
+            raise http_error(409, "this episode is over; start a new one")
+        if taken.steps != loaded.state.steps:
+            raise http_error(409, f"this episode is already at step {loaded.state.steps}; reload it")
+        action = named(taken.action)
+        index = dynamics.appearance.encode(action)
+        transition = dynamics.step(loaded.state, action)
+        if transition.invalid is not None and not row.strict:
+            raise http_error(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
+        row.actions = [*row.actions, index]
+        row.reward += transition.reward
+        if transition.result.ends:
+            row.outcome = str(transition.outcome)
+        save_episode(connection, row)
+    return _episode_body(LoadedEpisode(row, loaded.task, dynamics, transition.state, transition))
+
+
+@api.get("/episodes/{episode_id}/legal")
+def legal(loaded: Loaded) -> JSON:
+    """Legal actions by the exact mask."""
+    indices = [] if loaded.over else np.flatnonzero(loaded.dynamics.legal_mask(loaded.state)).tolist()
+    return {"actions": [describe(loaded.dynamics.appearance.decode(index)) for index in indices]}
+
+
+@api.post("/episodes/{episode_id}/solution")
+def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
+    """The expert's solution; the database keeps whether it was requested before the episode's end."""
+    with services.database.write() as connection:
+        loaded = find_loaded(connection, services, visitor, episode_id)
+        loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
+        save_episode(connection, loaded.row)
+    solved = services.catalogue.solver(loaded.row.configuration).solve(loaded.task)
+    state, steps = loaded.dynamics.start(loaded.task), list[JSON]()
+    for action in solved.actions:
+        state = loaded.dynamics.step(state, action).state
+        steps.append({"action": describe(action), "scene": scene_body(state.scene)})
+    return {
+        "found": solved.solved,
+        "proven_shortest": solved.proven_optimal,
+        "reason": solved.reason,
+        "start": scene_body(loaded.task.start),
+        "steps": steps,
+    }
 
 
 def _episode_body(loaded: LoadedEpisode) -> JSON:
@@ -206,19 +228,4 @@ def _end_body(loaded: LoadedEpisode) -> JSON:
         "program": task.program,
         "truth": task.truth(scene),
         "parts": parts_body(task.program, scene),
-    }
-
-
-def _solution(catalogue: Catalogue, loaded: LoadedEpisode) -> JSON:
-    solved = catalogue.solver(loaded.row.configuration).solve(loaded.task)
-    state, steps = loaded.dynamics.start(loaded.task), []
-    for action in solved.actions:
-        state = loaded.dynamics.step(state, action).state
-        steps.append({"action": describe(action), "scene": scene_body(state.scene)})
-    return {
-        "found": solved.solved,
-        "proven_shortest": solved.proven_optimal,
-        "reason": solved.reason,
-        "start": scene_body(loaded.task.start),
-        "steps": steps,
     }

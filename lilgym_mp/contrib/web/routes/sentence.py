@@ -9,13 +9,11 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, scene_body
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import AppearanceName, Name
-from lilgym_mp.contrib.web.routes.explore import CONFIGURATION_NAMES
-from lilgym_mp.contrib.web.templating import render_page
-from lilgym_mp.contrib.web.trained_partners import PARSER
+from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, scene_body
+from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.runs import PARSER
 from lilgym_mp.corpus.records import SCRATCH
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
@@ -47,9 +45,9 @@ def read(new: NewSentence, services: Services) -> JSON:
     """
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
 
-    agent = services.trained_partners.agent(PARSER)
+    agent = services.runs.agent(PARSER)
     assert isinstance(agent, ParseAndPlanAgent)
-    configuration = CONFIGURATION_NAMES[new.appearance, SCRATCH]
+    configuration = configuration_name(new.appearance, SCRATCH)
     dynamics, start = services.catalogue.dynamics(configuration), Scene.empty()
     if not _PLANNING.acquire(timeout=PLANNING_SECONDS):
         raise http_error(503, "many sentences are being read; try again in a moment")

@@ -12,11 +12,9 @@ from fastapi import APIRouter, Path, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, pick, png, scene_body
-from lilgym_mp.contrib.web.errors import http_error
-from lilgym_mp.contrib.web.field_types import ConfigurationName
-from lilgym_mp.contrib.web.run_directory import RecordingFile
-from lilgym_mp.contrib.web.templating import render_page
+from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, pick, png, scene_body
+from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.runs import RecordingFile
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
@@ -55,14 +53,14 @@ def watch_page(request: Request, services: Services) -> Response:
         "watch.html",
         outcomes=list(FINAL_OUTCOMES),
         configurations=list(services.catalogue.sizes()),
-        agents=services.trained_partners.names(),
+        agents=services.runs.agents(),
     )
 
 
 @api.get("/recordings")
 def recordings(services: Services) -> JSON:
     """The recordings in the runs directory and those made on request."""
-    return {"recordings": [_summary(file) for file in services.run_directory.recordings()]}
+    return {"recordings": [_summary(file) for file in services.runs.recordings()]}
 
 
 @api.post("/recordings", status_code=201)
@@ -71,7 +69,7 @@ def record(new: NewRecording, services: Services) -> JSON:
 
     Responds with 404 or 422 if it cannot play them, 503 while another agent plays.
     """
-    agent = services.trained_partners.agent(new.agent)
+    agent = services.runs.agent(new.agent)
     if agent.game is not None:
         raise http_error(422, "this agent plays the two-agent game; choose another")
     settings = Settings(new.configuration, services.options.corpus)
@@ -81,24 +79,24 @@ def record(new: NewRecording, services: Services) -> JSON:
         ids = services.catalogue.tasks(new.configuration, "dev").ids
         chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
         plan = EvaluationPlan(settings, "dev", record_decisions=True, task_ids=chosen)
-        details = {"label": services.trained_partners.names()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
+        details = {"label": services.runs.agents()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
         named = NamedPolicy(agent.description.kind, agent.policy, agent.description.supervision, details=details)
         seen = training_statements(settings)
         recorder = Recorder(settings, "dev", seen, judges_decisions=True)
-        path = recorder.write(services.run_directory.requested, play(named, plan, seen))
+        path = recorder.write(services.runs.requested, play(named, plan, seen))
     except ValueError as fault:
         raise http_error(422, str(fault)) from None
     finally:
         _PLAYING.release()
-    return {"id": next(one.file.id for one in services.run_directory.recordings() if one.file.path == path)}
+    return {"id": next(one.file.id for one in services.runs.recordings() if one.file.path == path)}
 
 
 @api.get("/recordings/{recording_id}")
 def recording(recording_id: RecordingId, services: Services) -> JSON:
     """A recording: agent, settings, outcome counts, its episodes, and other recordings of the same tasks."""
-    recording = services.run_directory.read(recording_id)
+    recording = services.runs.read(recording_id)
     header, episodes = recording.header, recording.episodes
-    files = services.run_directory.recordings()
+    files = services.runs.recordings()
     others = [one for one in files if one.file.id != recording_id and one.header]
     return {
         **next((_summary(one) for one in files if one.file.id == recording_id), {}),
@@ -113,7 +111,7 @@ def recording(recording_id: RecordingId, services: Services) -> JSON:
 @api.get("/recordings/{recording_id}/episodes/{index}")
 def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> JSON:
     """An episode step by step: scenes, actions, legal cells, and the agent's predictions."""
-    recording = services.run_directory.read(recording_id)
+    recording = services.runs.read(recording_id)
     episode = _find_episode(recording, index)
     try:
         dynamics = recording.header.settings.dynamics()
@@ -132,7 +130,7 @@ def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
 @api.get("/recordings/{recording_id}/episodes/{index}/picture", response_class=Response)
 def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) -> Response:
     """The start scene of an episode, as a PNG image."""
-    found = _find_episode(services.run_directory.read(recording_id), index)
+    found = _find_episode(services.runs.read(recording_id), index)
     return Response(png(found.start), media_type="image/png")
 
 

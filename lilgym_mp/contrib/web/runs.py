@@ -1,4 +1,4 @@
-"""Recordings and trained agents in the directory given by `--runs`, addressed by id.
+"""Recordings and agents in the directory given by `--runs`, and the agents shipped with the package.
 
 No part of a request is ever joined to a path: ids are looked up among the files found by listing the directory.
 """
@@ -10,18 +10,28 @@ import os
 import tempfile
 from contextlib import suppress
 from functools import lru_cache
+from importlib.util import find_spec
 from itertools import islice
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from lilgym_mp.contrib.web.errors import http_error
+from lilgym_mp.contrib.web.responses import http_error
+from lilgym_mp.envs.proposer_verifier import Partner, Role
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
+from lilgym_mp.learning.common.learners import shipped_agents
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
+
+if TYPE_CHECKING:
+    from lilgym_mp.learning.common.agents import Agent
 
 MAX_FILES = 2_000  # listed per kind
 MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
+AGENT_CACHE_SIZE = 8
+SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
+PARSER = SHIPPED_PREFIX + "parse-and-plan"  # reads any sentence, plays every configuration
 
 
 class FoundFile(NamedTuple):
@@ -41,13 +51,17 @@ class RecordingFile(NamedTuple):
     fault: str | None
 
 
-class RunDirectory:
-    """Lists the directory on every call, so new and changed files appear without a restart; caches their content."""
+class Runs:
+    """Lists the directory on every call, so new and changed files appear without a restart; caches their content.
+
+    Loads agents on first use; there are none if torch is not installed.
+    """
 
     def __init__(self, directory: Path | None) -> None:
         self.directory = directory
         self._own = tempfile.TemporaryDirectory(prefix="lilgym-mp-")
         self.requested = Path(self._own.name)  # recordings made on request in the browser; they end with the server
+        self._agent = lru_cache(AGENT_CACHE_SIZE)(self._load)
 
     def close(self) -> None:
         self._own.cleanup()
@@ -55,10 +69,6 @@ class RunDirectory:
     def recordings(self) -> list[RecordingFile]:
         """Every recording, sorted by name; damaged ones are included with their fault."""
         return [_described(file) for file in self._find(f"*{SUFFIX}").values()]
-
-    def agents(self) -> dict[str, FoundFile]:
-        """The agent of each run that has one, by id."""
-        return self._find(AGENT_FILE)
 
     def read(self, recording_id: str) -> Recording:
         """The recording with that id. Responds with 404 if there is none, 422 if it is unreadable."""
@@ -72,6 +82,46 @@ class RunDirectory:
             return _read(file)
         except EpisodesError as fault:
             raise http_error(422, _without_path(fault, file)) from None
+
+    def agents(self) -> dict[str, str]:
+        """Names of agents to display, by form value."""
+        if find_spec("torch") is None:
+            return {}
+        shipped = {SHIPPED_PREFIX + name: f"{name} (shipped with the package)" for name in shipped_agents()}
+        return shipped | {RUN_PREFIX + run.id: f"run {run.name}" for run in self._find(AGENT_FILE).values()}
+
+    def partner(self, name: str, settings: Settings, role: Role, protocol: str) -> Partner:
+        """Responds with 404 if there is no such agent, 422 if it cannot play this side of the game."""
+        from lilgym_mp.evaluation.game_partners import AgentPartner
+
+        agent = self.agent(name)
+        own = agent.game
+        if own is None:
+            try:
+                return AgentPartner(agent.policy(settings))
+            except ValueError as fault:
+                raise http_error(422, str(fault)) from None
+        partner = agent.partner(role, own)
+        if (own.appearance, own.protocol) != (settings.appearance, protocol) or partner is None:
+            plays = f"{own.appearance} under the protocol {own.protocol}"
+            raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
+        return partner
+
+    def agent(self, name: str) -> Agent:
+        """Responds with 404 if there is no such agent, 422 if its file cannot be read."""
+        if name not in self.agents():
+            raise http_error(404, "there is no such agent; reload the page to see the current ones")
+        try:
+            return self._agent(name)
+        except ValueError as fault:
+            raise http_error(422, str(fault)) from None
+
+    def _load(self, name: str) -> Agent:
+        from lilgym_mp.learning.common.agents import load_agent, open_agent
+
+        if name.startswith(SHIPPED_PREFIX):
+            return load_agent(name.removeprefix(SHIPPED_PREFIX), "cpu")
+        return open_agent(self._find(AGENT_FILE)[name.removeprefix(RUN_PREFIX)].path.parent, "cpu")
 
     def _find(self, pattern: str) -> dict[str, FoundFile]:
         """Files by id; requested recordings first, the latest at the top."""

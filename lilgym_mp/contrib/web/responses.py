@@ -1,0 +1,99 @@
+"""Pages from Jinja templates, with autoescaping, and error responses: JSON under /api, an HTML page elsewhere."""
+
+from __future__ import annotations
+
+import logging
+import sqlite3
+from functools import cache
+from http import HTTPStatus
+from typing import Any
+
+from fastapi import FastAPI, HTTPException, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import HTMLResponse, JSONResponse
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from starlette.exceptions import HTTPException as FrameworkException
+
+from lilgym_mp import __version__
+from lilgym_mp.corpus import CorpusError
+from lilgym_mp.programs import ProgramError
+from lilgym_mp.scene import Colour, Shape, Size
+from lilgym_mp.scene.actions import ActionError
+from lilgym_mp.solver.solver import UnsupportedAppearance
+
+LOGGER = logging.getLogger(__name__)
+STATUSES = {ActionError: 422, ProgramError: 422, CorpusError: 404, UnsupportedAppearance: 404}
+"""Exceptions that routes let pass, with the status of the response; the message is theirs."""
+MAX_FIELD_ERRORS = 10  # validation errors reported in one response
+# Path, title, description, and whether it is in the bar of every page or on the start page alone.
+NAVIGATION = [
+    ("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it.", True),
+    ("/watch", "Watch", "Step through episodes: what agents did, and what they predicted.", True),
+    ("/game", "Game", "Play the proposer-verifier game with a scripted, trained or human partner.", True),
+    ("/annotate", "Annotate", "Write programs that capture what statements mean.", True),
+    ("/explore", "Explore", "Search the corpus: statements, scenes and programs.", True),
+    ("/beat", "Beat the agent", "Play ten tasks against a trained agent.", False),
+    ("/sentence", "Your sentence", "Type one, and see how an agent reads and plays it.", False),
+]
+
+
+@cache
+def _environment() -> Environment:
+    loader = PackageLoader("lilgym_mp.contrib.web", "pages")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    members = {"shapes": Shape, "colours": Colour, "item_sizes": Size}
+    environment.globals |= {name: list(enum.__members__) for name, enum in members.items()}
+    environment.globals |= {"navigation": NAVIGATION, "version": __version__}
+    return environment
+
+
+def render_page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
+    """Renders a template with the values and the common context: path, navigation, CSRF token, version."""
+    visitor = request.scope.get("visitor")
+    common = {"path": request.url.path, "csrf_token": visitor.csrf_token if visitor else ""}
+    text = _environment().get_template(template).render(**common, **values)
+    return HTMLResponse(text, status_code, headers={"Cache-Control": "no-store"})
+
+
+def http_error(status: int, message: str) -> HTTPException:
+    """Exception to raise in a route to respond with this error."""
+    return HTTPException(status, message)
+
+
+def error_response(request: Request, status: int, message: str) -> Response:
+    """A JSON or HTML error response, depending on the request's path."""
+    if request.url.path.startswith("/api/") or request.url.path == "/openapi.json":
+        return JSONResponse({"status": status, "message": message}, status)
+    title = HTTPStatus(status).phrase
+    return render_page(request, "error.html", status_code=status, title=title, message=message)
+
+
+def add_error_handlers(app: FastAPI) -> None:
+    for kind in (FrameworkException, *STATUSES, RequestValidationError, sqlite3.OperationalError, Exception):
+        app.add_exception_handler(kind, _respond)
+
+
+def _respond(request: Request, fault: Any) -> Response:
+    """The response to an exception that a route raised."""
+    path = request.url.path
+    status = next((status for kind, status in STATUSES.items() if isinstance(fault, kind)), 500)
+    message = str(fault)
+    if isinstance(fault, FrameworkException):
+        default = HTTPStatus(fault.status_code).phrase
+        said = {404: f"there is nothing at {path}", 405: f"{path} does not accept {request.method} requests"}
+        status, message = fault.status_code, str(fault.detail)
+        message = said.get(status, message) if message == default else message
+    elif isinstance(fault, RequestValidationError):
+        errors = fault.errors()[:MAX_FIELD_ERRORS]
+        status, message = 422, "; ".join(f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in errors)
+    elif isinstance(fault, sqlite3.OperationalError):
+        LOGGER.error("database: %s", fault)
+        status, message = 503, "the database is not responding; nothing was saved: try again"
+    elif status == 500:
+        LOGGER.error("%s %s failed", request.method, path, exc_info=fault)
+        message = "something went wrong on the server; nothing was saved"
+    response = error_response(request, status, message or "the request is malformed")
+    response.headers.update(getattr(fault, "headers", None) or {})
+    return response
