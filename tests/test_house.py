@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import gzip
 import importlib.util
-import json
 import re
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -16,8 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-
-pytest_plugins = ["pytester"]
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -135,58 +131,3 @@ def test_repository__contains_no_official_statement(official_data: Path):
     long = {words for words in official if len(words) >= LONG_STATEMENT}
     found = {path.name: words for path in _project_files() for words in long.intersection(_phrases(path))}
     assert not found
-
-
-SAMPLE_TESTS = """
-import pytest
-
-def test_with_official_data(official_data):
-    assert official_data.is_dir()
-
-@pytest.mark.usefixtures("golden")
-class TestRecorded:
-    def test_one(self): pass
-    def test_two(self): pass
-
-def test_that_skips_itself():
-    pytest.skip("LILGYM_DATA is unset")
-"""
-
-
-@pytest.fixture
-def sample_suite(pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch) -> pytest.Pytester:
-    """A small test suite with this project's conftest and both variables unset."""
-    monkeypatch.delenv("LILGYM_DATA", raising=False)
-    monkeypatch.delenv("LILGYM_GOLDEN", raising=False)
-    pytester.makeconftest((ROOT / "tests" / "conftest.py").read_text())
-    pytester.makepyfile(SAMPLE_TESTS)
-    return pytester
-
-
-@pytest.mark.parametrize("variable", ["LILGYM_DATA", "LILGYM_GOLDEN"])
-def test_summary__refuses_a_missing_directory(
-    sample_suite: pytest.Pytester, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str
-):
-    monkeypatch.setenv(variable, str(tmp_path / "nowhere"))
-    result = sample_suite.runpytest_inprocess()
-    assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines([f"*{variable}=*nowhere is not a directory*"])
-
-
-@pytest.mark.long
-def test_editable_install__lets_type_checkers_find_the_wrappers(tmp_path: Path):
-    for name in ("setuptools", "pyright"):
-        _needs(name)
-    for name in ("lilgym_mp", "wrappers", "data", "scripts"):
-        shutil.copytree(ROOT / name, tmp_path / name)
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, tmp_path)
-    program = "import sys; sys.path.insert(0, 'scripts'); import build_backend; build_backend.build_editable('.')"
-    _passes(sys.executable, "-c", program, cwd=tmp_path)
-    (tree,) = (tmp_path / "build").glob("__editable__.*")
-    shutil.copy(ROOT / "wrappers" / "__init__.py", tmp_path / "wrappers" / "added.py")
-    user = tmp_path / "user"
-    user.mkdir()
-    (user / "script.py").write_text("from lilgym_mp.wrappers.added import stop_forcing_v0\nimport lilgym_mp.data\n")
-    (user / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(tree)]}))
-    _passes(sys.executable, "-m", "pyright", "--project", str(user), cwd=user)

@@ -154,14 +154,6 @@ class Transition(NamedTuple):
     def reward(self) -> float:
         return self.result.reward
 
-    @property
-    def terminated(self) -> bool:
-        return self.result.terminated
-
-    @property
-    def truncated(self) -> bool:
-        return self.result.truncated
-
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 
 import gymnasium as gym
 import numpy as np
@@ -33,7 +30,6 @@ from lilgym_mp.scene.render import draw
 from lilgym_mp.testing import check_vector_env
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower
 
-ROOT = Path(__file__).parents[2]
 COUNT = 9
 REMOVE_SHARE, STOP_SHARE, ANY_SHARE = 0.2, 0.05, 0.1
 COPIED = ("image", "task", "steps", "result", "invalid")
@@ -248,25 +244,3 @@ def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]
             transition = dynamics.wait(state)
             assert side.core.state(env_id) == transition.state
             assert side.buffers.result[env_id] == transition.result.code
-
-
-WITHOUT_RUNTIME_OPTION = """
-from numba.core.options import DefaultOptions
-del DefaultOptions._nrt
-import gymnasium as gym, lilgym_mp
-from functools import partial
-from gymnasium.vector import AutoresetMode
-from lilgym_mp.envs.cores import kernels
-from lilgym_mp.testing import check_vector_env
-make, single = (partial(make, "lilgym_mp/ScatterFlipIt-v0") for make in (gym.make_vec, gym.make))
-check_vector_env(make, single, num_envs=8, modes=[AutoresetMode.NEXT_STEP], steps=14)
-print("options:", kernels._OPTIONS)
-"""
-
-
-@pytest.mark.long
-def test_batch__steps_the_same_with_a_numba_that_cannot_leave_out_its_runtime(tmp_path: Path) -> None:
-    environ = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}  # the cache does not distinguish this option
-    command = [sys.executable, "-W", "ignore", "-c", WITHOUT_RUNTIME_OPTION]
-    done = subprocess.run(command, env=environ, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.stdout == "options: {}\n", done.stderr

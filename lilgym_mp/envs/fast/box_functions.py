@@ -102,12 +102,7 @@ def vectorised_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
     return _memoised(f"program relation {word.name}", lambda box: _Rows(word, box))
 
 
-def is_tower(box: Box) -> bool:
-    """`BoxView.is_tower`, memoised."""
-    value = box.memo.get("program is_tower")
-    if value is None:
-        value = box.memo["program is_tower"] = _view(box).is_tower()
-    return value
+is_tower: Callable[[Box], bool] = _memoised("program is_tower", lambda box: _view(box).is_tower())
 
 
 def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Mask]:

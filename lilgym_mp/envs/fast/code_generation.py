@@ -15,7 +15,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable
 from enum import Enum
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 from lilgym_mp.envs.fast import box_functions, ir, printing
 from lilgym_mp.envs.fast.word_lowering import BINARY_WORDS, VALUE_WORDS
@@ -158,9 +158,6 @@ class Generator:
         self.charge(use.steps)
         return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
-    def box_call(self, name: str, function: Any, box: str) -> ir.Code:
-        return ir.BoxCall(box, name, function, None)
-
     def can_be_kernel(self, function: Lambda) -> bool:
         info = self.context.info(function.body)
         return not self.kernel and info.free <= {function.parameter} and not info.uses_scene
@@ -238,7 +235,7 @@ class Generator:
         self.charge(1 + ir.MAX_ITEMS)
         if isinstance(of, ir.BoxRef) and node.called:
             if node.name == "is_tower":
-                return ir.Bool(self.box_call("is_tower", box_functions.is_tower, of.box))
+                return ir.Bool(ir.BoxCall(of.box, "is_tower", box_functions.is_tower))
             return ir.Items((ir.BoxItems(of.box, None),), ordered=True)
         if isinstance(of, ir.ItemRef):
             if node.name == "box":
@@ -324,7 +321,7 @@ class Generator:
                 ir.unsupported("side")
             constants.append(side.value)
         name = "_".join((node.word.name, *(value.name for value in constants)))
-        return self.box_call(name, box_functions.vectorised_test(node.word, tuple(constants)), box)
+        return ir.BoxCall(box, name, box_functions.vectorised_test(node.word, tuple(constants)))
 
     def relation(self, node: Call, scope: ir.Scope) -> ir.Items:
         of = ir.as_collection(self.lower(cast("Node", node.arguments[0]), scope))
@@ -333,7 +330,7 @@ class Generator:
             ir.unsupported("relation")
         parts: list[ir.BoxItems] = []
         for part in (of,) if isinstance(of, ir.ItemRef) else sorted(of.parts, key=lambda part: part.box):
-            rows = self.box_call(node.word.name, box_functions.vectorised_relation(node.word), part.box)
+            rows = ir.BoxCall(part.box, node.word.name, box_functions.vectorised_relation(node.word))
             if isinstance(part, ir.ItemRef):
                 related = ir.operate("row", rows, part.code)
             else:

@@ -96,7 +96,7 @@ class BoxCall(Code):
     box: str
     name: str
     function: box_functions.BoxFunction
-    kernel: Kernel | None
+    kernel: Kernel | None = None
 
 
 @dataclass(frozen=True)

@@ -124,32 +124,29 @@ def _lower_query(attribute: str, generator: Generator, x: ir.Value) -> ir.Static
     return ir.static_list([generator.attribute_of(x, attribute)]) if isinstance(x, ir.ItemRef) else ir.unsupported()
 
 
-def _lower_values(attribute: str, generator: Generator, s: ir.Value) -> ir.AttributeSet:
+def _lower_values(attribute: str, _: Generator, s: ir.Value) -> ir.AttributeSet:
     if not isinstance(s, ir.Items):
         ir.unsupported("values")
     enum = ir.ATTRIBUTE_TYPES[attribute]
-    found = [
-        ir.operate("occurring", part.mask, *(_value_mask(generator, value, part.box) for value in enum))
-        for part in s.parts
-    ]
+    found = [ir.operate("occurring", part.mask, *(_value_mask(value, part.box) for value in enum)) for part in s.parts]
     return ir.AttributeSet(ir.operate("|", *found), s.total, enum=enum)
 
 
-def _lower_filter(attribute: str, generator: Generator, s: ir.Value, value: ir.Value) -> ir.Items:
+def _lower_filter(attribute: str, _: Generator, s: ir.Value, value: ir.Value) -> ir.Items:
     enum = ir.ATTRIBUTE_TYPES[attribute]
     if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
         ir.unsupported("filter")
     if not isinstance(value.code, ir.Number):
         ir.unsupported("filter by a variable")
     wanted = enum(value.code.value)
-    parts = (ir.narrow(part, ir.ItemMask(_value_mask(generator, wanted, part.box))) for part in s.parts)
+    parts = (ir.narrow(part, ir.ItemMask(_value_mask(wanted, part.box))) for part in s.parts)
     return ir.Items(tuple(parts), ordered=True)
 
 
-def _value_mask(generator: Generator, value: Enum, box: str) -> ir.Code:
+def _value_mask(value: Enum, box: str) -> ir.Code:
     """The mask of the test for a colour, shape or size, such as `is_yellow`."""
     test = WORDS[f"is_{value.name.lower()}"]
-    return generator.box_call(test.name, box_functions.vectorised_test(test, ()), box)
+    return ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ()))
 
 
 def _lower_all_same(attribute: str, generator: Generator, s: ir.Value) -> ir.Bool:

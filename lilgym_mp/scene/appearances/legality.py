@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from functools import cache, lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,20 +73,20 @@ class BoxLegality:
 
     def _compute_clear(self, footprint: int, x: int, y: int) -> tuple[Place, Words]:
         """The slice of words around an item of `footprint` at (x, y), and masks of the bits that it leaves free."""
-        columns = _Span.of(x - LARGEST_SIDE, 2 * LARGEST_SIDE + 1, BOX_SIDE)
+        columns, shown_columns = _overlap(x - LARGEST_SIDE, 2 * LARGEST_SIDE + 1, BOX_SIDE)
         first, phase = divmod(y - LARGEST_SIDE, self._pixels)
         words = self._clear[footprint][phase]
-        rows = _Span.of(first, words.shape[1], self._allowed.shape[1])
-        return (slice(None), rows.axis, columns.axis), words[:, rows.window, columns.window]
+        rows, shown_rows = _overlap(first, words.shape[1], self._allowed.shape[1])
+        return (slice(None), rows, columns), words[:, shown_rows, shown_columns]
 
     def _compute_covered(self, footprint: int, x: int, y: int) -> tuple[Place, BoolArray]:
         """The slice of cells around an item of `footprint` at (x, y), and which of them it covers in part."""
         (column, left), (row, top) = divmod(x, self._cell[0]), divmod(y, self._cell[1])
         width, height = self._cell
         covers = self._covers[footprint, width - 1 - left :: width, height - 1 - top :: height]
-        columns = _Span.of(column, covers.shape[0], self._grid[0])
-        rows = _Span.of(row, covers.shape[1], self._grid[1])
-        return (columns.axis, rows.axis), covers[columns.window, rows.window]
+        columns, shown_columns = _overlap(column, covers.shape[0], self._grid[0])
+        rows, shown_rows = _overlap(row, covers.shape[1], self._grid[1])
+        return (columns, rows), covers[shown_columns, shown_rows]
 
     def _clear_words(self, footprint: int) -> Sequence[Words]:
         """(footprints, words, 61) bitmasks of the corners at which new items do not overlap an item of `footprint`.
@@ -121,15 +121,8 @@ def allowed_corners(cell_width: int, cell_height: int, *, searches: bool) -> Boo
     return np.tile(in_cell, (1, columns, rows)) & inside_corners()
 
 
-class _Span(NamedTuple):
-    """The overlap of an array axis with a shorter window that may extend beyond both ends."""
-
-    axis: slice  # in coordinates of the axis
-    window: slice  # in coordinates of the window
-
-    @classmethod
-    def of(cls, start: int, length: int, size: int) -> _Span:
-        """For an axis of `size` and a window of `length` from `start`, which may be negative."""
-        first = max(0, start)
-        stop = max(first, min(size, start + length))
-        return cls(slice(first, stop), slice(first - start, stop - start))
+def _overlap(start: int, length: int, size: int) -> tuple[slice, slice]:
+    """The overlap of an axis of `size` with a window of `length` from `start`, in coordinates of each."""
+    first = max(0, start)
+    stop = max(first, min(size, start + length))
+    return slice(first, stop), slice(first - start, stop - start)
