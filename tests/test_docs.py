@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import doctest
 import io
 import re
 import shlex
@@ -10,13 +11,15 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main, parse_args
+from lilgym_mp.solver import expert
 from tests.documents import run_document
 
 ROOT = Path(__file__).parent.parent
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception", "questions"),
-    *("stable_baselines3", "training", "troubleshooting", "vectorised", "wrappers"),
+    *("training", "troubleshooting", "vectorised", "wrappers"),
 )
+LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
     "stable_baselines3.md": ("stable_baselines3",),
     "troubleshooting.md": ("stable_baselines3", "pettingzoo"),
@@ -28,7 +31,7 @@ NEEDS = {  # optional modules
 @pytest.mark.parametrize(
     "path",
     [
-        pytest.param(ROOT / "README.md", marks=pytest.mark.long),
+        *(pytest.param(ROOT / name, marks=pytest.mark.long) for name in LONG_PAGES),
         *sorted((ROOT / "docs" / "tutorials").glob("*.md")),
         *(ROOT / "docs" / f"{name}.md" for name in PAGES),
     ],
@@ -41,6 +44,11 @@ def test_pages__print_the_output_they_show(path: Path, tmp_path: Path, monkeypat
     monkeypatch.delenv("LILGYM_DATA", raising=False)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     assert run_document(path) == []
+
+
+def test_solver__has_correct_doctests() -> None:
+    for failures, tried in (doctest.testfile(str(ROOT / "docs" / "solver.md"), False), doctest.testmod(expert)):
+        assert (failures, tried > 3) == (0, True)
 
 
 README_SHORTER = {  # long-running parts of README's commands, and their replacements in tests
@@ -73,7 +81,7 @@ NOT_RUN = "<!-- not run -->"
 
 
 def test_code_blocks__are_run_by_a_test_or_marked_as_not_run() -> None:
-    run = {"README", *RUN_ELSEWHERE, *(Path(name).stem for name in PAGES)}
+    run = {*RUN_ELSEWHERE, *(Path(name).stem for name in (*PAGES, *LONG_PAGES))}
     unmarked = [
         f"{path.relative_to(ROOT)}:{text[: block.start()].count(chr(10)) + 1}"
         for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]

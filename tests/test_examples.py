@@ -73,7 +73,7 @@ def test_first_steps__plays_and_writes_a_picture(run: Run, tmp_path: Path) -> No
 
 def test_train_masked_ppo__evaluates_the_model_that_it_saves(run: Run, tmp_path: Path) -> None:
     _needs("train_masked_ppo.py", "sb3_contrib", "sb3")
-    options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "4096", "--seed", "1"]
+    options = ["--configuration", "TowerScratch", "--corpus", "builtin", "--steps", "1024", "--seed", "1"]
     run("train_masked_ppo.py", *options, "--split", "test", "--json", "results.json")
     written = json.loads((tmp_path / "results.json").read_text())
     assert [(row["actions"], row["split"]) for row in written["results"]] == [("greedy", "test"), ("sampled", "test")]
@@ -103,6 +103,7 @@ def test_tour__runs_and_shows_scenes_a_film_and_a_chart(
     assert "| parse-and-plan  | TowerScratch" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
     _needs("ppo_single_file.py", "torch", "train")
     last = run("ppo_single_file.py", "--steps", "4096", "--env", "lilgym_mp/TowerFlipIt-v0").splitlines()[-1]

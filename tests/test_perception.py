@@ -79,7 +79,7 @@ def test_scatter__items_are_ordered_by_x_then_y():
 @pytest.mark.parametrize("shape", Shape)
 def test_scatter__every_single_item_is_recovered(image_size: str, shape: Shape):
     for size in Size:
-        corners = range(0, 101 - size.pixels, 11)
+        corners = range(0, 101 - size.pixels, 17)
         ends = [*corners, 100 - size.pixels]
         for colour, x, y in product(Colour, ends, ends):
             shown = scene([], [], [Item(x, y, shape, colour, size)])

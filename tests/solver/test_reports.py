@@ -25,13 +25,6 @@ def test_reports__are_the_same_from_one_process_and_from_two():
     assert [(report.task, report.solution) for report in together] == [(r.task, r.solution) for r in alone]
 
 
-def test_on_report__is_called_in_order():
-    received: list[TaskReport] = []
-    reports = solve_tasks(TASKS[:5], mdp("tower"), jobs=2, on_report=received.append)
-    assert received == reports
-    assert [report.task for report in received] == list(TASKS[:5])
-
-
 def test_interruption__ends_all_processes():
     def interrupt(report: TaskReport) -> None:
         raise KeyboardInterrupt

@@ -48,6 +48,7 @@ def test_random_programs__have_the_same_truth_in_every_form(count: int) -> None:
     assert min(compared["true"], compared["false"], compared["errors"]) > count / 2
 
 
+@pytest.mark.long
 def test_random_wrapper_stacks__play_alike_on_single_batched_and_worker_environments() -> None:
     compared, found = wrapper_stacks.compare(count=16, seed=2)
     assert not found

@@ -35,10 +35,10 @@ def test_wrapper__keeps_the_contracts_alone_and_in_batches(
 ):
     make: Any = {"id": f"lilgym_mp/{configuration}-v0", "corpus": str(corpus)}
     single = lambda: stacked(partial(gym.make, **make), [(name, settings)])  # noqa: E731
-    testing.check_env(single, exact_masks=name != "stop_forcing", steps=40)
+    testing.check_env(single, exact_masks=name != "stop_forcing", steps=20)
     batch = lambda **more: stacked(partial(gym.make_vec, **make, **more), [(name, settings)])  # noqa: E731
     modes = (AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP)
-    testing.check_vector_env(batch, single, num_envs=3, modes=modes, exact_masks=False, steps=15)
+    testing.check_vector_env(batch, single, num_envs=3, modes=modes, exact_masks=False, steps=8)
 
 
 def test_flat__keeps_the_contracts(make: Make):
