@@ -74,8 +74,6 @@ class StructuredObservation(EnvWrapper[Items]):
     "image" as well.
     """
 
-    transformation_class = Items
-
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False, slots: int | None = None) -> None:
         super().__init__(env, keep_image=keep_image, slots=slots)
 
@@ -147,8 +145,6 @@ class GridPlanes(EnvWrapper[Planes]):
     `keep_image` keeps "image" as well.
     """
 
-    transformation_class = Planes
-
     def __init__(self, env: gym.Env[Any, Any], *, keep_image: bool = False) -> None:
         super().__init__(env, keep_image=keep_image)
 
@@ -176,8 +172,6 @@ class NativeImage(EnvWrapper[NativeDrawing]):
     has changed.
     """
 
-    transformation_class = NativeDrawing
-
 
 class Channels(Format):
     """Moves the image's last axis to the front."""
@@ -195,8 +189,6 @@ class Channels(Format):
 
 class ChannelsFirst(EnvWrapper[Channels]):
     """Turns "image" from (height, width, 3) into (3, height, width), a view of the same pixels."""
-
-    transformation_class = Channels
 
 
 class Image(Transformation):
@@ -220,8 +212,6 @@ class ImageObservation(EnvWrapper[Image]):
 
     The statement and the target are left out, so that the agent does not see its task: a baseline at best.
     """
-
-    transformation_class = Image
 
 
 class Tokens(Format):
@@ -250,8 +240,6 @@ class TokenizedStatement(EnvWrapper[Tokens]):
     `length`: None: the longest statement of the train split and a quarter more.
     Raises ValueError if a statement of the environment's tasks is longer, unless `truncate`.
     """
-
-    transformation_class = Tokens
 
     def __init__(
         self,
@@ -323,8 +311,6 @@ class StatementEmbedding(EnvWrapper[Embedding]):
     it cannot be converted to JSON.
     """
 
-    transformation_class = Embedding
-
     def __init__(self, env: gym.Env[Any, Any], encoder: Encoder, *, limit: float = 1000.0) -> None:
         super().__init__(env, encoder=encoder, limit=limit)
 
@@ -344,8 +330,6 @@ class Countdown(Format):
 
 class StepsLeft(EnvWrapper[Countdown]):
     """Adds "steps_left", 0 .. horizon: a part of the Markov state that observations lack."""
-
-    transformation_class = Countdown
 
 
 class Flattening(Transformation):
@@ -385,5 +369,3 @@ class FlatObservation(EnvWrapper[Flattening]):
 
     Raises WrongEnvironment for a text statement.
     """
-
-    transformation_class = Flattening

@@ -7,7 +7,7 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast
+from typing import Any, ClassVar, Concatenate, Generic, ParamSpec, SupportsFloat, TypeVar, cast, get_args
 
 import gymnasium as gym
 import numpy as np
@@ -40,6 +40,12 @@ class EnvWrapper(gym.Wrapper[Any, Any, Any, Any], RecordConstructorArgs, Generic
     """The base class of wrappers. `gym.make(env.spec)` rebuilds the stack; `action_masks` passes through it."""
 
     transformation_class: ClassVar[Callable[..., Transformation]]  # called with a description and the settings
+
+    def __init_subclass__(cls) -> None:
+        """In `class W(EnvWrapper[T])`, T is the transformation's class, unless W names another."""
+        super().__init_subclass__()
+        if "__orig_bases__" in vars(cls) and "transformation_class" not in vars(cls):
+            (cls.transformation_class,) = get_args(vars(cls)["__orig_bases__"][0])
 
     def __init__(self, env: gym.Env[Any, Any], **settings: Any) -> None:
         """`settings`: recorded in the spec and passed to the transformation."""

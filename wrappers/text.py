@@ -353,8 +353,6 @@ class TextObservation(EnvWrapper[TextFormat]):
     ValueError for another `scene` or a `default` that is not an action.
     """
 
-    transformation_class = TextFormat
-
     def __init__(
         self,
         env: gym.Env[Any, Any],
