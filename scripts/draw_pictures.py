@@ -32,9 +32,8 @@ from lilgym_mp.envs.proposer_verifier import (
     parallel_env,
 )
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation import Episode, Settings, evaluate
+from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, evaluate
 from lilgym_mp.evaluation.film import episode_frames, film_frames, save_gif
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import UInt8Array
@@ -70,8 +69,8 @@ def shown_episode(configuration: str) -> Episode:
     """The agent's episode of the task in SHOWN, which must succeed without a needless action."""
     settings = Settings(configuration)
     policy = lilgym_mp.load_agent(AGENT, "cpu").policy(settings)
-    (episode,) = (one for one in evaluate(policy, settings, SPLIT) if one.task_id == SHOWN[configuration])
-    task = settings.make(SPLIT).tasks.by_id(episode.task_id)
+    (episode,) = (one for one in evaluate(policy, settings, SPLIT) if one.task == SHOWN[configuration])
+    task = settings.make(SPLIT).tasks.by_id(episode.task)
     assert episode.is_success
     assert len(episode.actions) == Solver(settings.dynamics()).solve(task).steps
     return episode
@@ -81,10 +80,10 @@ def frames_of(configuration: str, episode: Episode) -> list[UInt8Array]:
     """The episode as rendered by mode "rgb_array", with the grid drawn in."""
     env = gym.make(Settings(configuration).id, split=SPLIT, render_mode="rgb_array", render_cells=True).unwrapped
     assert isinstance(env, LilGymEnv)
-    env.reset(options={"task": episode.task_id})
+    env.reset(options={"task": episode.task})
     frames = [np.asarray(env.render(), np.uint8)]
     for action in episode.actions:
-        env.step(action)
+        env.step(env.dynamics.appearance.encode(action))
         frames.append(np.asarray(env.render(), np.uint8))
     return frames
 

@@ -72,6 +72,9 @@ def test_recipes__work_from_an_installed_package_that_nobody_imports(tmp_path: P
         [sys.executable, script, corpus], capture_output=True, text=True, env=environment, check=False
     )
     assert done.stdout.splitlines()[-1:] == ["used"], done.stderr
+    command = [sys.executable, "-m", "lilgym_mp", "evaluate", "--protocol", "poker"]
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert "claims" in done.stderr
 
 
 def test_registrations__of_a_name_that_is_taken_are_refused() -> None:

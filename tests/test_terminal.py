@@ -8,7 +8,7 @@ from io import StringIO
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.evaluation.terminal import Progress, show_markdown, table, time_left
+from lilgym_mp.evaluation.terminal import Progress, table
 
 
 class _Terminal(StringIO):
@@ -65,17 +65,6 @@ def test_progress__does_not_touch_redirected_stdout(
         progress.advance()
     assert capsys.readouterr().out == "a result\n"
     assert "a result" not in terminal.getvalue()
-
-
-def test_progress__can_draw_only_when_advanced(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TERM", "xterm")
-    terminal = _Terminal()
-    monkeypatch.setattr("sys.stderr", terminal)
-    with Progress(3, "rounds", redraws_by_itself=False) as progress:
-        threads = threading.active_count()
-        progress.advance()
-        assert "1/3" in terminal.getvalue()
-    assert threads == threading.active_count()
 
 
 def test_progress__says_at_once_what_it_is_doing_and_goes_on_saying_so(monkeypatch: pytest.MonkeyPatch):
@@ -136,18 +125,3 @@ def test_table__continues_below_what_does_not_fit(width: int):
     assert max(map(len, lines)) <= width
     assert all(f" {name}" in text for name in names)
     assert sum(line.startswith("expert ") for line in lines) == {30: 6, 80: 2, 120: 1}[width]
-
-
-def test_progress__counts_the_time_left_down_between_two_steps(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("time.monotonic", lambda: 100.0)
-    assert (time_left(190.4), time_left(20.0), time_left(None)) == ("1:30 left", "0:00 left", "")
-
-
-def test_show_markdown__fits_a_terminal(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("COLUMNS", "40")
-    monkeypatch.setenv("TERM", "dumb")
-    terminal = _Terminal()
-    monkeypatch.setattr("sys.stdout", terminal)
-    show_markdown("| steps per second of a batch | median |\n|---|---:|\n| without copies of images | 1,010,000 |\n")
-    assert max(map(len, terminal.getvalue().splitlines())) <= 40
-    assert {"second", "copies", "1,010,000"} <= set(terminal.getvalue().split())

@@ -20,6 +20,7 @@ from lilgym_mp import __version__
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_commands
+from lilgym_mp.scene.choices import load_extensions
 
 # Modules of this package, in the order of --help.
 COMMANDS = (
@@ -84,6 +85,7 @@ def parse_args(argv: Sequence[str]) -> argparse.Namespace:
 @cache
 def make_parser(only: str | None = None, learner: str | None = None) -> argparse.ArgumentParser:
     """The parser, with every subcommand; or with one, and of `train` with one learner, to import no more than these."""
+    load_extensions()  # so that the choices include what other packages register
     parser = _Parser(prog=PROGRAM, description="Play, train and evaluate in the lilGym environments.")
     parser.add_argument("--version", action="version", version=f"{PROGRAM} {__version__}")
     subparsers = parser.add_subparsers(dest="command", metavar="COMMAND", required=True)

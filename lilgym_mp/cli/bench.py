@@ -26,12 +26,13 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 import lilgym_mp.wrappers as wrappers
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.machine import usable_cores
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.terminal import Progress, show_markdown
 
 SPLIT = "train"
@@ -51,7 +52,7 @@ LEGEND = (
 class Workload:
     """Recorded episodes, `actions` actions of all environments together; environment i always plays those of seed i."""
 
-    def __init__(self, settings: Settings, name: str, actions: int) -> None:
+    def __init__(self, settings: EnvConfig, name: str, actions: int) -> None:
         self.settings, self.name, self.actions = settings, name, actions
         self.id, self.arguments = settings.id, settings.arguments(SPLIT)
         own = {"appearance": settings.appearance, "start": settings.start, "protocol": "joint", "ending": "either"}
@@ -244,7 +245,7 @@ def run(args: argparse.Namespace) -> int:
     with Progress(len(names) * rounds, "rounds", redraws_by_itself=False) as progress:
         try:
             for name, found in results.items():
-                settings = Settings(name, args.corpus)
+                settings = EnvConfig(name, args.corpus)
                 workloads = {kind: Workload(settings, kind, actions) for kind in (FIXED, RANDOM)}
                 _measure(found, workloads, rounds, seconds, partial(progress.advance, note=name))
         except KeyboardInterrupt:
@@ -276,7 +277,7 @@ def _measure(found: list[Case], workloads: dict[str, Workload], rounds: int, sec
 
 
 def _megabytes(case: Case, workload: Workload) -> float:
-    """What another such environment allocates here, and its own processes use (on Linux)."""
+    """Measures what another such environment allocates here, and its own processes use (on Linux)."""
     others = set(multiprocessing.active_children())
     gc.collect()
     tracemalloc.start()

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lilgym_mp.cli import data_sets
+from lilgym_mp.corpus import CorpusError, load_all_tasks
 from lilgym_mp.corpus.locations import is_split
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS, STARTS
 from lilgym_mp.corpus.splits import RULES, split_lists
@@ -160,8 +161,6 @@ def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
 
 def _list(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.data_report import listing
-    from lilgym_mp.corpus import CorpusError
-    from lilgym_mp.corpus.loading import load_all_tasks
 
     found = []
     for corpus in args.corpus or ["builtin", "lilgym"]:
@@ -210,11 +209,8 @@ def _show(args: argparse.Namespace) -> int:
 
 def _task_set_with(args: argparse.Namespace) -> TaskSet:
     """The only task set that contains the task. Raises CommandError if there is none, or more than one."""
-    from lilgym_mp.corpus.loading import load_all_tasks
-
-    choices = {name: [value] if (value := getattr(args, name)) else values for name, values in SET_CHOICES.items()}
-    sets = list(load_all_tasks(args.corpus, choices["appearance"], choices["start"], choices["split"]))
-    matches = task_sets_with_id(sets, args.corpus, args.id)
+    choices = [[value] if (value := getattr(args, name)) else values for name, values in SET_CHOICES.items()]
+    matches = task_sets_with_id(args.corpus, args.id, *choices)
     if len(matches) > 1:
         origins = "; ".join(str(tasks.provenance) for tasks in matches)
         raise CommandError(f"several tasks have the id {args.id!r}: {origins}. Add --appearance, --start or --split")
@@ -259,7 +255,6 @@ def _synthesize(args: argparse.Namespace) -> int:
 
 
 def _permute(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.loading import load_all_tasks
     from lilgym_mp.corpus.matching import with_permuted_boxes
     from lilgym_mp.corpus.writing import flipit_entries
 
@@ -275,33 +270,31 @@ def _permute(args: argparse.Namespace) -> int:
 
 
 def _export(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.loading import load_all_tasks
-    from lilgym_mp.corpus.writing import task_rows, write_lines
+    from lilgym_mp.corpus.writing import task_rows
 
-    path = fresh_file(args.out, force=args.force)
     rows = list(task_rows(load_all_tasks(args.corpus, args.appearances, splits=args.splits)))
-    write_atomically(path, lambda unfinished: write_lines(unfinished, rows))
-    print(f"wrote {path}\n{len(rows):,} tasks")
+    _write_lines(args, rows)
+    print(f"{len(rows):,} tasks")
     return 0
 
 
 def _split(args: argparse.Namespace) -> int:
-    from lilgym_mp.corpus.loading import load_all_tasks
-    from lilgym_mp.corpus.writing import write_lines
-
     if not is_split(args.out):
         raise CommandError(f"--out must name a file that ends in .split.json or .split.json.gz, not {str(args.out)!r}")
-    path = fresh_file(args.out, force=args.force)
     lists = split_lists(args.by, list(load_all_tasks(args.corpus, args.appearances, [SCRATCH])))
-    row = {"corpus": args.corpus, "by": args.by, "statements": lists}
-    write_atomically(path, lambda unfinished: write_lines(unfinished, [row]))
     print(table(["task set", "statements"], [(name, len(ids)) for name, ids in lists.items()]))
-    print(f"wrote {path}")
+    _write_lines(args, [{"corpus": args.corpus, "by": args.by, "statements": lists}])
     return 0
 
 
+def _write_lines(args: argparse.Namespace, rows: Iterable[Mapping[str, object]]) -> None:
+    from lilgym_mp.corpus.writing import write_lines
+
+    write_atomically(fresh_file(args.out, force=args.force), lambda unfinished: write_lines(unfinished, rows))
+    print(f"wrote {args.out}")
+
+
 def _write(args: argparse.Namespace, name: str, entries: Iterable[Mapping[str, object]]) -> None:
-    """Writes a corpus file atomically."""
     from lilgym_mp.corpus import write_corpus
 
     path = fresh_file(args.out, force=args.force)

@@ -142,13 +142,10 @@ def _solutions(ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace
     tasks = settings.tasks(args.split)
     distinct = [tasks.by_id(task_id) for task_id in dict.fromkeys(ids)]
     dynamics = settings.dynamics()
-    episodes: dict[str, Episode | None] = {}
-    for task, solution, _ in solve_shown(distinct, settings, args.split, args):
-        actions = tuple(map(dynamics.appearance.encode, solution.actions))
-        reward = 0.0  # computed when it is played
-        episode = Episode(task.id, task.statement, task.target, "success", reward, actions)
-        episodes[task.id] = episode if solution.solved else None
-    return episodes
+    return {
+        task.id: Episode.of(task, solution.actions, "success", dynamics) if solution.solved else None
+        for task, solution, _ in solve_shown(distinct, settings, args.split, args)
+    }
 
 
 def _convert(args: argparse.Namespace) -> int:

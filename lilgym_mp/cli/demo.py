@@ -7,21 +7,23 @@ compares them with an untrained network, random policies and the expert, and wri
 from __future__ import annotations
 
 import argparse
+import io
 from collections.abc import Sequence
+from contextlib import redirect_stdout
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import results_json, results_markdown, shown_results
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
@@ -49,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     if args.out is not None and args.out.is_dir() and any(args.out.iterdir()):
         raise OutputError(f"{args.out} is not empty; name an empty or new directory")
     directory = writable_directory(args.out or first_free_path(DIRECTORY))
-    settings = Settings(CONFIGURATION)
+    settings = EnvConfig(CONFIGURATION)
     print(
         f"training two agents in parallel on the builtin corpus ({len(settings.make('train').tasks):,} statements for"
         f" {CONFIGURATION}); no statement of {SPLIT} is in the training data"
@@ -127,20 +129,15 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     )
 
 
-def _explanation(parser: Path, settings: Settings) -> str:
-    """The parse-and-plan agent's parse and plan of one of the split's longer statements."""
-    from lilgym_mp.learning.common.agents import open_agent
-    from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.planning import explanation_lines
+def _explanation(parser: Path, settings: EnvConfig) -> str:
+    """Returns the output of `lilgym-mp explain` for one of the split's longer statements."""
+    from lilgym_mp.cli import parse_args
 
-    agent = open_agent(parser, "cpu")
-    assert isinstance(agent, ParseAndPlanAgent)
-    planner = agent.planner(settings)
-    tasks = sorted(settings.make(SPLIT).tasks, key=lambda task: (len(task.statement), task.id))
-    task = tasks[len(tasks) * 3 // 4]
-    plan = planner.plan(task.start, task.statement, task.target)
-    lines = explanation_lines(plan, planner, task.statement, task.target)
-    return "\n".join([f"lilgym-mp explain --task {task.id} --agent {parser}", "", *lines])
+    tasks = sorted(settings.tasks(SPLIT), key=lambda task: (len(task.statement), task.id))
+    args = parse_args(["explain", "--task", tasks[len(tasks) * 3 // 4].id, "--agent", str(parser)])
+    with redirect_stdout(io.StringIO()) as printed:
+        args.run(args)
+    return "\n".join([f"lilgym-mp {' '.join(args.argv)}", "", printed.getvalue().rstrip()])
 
 
 def first_free_path(path: Path) -> Path:

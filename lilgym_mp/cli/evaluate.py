@@ -23,7 +23,6 @@ from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.files import fresh_file, writable_directory, write_json
 from lilgym_mp.evaluation.options import (
     CONFIGURATIONS_HELP,
@@ -52,6 +51,7 @@ from lilgym_mp.evaluation.policies import (
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.report import results_json, shown_results
+from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
 from lilgym_mp.learning.common.learners import find_learner

@@ -1,25 +1,24 @@
 """Train, evaluate and record a matrix of configurations, learners and seeds.
 
 Executes all runs described by a TOML file. If interrupted, the same command resumes them. `lilgym-mp report DIR --out
-REPORT` makes tables and figures of the results.
+REPORT` makes tables and figures of the results. With --split, evaluates the trained runs on another split.
 """
 
 from __future__ import annotations
 
 import argparse
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lilgym_mp.corpus.records import SPLITS
+from lilgym_mp.evaluation.files import SUFFIX, write_text
 from lilgym_mp.evaluation.options import CommandError, check_at_least
+from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from lilgym_mp.cli.experiment_runs import Attempt
 
 RESULTS = Path("results")
@@ -40,6 +39,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--list", action="store_true", help="print the commands without running them")
     parser.add_argument("--only", nargs="+", metavar="RUN", help="execute only these runs; --list prints the names")
+    parser.add_argument(
+        "--split", choices=list(SPLITS), help="train nothing; evaluate the runs in DIR on this split, as a table"
+    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -52,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     jobs = args.jobs or 1
     if args.ray is not None and args.jobs is not None:
         raise CommandError("--jobs is for runs on this machine; with --ray, the cluster's CPUs limit parallel runs")
-    plan = read_plan(args.file)
+    plan = read_plan(args.file, args.split)
     if args.only:
         by_name = {planned.name: planned for planned in plan}
         plan = [choose("run", name, by_name) for name in dict.fromkeys(args.only)]
@@ -62,7 +64,7 @@ def run(args: argparse.Namespace) -> int:
         return 0
     results = args.out or RESULTS / args.file.stem
     threads = 1 if args.ray is not None else max(1, usable_cores() // jobs)
-    attempts = make_attempts(plan, results, threads)
+    attempts = make_attempts(plan, results, threads, split=args.split)
     with display(attempts) as update:
         if args.ray is None:
             run_locally(attempts, jobs, update, UPDATE_SECONDS)
@@ -71,57 +73,47 @@ def run(args: argparse.Namespace) -> int:
     failed = [attempt for attempt in attempts if attempt.status is RunStatus.FAILED]
     for attempt in failed:
         print(f"failed: {attempt.planned.name}: {attempt.error} (log: {attempt.log})")
-    print(
-        f"{len(attempts) - len(failed)} of {len(attempts)} runs finished\n"
-        f"tables: lilgym-mp report {results} --out {results}-report"
-    )
+    print(f"{len(attempts) - len(failed)} of {len(attempts)} runs finished")
+    if args.split is None:
+        print(f"tables: lilgym-mp report {results} --out {results}-report")
+    else:
+        _write_table(results / f"{args.split}.md", attempts, args.split)
     return FAILED if failed else 0
 
 
 @contextmanager
-def display(attempts: Sequence[Attempt], console: Console | None = None) -> Iterator[Callable[[], None]]:
-    """Shows the runs' statuses: as a live table on a terminal, else as a line per change; yields what updates it.
+def display(attempts: Sequence[Attempt]) -> Iterator[Callable[[], None]]:
+    """Prints a line for each change of a run's status, above a bar on a terminal; yields what updates it."""
+    from lilgym_mp.cli.experiment_runs import RunStatus
 
-    `console`: standard output by default.
-    """
-    from rich import get_console
-    from rich.live import Live
+    printed = {attempt.planned.name: str(RunStatus.WAITING) for attempt in attempts}
+    with Progress(len(attempts), "runs", lines=0) as bar:
 
-    console = console or get_console()
-    if console.is_terminal:
-        with Live(console=console, get_renderable=lambda: _table(attempts), auto_refresh=False) as live:
-            live.refresh()
-            yield live.refresh
-        return
-    printed: dict[str, str] = {}  # last status by run
+        def update() -> None:
+            for attempt in attempts:
+                name, status = attempt.planned.name, f"{attempt.status} {attempt.location}".strip()
+                if printed[name] != status:
+                    print(f"{name}: {status}", flush=True)
+                printed[name] = status
+            shares = {attempt.planned.name: attempt.fraction_done for attempt in attempts}
+            note = ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items() if share is not None)
+            bar.reach(sum(attempt.status is RunStatus.FINISHED for attempt in attempts), note)
 
-    def print_changes() -> None:
-        for attempt in attempts:
-            name, status = attempt.planned.name, _status(attempt)
-            if printed.get(name, "waiting") != status:
-                print(f"{name}: {status}", flush=True)
-            printed[name] = status
-
-    print_changes()
-    yield print_changes
+        update()
+        yield update
 
 
-def _table(attempts: Sequence[Attempt]) -> Table:
-    from rich.table import Table
+def _write_table(file: Path, attempts: Sequence[Attempt], split: str) -> None:
+    """Writes the accuracies of the recorded episodes of the split as Markdown."""
+    from lilgym_mp.contrib.report.items import Table
+    from lilgym_mp.contrib.report.report_data import load_report_data
+    from lilgym_mp.contrib.report.results import table_2
+    from lilgym_mp.evaluation.episodes import read_header
 
-    table = Table(box=None, header_style="bold")
-    for column in ("run", "state", "done", "time", "left"):
-        table.add_column(column, justify="left" if column in ("run", "state") else "right")
-    for attempt in attempts:
-        elapsed, done = attempt.seconds, attempt.fraction_done
-        if attempt.began is not None and not elapsed:
-            elapsed = time.monotonic() - attempt.began
-        percent = "" if done is None else f"{100 * done:.0f} %"
-        left = elapsed * (1 - done) / done if done else 0
-        times = (f"{int(seconds) // 60}:{int(seconds) % 60:02d}" if seconds else "" for seconds in (elapsed, left))
-        table.add_row(attempt.planned.name, _status(attempt), percent, *times)
-    return table
-
-
-def _status(attempt: Attempt) -> str:
-    return f"{attempt.status} {attempt.location}".strip()
+    files = [file for attempt in attempts for file in sorted(attempt.episodes.glob(f"*{SUFFIX}"))]
+    files = [file for file in files if (header := read_header(file)) is not None and header.split == split]
+    if files:
+        items = table_2(load_report_data(files))
+        text = "".join(item.markdown() for item in items if isinstance(item, Table))
+        write_text(file, text)
+        print(f"{text}\ntable: {file}")

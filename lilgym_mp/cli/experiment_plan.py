@@ -92,7 +92,7 @@ class _Table:
 
 
 class _Experiment(NamedTuple):
-    """What the learners share."""
+    """Settings that the learners share."""
 
     splits: Sequence[str]
     configurations: Sequence[str]
@@ -101,8 +101,11 @@ class _Experiment(NamedTuple):
     evaluation: Sequence[str]  # these and further options of `evaluate`
 
 
-def read_plan(path: Path) -> list[PlannedRun]:
-    """The runs of an experiment's file. Raises CommandError naming the file, the key and the choices."""
+def read_plan(path: Path, split: str | None = None) -> list[PlannedRun]:
+    """The runs of an experiment's file, evaluated on `split` instead of the file's splits if given.
+
+    Raises CommandError naming the file, the key and the choices.
+    """
     try:
         table = _Table(path, "", tomllib.loads(path.read_text(encoding="utf-8-sig")))
     except OSError as error:
@@ -110,9 +113,9 @@ def read_plan(path: Path) -> list[PlannedRun]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CommandError(f"{path}: invalid TOML: {error}") from None
     table.check_keys(KEYS)
-    splits = table.distinct("splits", ["dev"], SPLITS)
+    splits = table.distinct("splits", ["dev"], SPLITS) if split is None else [split]
     configurations = table.distinct("configurations", list(CONFIGURATIONS), CONFIGURATIONS)
-    environment = _environment_options(table, configurations)
+    environment = _environment_options(table, configurations, split or "dev")
     evaluation = [*environment, *["--optimal"] * table.value("optimal", False, "true or false")]
     experiment = _Experiment(splits, configurations, table.seeds([0]), environment, evaluation)
     learners = table.values.get("learners", [])
@@ -130,11 +133,11 @@ def read_plan(path: Path) -> list[PlannedRun]:
     return runs
 
 
-def _environment_options(table: _Table, configurations: Sequence[str]) -> list[str]:
+def _environment_options(table: _Table, configurations: Sequence[str], split: str) -> list[str]:
     """The environment's settings as command-line options, checked by making each environment once."""
     given = {key: table.values[key] for key in EnvConfig.settings() if key in table.values}
     corpus = table.value("corpus", "builtin", "a string")
-    table.check_environment(list(given) or ["corpus"], configurations, "dev", **given)
+    table.check_environment(list(given) or ["corpus"], configurations, split, **given)
     return ["--corpus", corpus, *EnvConfig(configurations[0], **{**given, "corpus": "builtin"}).options()]
 
 
@@ -182,7 +185,7 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
 
 
 def _played_configurations(configuration: str | None, recipe: Any, choices: Sequence[str]) -> Sequence[str]:
-    """Those of `choices` that the agent plays: with both starts if it was trained on FlipIt and some empty scenes.
+    """Selects the configurations to play: with both starts for an agent trained on FlipIt and some empty scenes.
 
     A recipe without this setting, as the reward model's, always trains on both.
     """

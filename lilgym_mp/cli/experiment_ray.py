@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import SHUTDOWN_SECONDS, Attempt, RunStatus, make_attempts, mark_finished
@@ -23,34 +23,23 @@ REPORT_SECONDS = 1.0
 NAMED_CORPORA = ("builtin", "lilgym")  # corpora available by name on every node
 
 
-class ProgressReport(NamedTuple):
-    """Progress of a run."""
-
-    status: RunStatus
-    fraction_done: float | None
-    location: str  # its node, and the number of the attempt if an earlier node died
+Report = tuple[RunStatus, float | None, str]  # status, fraction done and node of a run
 
 
 class ProgressActor:
     """Ray actor on the driver's node: collects the runs' progress and stops them on request."""
 
     def __init__(self) -> None:
-        self._reports: dict[str, ProgressReport] = {}
-        self._attempts: dict[str, int] = {}
+        self._reports: dict[str, Report] = {}
         self._stopped = False
 
-    def begin(self, name: str) -> int:
-        """The number of attempts at the run, including the one that begins now."""
-        self._attempts[name] = self._attempts.get(name, 0) + 1
-        return self._attempts[name]
-
-    def report(self, name: str, report: ProgressReport) -> bool:
+    def report(self, name: str, report: Report) -> bool:
         """Stores the report; returns whether the run must save and stop."""
         self._reports[name] = report
         return self._stopped
 
-    def reports(self) -> dict[str, ProgressReport]:
-        return dict(self._reports)
+    def reports(self) -> dict[str, Report]:
+        return self._reports
 
     def stop(self) -> None:
         self._stopped = True
@@ -112,7 +101,10 @@ def _execute(
         ready, _ = ray.wait(list(pending), timeout=poll_seconds)
         for ref in ready:
             _collect_result(ray, ref, pending.pop(ref))
-        _update_progress(ray.get(progress_actor.reports.remote()), list(pending.values()))
+        reports = ray.get(progress_actor.reports.remote())
+        for attempt in pending.values():
+            if attempt.planned.name in reports:
+                attempt.status, attempt.remote_fraction_done, attempt.location = reports[attempt.planned.name]
         on_poll()
 
     try:
@@ -128,13 +120,6 @@ def _execute(
         while pending and time.monotonic() < deadline:
             poll()
         raise
-
-
-def _update_progress(reports: dict[str, ProgressReport], attempts: Sequence[Attempt]) -> None:
-    for attempt in attempts:
-        if (report := reports.get(attempt.planned.name)) is not None:
-            attempt.status, attempt.remote_fraction_done, attempt.location = report
-            attempt.began = attempt.began or time.monotonic()
 
 
 def _collect_result(ray: Any, ref: Any, attempt: Attempt) -> None:
@@ -155,8 +140,7 @@ def run_on_node(
 ) -> tuple[RunStatus, str, float, bytes]:
     """Executes a run in a temporary directory of the current node; its status, error, seconds, and files by `pack`."""
     ray: Any = import_module("ray")
-    count = ray.get(progress_actor.begin.remote(planned.name))
-    location = f"on {ray.util.get_node_ip_address()}" + (f", attempt {count}" if count > 1 else "")
+    location = f"on {ray.util.get_node_ip_address()}"
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
         (attempt,) = make_attempts([planned], results, threads, Path(directory))
         unpack(files, attempt)
@@ -164,7 +148,7 @@ def run_on_node(
 
         def report_progress() -> None:
             while not ended.wait(REPORT_SECONDS):
-                report = ProgressReport(attempt.status, attempt.fraction_done, location)
+                report = attempt.status, attempt.fraction_done, location
                 if ray.get(progress_actor.report.remote(planned.name, report)):
                     attempt.stop()
 

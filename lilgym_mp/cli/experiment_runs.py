@@ -40,47 +40,63 @@ class RunStatus(StrEnum):
 class Attempt:
     """An execution of a planned run."""
 
-    def __init__(self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path()) -> None:
-        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`."""
+    def __init__(
+        self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path(), split: str | None = None
+    ) -> None:
+        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`.
+
+        `split`: that of a finished run's further evaluation.
+        """
         self.planned = planned
         self.results = results
         self.cwd = cwd
         self.directory = cwd / results
         self.run = self.directory / RUNS / planned.name
+        self.trained = self.run / "trained"  # marks completed training
         self.episodes = self.directory / EPISODES / planned.name
         self.log = self.directory / LOGS / f"{planned.name}.log"
-        self.marker = self.directory / FINISHED / f"{planned.name}.json"
+        self.marker = self.directory / FINISHED / (split or "") / f"{planned.name}.json"
         self.threads = threads
         self.status = RunStatus.WAITING
         self.location = ""  # node of a run on a cluster
         self.remote_fraction_done: float | None = None  # progress reported by that node
-        self.began: float | None = None
         self.seconds = 0.0
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
 
     def load_finished(self) -> None:
-        """Loads the result if the run was finished earlier; raises CommandError if its commands were different."""
-        if not self.marker.exists():
-            return
+        """Loads the result if the run was finished earlier.
+
+        Raises CommandError if its commands were different, or if there is no trained run to be evaluated on a split.
+        """
+        first = self.directory / FINISHED / self.marker.name  # of the run with the splits of the file
+        if first != self.marker and self.planned.train:
+            if not first.exists():
+                raise CommandError(f"{self.run}: was not trained; execute the experiment without --split first")
+            self._check_finished(first, self.planned.commands[:1])
+        if self.marker.exists():
+            self.seconds = self._check_finished(self.marker, self.planned.commands)
+            self.status = RunStatus.FINISHED
+
+    def _check_finished(self, marker: Path, planned: Sequence[Sequence[str]]) -> float:
+        """The seconds of a finished run. Raises CommandError if its commands do not begin with those planned."""
         try:
-            finished = json.loads(self.marker.read_text(encoding="utf-8"))
+            finished = json.loads(marker.read_text(encoding="utf-8"))
             commands, seconds = list(finished["commands"]), float(finished["seconds"])
         except (ValueError, KeyError, TypeError) as error:
-            raise CommandError(f"{self.marker}: damaged: {error!r}; delete it to evaluate the run again") from None
-        if commands != self.planned.commands:
-            pairs = zip_longest(commands, self.planned.commands)
-            before, now = next((before, now) for before, now in pairs if before != now)
-            raise CommandError(
-                f"{self.marker}: the run {self.planned.name} was made with other options: {before}, not {now};"
-                " choose another directory with --out"
-            )
-        self.status, self.seconds = RunStatus.FINISHED, seconds
+            raise CommandError(f"{marker}: damaged: {error!r}; delete it to evaluate the run again") from None
+        for before, now in zip_longest(commands if marker == self.marker else commands[:1], planned):
+            if before != now:
+                raise CommandError(
+                    f"{marker}: the run {self.planned.name} was made with other options: {before}, not {now};"
+                    " choose another directory with --out"
+                )
+        return seconds
 
     def execute(self) -> None:
         """Trains or resumes training, unless already trained, then evaluates. Failures are stored, never raised."""
-        self.began = time.monotonic()
+        began = time.monotonic()
         try:
             if self.planned.train:
                 self._train()
@@ -91,21 +107,20 @@ class Attempt:
         except OSError as error:
             self.error, self.status = f"{error.filename}: {error.strerror}", RunStatus.FAILED
         else:
-            self.seconds = round(time.monotonic() - self.began, 1)
+            self.seconds = round(time.monotonic() - began, 1)
             mark_finished(self)
             self.status = RunStatus.FINISHED
 
     def _train(self) -> None:
         self.status = RunStatus.TRAINING
-        trained = self.run / "trained"  # marks completed training
-        if trained.exists():
+        if self.trained.exists():
             return
         resumed = (self.run / CHECKPOINT_FILE).exists()
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
         self._call([*self.planned.train, *options, *["--resume"] * resumed])
-        trained.touch()
+        self.trained.touch()
 
     def _evaluate(self) -> None:
         self.status = RunStatus.EVALUATING
@@ -189,13 +204,18 @@ def _end_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
-    """An attempt for each run of the plan, its status FINISHED if it was before. Raises CommandError, OutputError."""
-    for name in (RUNS, EPISODES, LOGS, FINISHED):
-        writable_directory(cwd / results / name)
-    attempts = [Attempt(planned, results, threads, cwd) for planned in plan]
+def make_attempts(
+    plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path(), split: str | None = None
+) -> list[Attempt]:
+    """An attempt for each run of the plan, its status FINISHED if it was before.
+
+    Raises CommandError, OutputError.
+    """
+    attempts = [Attempt(planned, results, threads, cwd, split) for planned in plan]
     for attempt in attempts:
         attempt.load_finished()
+    for name in (RUNS, EPISODES, LOGS, f"{FINISHED}/{split or ''}"):
+        writable_directory(cwd / results / name)
     return attempts
 
 

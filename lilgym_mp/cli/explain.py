@@ -9,24 +9,34 @@ from __future__ import annotations
 
 import argparse
 import json
+import random
 from collections.abc import Iterator
-from contextlib import suppress
-from itertools import product
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING
 
-from lilgym_mp.corpus import CorpusError
-from lilgym_mp.corpus.records import SPLITS, read_text
+from lilgym_mp.corpus.records import SPLITS, STARTS, read_text
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.envs.registration import configuration_name, read_configuration
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.evaluation.options import CommandError, add_device, add_number, add_seed, add_settings, given_environment
-from lilgym_mp.evaluation.runs import scenes
+from lilgym_mp.evaluation.options import (
+    CommandError,
+    add_device,
+    add_number,
+    add_seed,
+    add_settings,
+    check_at_least,
+    given_environment,
+    task_sets_with_id,
+)
 from lilgym_mp.evaluation.terminal import hanging, shows_colours
+from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program, explain_program
 from lilgym_mp.programs.task import Task
+from lilgym_mp.programs.tracing import trace
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
 
@@ -80,9 +90,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     if args.program is not None:
-        from lilgym_mp.cli.explain_program import explain
-
-        return explain(args)
+        return _explain_program(args)
     import torch
 
     from lilgym_mp.learning.common.agents import open_agent
@@ -150,15 +158,12 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:
         settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **options)
         start = settings.dynamics().appearance.check_scene(Scene.empty())
         return settings, Task("asked", args.statement, "True", args.target, start)
-    names = [args.configuration] if args.configuration else list(CONFIGURATIONS)
-    for name, split in product(names, [args.split] if args.split else SPLITS):
-        settings = EnvConfig(name, **options)
-        with suppress(CorpusError):
-            tasks = settings.make(split).tasks
-            if args.task in tasks.ids:
-                return settings, tasks.by_id(args.task)
-    corpus = options.get("corpus", "builtin")
-    raise CommandError(f"no task {args.task!r} in {', '.join(names)} of corpus {corpus!r}; name its --configuration")
+    chosen = read_configuration(args.configuration) if args.configuration else (None, None)
+    choices = zip((*chosen, args.split), (APPEARANCES, STARTS, SPLITS), strict=True)
+    found = [[value] if value else list(values) for value, values in choices]
+    tasks, *_ = task_sets_with_id(options.get("corpus", "builtin"), args.task, *found)
+    name = configuration_name(tasks.provenance.appearance, tasks.provenance.start)
+    return EnvConfig(name, **options), tasks.by_id(args.task)
 
 
 def _drawn(plan: ProgramPlan, planner: ProgramPlanner) -> Iterator[tuple[Scene, str]]:
@@ -174,3 +179,43 @@ def _film(path: Path, plan: ProgramPlan, planner: ProgramPlanner, task: str) -> 
     stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
     shown.append((shown[-1][0], stop))
     save_gif(path, [frame(scene, [task, caption], planner.dynamics.appearance) for scene, caption in shown])
+
+
+def _explain_program(args: argparse.Namespace) -> int:
+    """Prints the program's words or its error, and the value of each part in the task's start scene, or in others."""
+    task = None if args.task is None else _settings_and_task(args)[1]
+    source = args.program or (task and task.program)
+    if source is None:
+        raise CommandError("name a program, or a task with --task")
+    try:
+        compile_program(source)
+    except ProgramError:
+        raise CommandError(explain_program(source)) from None
+    print(explain_program(source))
+    titled = [(task.start, f'"{task.statement}"')] if task is not None else _labelled_scenes(source, args)
+    for scene, title in titled:
+        print(text(scene, [title], coloured=shows_colours()))
+        for part in trace(source, scene):
+            indent = "  " * part.depth
+            print(f"{indent}{part.source}\n{indent}  = {part.value}")
+    return 0
+
+
+def _labelled_scenes(source: str, args: argparse.Namespace) -> Iterator[tuple[Scene, str]]:
+    """Scenes with their titles. Says so if the program is true, or false, in all scenes that were tried."""
+    from lilgym_mp.corpus.synthesis import start_scenes
+
+    check_at_least(args, 2, "scenes")
+    check_at_least(args, 0, "seed")
+    try:
+        empty = (Scene.empty(), compile_program(source).evaluate(Scene.empty()))
+    except ProgramRuntimeError as fault:
+        raise CommandError(f"the program has no value on the empty scene: {fault}") from None
+    appearance, _ = read_configuration(args.configuration or DEFAULT_CONFIGURATION)
+    found = start_scenes(source, appearance, random.Random(args.seed), args.scenes)
+    if empty[1] not in {label for _, label in found}:
+        found = (*found[1:], empty)
+    for scene, label in found:
+        yield scene, f"{str(label).lower()} in this scene"
+    for missing in {True, False} - {label for _, label in found}:
+        print(f"note: no {appearance} scene was found in which it is {str(missing).lower()}")

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.corpus.notes import printable
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
 from lilgym_mp.evaluation.options import (
     RUNS,
@@ -33,7 +34,6 @@ from lilgym_mp.evaluation.options import (
     given_settings,
 )
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
@@ -109,7 +109,7 @@ def run(args: argparse.Namespace) -> int:
     agent_options = dict(map(_key_and_value, args.option))
     agent = make_agent(args.agent, agent_options)
     player = Player(
-        Settings(**given_settings(args)),
+        EnvConfig(**given_settings(args)),
         agent,
         split=args.split,
         scene=args.scene,

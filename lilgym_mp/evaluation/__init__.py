@@ -1,8 +1,10 @@
 """Evaluation of policies on the tasks of a split, and tables, recordings and films of the results. Without torch."""
 
+from lilgym_mp.envs.config import EnvConfig as Settings
+from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.policies import Observations, Policy, random_legal, random_unmasked
-from lilgym_mp.evaluation.runs import Episode, Summary, evaluate, summarise
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.runs import Summary, evaluate, summarise, training_statements
 
 __all__ = [
     "CONFIGURATIONS",
@@ -15,4 +17,5 @@ __all__ = [
     "random_legal",
     "random_unmasked",
     "summarise",
+    "training_statements",
 ]

@@ -31,9 +31,8 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.observation import ARRAYS, TEXT, item_capacity
-from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.episodes import Episode, read_episodes
 from lilgym_mp.evaluation.files import SUFFIX, write_atomically
-from lilgym_mp.evaluation.runs import Episode
 from lilgym_mp.scene.choices import choose, listed
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
@@ -88,30 +87,27 @@ def recorded(paths: Iterable[Path]) -> Iterator[Source]:
 
 def _recording(file: Path) -> Source:
     recording = read_episodes(file)
-    header, encode = recording.header, recording.header.settings.dynamics().appearance.encode
+    header = recording.header
     tasks = header.settings.tasks(header.split)
     if header.tasks_sha256 != tasks.provenance.sha256:
         raise DatasetError(f"{file}: was recorded with other tasks than those of {tasks.provenance}")
-    episodes = [
-        Episode(one.task, one.statement, one.target, one.outcome, one.reward, tuple(map(encode, one.actions)))
-        for one in recording.episodes
-    ]
-    return Source(header.settings, header.split, header.agent, episodes)
+    return Source(header.settings, header.split, header.agent, recording.episodes)
 
 
 def _played_in_browsers(file: Path) -> Iterator[Source]:
     """The finished episodes of the page /play."""
-    columns = "corpus, configuration, rules, split, player, task_id, outcome, reward, actions"
+    columns = "corpus, configuration, rules, split, player, task_id, outcome, actions"
     try:
         with closing(sqlite3.connect(f"{file.resolve().as_uri()}?mode=ro", uri=True)) as connection:
             query = f"SELECT {columns} FROM played_episodes WHERE outcome IS NOT NULL ORDER BY created, id"
             rows = connection.execute(query).fetchall()
     except sqlite3.Error as error:
         raise DatasetError(f"{file}: has no played episodes that can be read: {error}") from None
-    for corpus, configuration, rules, split, player, task_id, outcome, reward, actions in rows:
+    for corpus, configuration, rules, split, player, task_id, outcome, actions in rows:
         settings = EnvConfig(configuration, corpus=corpus, rules=rules)
-        task = settings.tasks(split).by_id(task_id)
-        episode = Episode(task_id, task.statement, task.target, outcome, reward, tuple(json.loads(actions)))
+        dynamics = settings.dynamics()
+        played = list(map(dynamics.appearance.decode, json.loads(actions)))
+        episode = Episode.of(settings.tasks(split).by_id(task_id), played, outcome, dynamics)
         yield Source(settings, split, player or "player", [episode])
 
 
@@ -177,20 +173,20 @@ def _rollout(
     source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
 ) -> Rollout:
     base: Any = env.unwrapped
-    observations, legal, states, results = [env.reset(options={"task": episode.task_id})[0]], [], [], []
-    for action in episode.actions:
+    observations, legal, states, results = [env.reset(options={"task": episode.task})[0]], [], [], []
+    actions = list(map(base.dynamics.appearance.encode, episode.actions))
+    for action in actions:
         legal.append(action_masks(env))
         states.append(base.state)
         observation, *result = env.step(action)
         observations.append(observation)
         results.append(result)
     if (outcome := results[-1][-1].get("outcome")) != episode.outcome:
-        played = f"the episode of {source.agent} on {episode.task_id}"
+        played = f"the episode of {source.agent} on {episode.task}"
         raise DatasetError(f"{played} ended as {episode.outcome}, but as {outcome} when played again")
     rewards, terminated, truncated, _ = zip(*results, strict=True)
-    task = base.tasks.by_id(episode.task_id)
     steps: dict[str, Any] = {
-        "action": np.array(episode.actions, np.int64),
+        "action": np.array(actions, np.int64),
         "reward": np.array(rewards, np.float64),
         "terminated": np.array(terminated),
         "truncated": np.array(truncated),
@@ -202,7 +198,7 @@ def _rollout(
         steps["optimal"] = np.zeros_like(steps["legal"])
         for row, found in zip(steps["optimal"], solver.optimal_sets(states), strict=True):
             row[list(found.actions)] = True
-    about = {"task": task.id, "statement": task.statement, "program": task.program, "target": task.target}
+    about: dict[str, Any] = {name: getattr(episode, name) for name in ("task", "statement", "program", "target")}
     about |= {"split": source.split, "agent": source.agent, "outcome": episode.outcome}
     if isinstance(observations[0], str):
         return Rollout(about, {**steps, "text": observations[:-1]}, observations)

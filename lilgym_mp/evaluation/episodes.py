@@ -1,4 +1,4 @@
-"""File format of recorded episodes: gzipped JSON lines, with a header and then one line per episode.
+"""Episodes of policies, and their file format: gzipped JSON lines, with a header and then one line per episode.
 
 docs/report.md describes every key. Equal evaluations give equal bytes.
 """
@@ -13,19 +13,21 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self, cast
 
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.files import EpisodesError, write_atomically
+from lilgym_mp.evaluation.files import EpisodesError, checked, write_atomically
 from lilgym_mp.evaluation.policies import ACTION_MODES
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene, SceneError
-from lilgym_mp.scene.actions import Action, ActionError, describe, named
+from lilgym_mp.scene.actions import Action, ActionError, Stop, describe, named
 from lilgym_mp.scene.appearances import InvalidReason
+from lilgym_mp.scene.choices import choose
 
 FORMAT = "lilgym_mp-episodes"
 VERSION = 2
-MAX_NUMBER = 1e15
 MAX_LINE_LENGTH = 1 << 20  # characters
+FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,7 @@ class Header:
     """The metadata common to all episodes of a file."""
 
     package: str  # version of lilgym-mp that wrote the file
-    settings: Settings
+    settings: EnvConfig
     split: str
     agent: str  # name in tables; the same for runs that differ only in their seed
     supervision: str
@@ -63,35 +65,24 @@ class Header:
         file_format, version = values.pop("format"), values.pop("version")
         if (file_format, version) != (FORMAT, VERSION):
             raise ValueError(f"format {file_format!r}, version {version!r}; must be {FORMAT!r}, version {VERSION}")
-        values["settings"] = Settings.from_json(values["settings"])
-        header = cls(**values)
-        for name in ("seed", "passes", "episodes", "start_scenes", "contexts"):
-            _check(name, getattr(header, name), "a whole number", lambda value: type(value) is int and value >= 0)
-        for name in ("package", "split", "agent", "supervision", "corpus", "tasks_sha256"):
-            _check(name, getattr(header, name), "a string", lambda value: isinstance(value, str))
-        for name in ("mask", "stop_forcing", "expert"):
-            _check(name, getattr(header, name), "true or false", lambda value: isinstance(value, bool))
-        _check("run", header.run, "a string or null", lambda value: value is None or isinstance(value, str))
-        _check("training_seed", header.training_seed, "a whole number or null", _is_count)
-        _check("recipe", header.recipe, "an object", lambda value: isinstance(value, dict))
-        _check("training", header.training, "an object of numbers", lambda value: all(map(_is_number, value.values())))
-        _check("actions", header.actions, f"one of {', '.join(ACTION_MODES)}", lambda value: value in ACTION_MODES)
-        return header
+        values["settings"] = EnvConfig.from_json(values["settings"])
+        choose("actions", values["actions"], dict.fromkeys(ACTION_MODES))
+        return checked(cls(**values))
 
 
-@dataclass(frozen=True)
-class RecordedEpisode:
-    """One episode, with facts about its task."""
+@dataclass(frozen=True, kw_only=True)
+class Episode:
+    """An episode on one task. Recordings have facts from the corpus and the expert, which others lack."""
 
-    task: str
+    task: str  # id
     statement: str
     program: str
     target: bool
-    statement_seen: bool  # whether it occurs verbatim in the training tasks
-    form_seen: bool  # whether its form does: ignoring colours, shapes, sizes and numbers
-    tags: tuple[str, ...]  # annotations of the task in the corpus
+    statement_seen: bool = False  # whether it occurs verbatim in the training tasks
+    form_seen: bool = False  # whether its form does: ignoring colours, shapes, sizes and numbers
+    tags: tuple[str, ...] = ()  # annotations of the task in the corpus
     outcome: str
-    invalid_reason: str | None
+    invalid_reason: str | None = None
     actions: tuple[Action, ...]
     rewards: tuple[float, ...]  # one per action
     start: Scene
@@ -100,13 +91,31 @@ class RecordedEpisode:
     stop_probabilities: tuple[float, ...] | None = None  # the agent's estimate before each action
     decisions: tuple[Decision, ...] | None = None  # the agent's decision before each action; None if not recorded
 
+    @classmethod
+    def of(cls, task: Task, actions: Sequence[Action], outcome: str, dynamics: Dynamics, **others: Any) -> Self:
+        """The episode of these actions on the task; `others`: further fields."""
+        signals = dynamics.rules.signals
+        before = (signals[Outcome.CONTINUES].reward,) * (len(actions) - 1)
+        return cls(
+            task=task.id,
+            statement=task.statement,
+            program=task.program,
+            target=task.target,
+            outcome=str(outcome),
+            actions=tuple(actions),
+            rewards=(*before, signals[Outcome(outcome)].reward),
+            start=task.start,
+            **others,
+        )
+
     @property
     def is_success(self) -> bool:
         return self.outcome == "success"
 
     @property
     def reward(self) -> float:
-        return sum(self.rewards)
+        """The total."""
+        return round(sum(self.rewards), 6)
 
     @property
     def edits(self) -> int | None:
@@ -128,25 +137,14 @@ class RecordedEpisode:
         """Inverse of `to_json`. Raises ValueError, TypeError or KeyError for invalid data."""
         values = dict(data)
         values.pop("phenomena", None)  # of older recordings
-        for name in ("statement", "program", "task"):
-            _check(name, values[name], "a string", lambda value: isinstance(value, str))
-        for name in ("target", "statement_seen", "form_seen"):
-            _check(name, values[name], "true or false", lambda value: isinstance(value, bool))
-        _check(
-            "outcome", values["outcome"], f"one of {', '.join(FINAL_OUTCOMES)}", lambda value: value in FINAL_OUTCOMES
-        )
-        reasons = [str(reason) for reason in InvalidReason]
-        _check("invalid_reason", values["invalid_reason"], f"null or one of {', '.join(reasons)}", _among(reasons))
+        choose("outcome", values["outcome"], dict.fromkeys(FINAL_OUTCOMES))
+        if values["invalid_reason"] is not None:
+            choose("invalid_reason", values["invalid_reason"], dict.fromkeys(map(str, InvalidReason)))
         values["actions"] = tuple(named(name) for name in values["actions"])
         values["start"] = Scene.from_json(values["start"])
         for name in ("tags", "rewards", "stop_probabilities"):
             if values.get(name) is not None:
                 values[name] = tuple(values[name])
-        for name in ("rewards", "stop_probabilities"):
-            _check(name, values.get(name) or (), "numbers", lambda value: all(map(_is_number, value)))
-        for name in ("optimal_actions", "actions_left"):
-            _check(name, values.get(name), "a whole number or null", _is_count)
-        _check("tags", values["tags"], "strings", lambda value: all(isinstance(tag, str) for tag in value))
         if values.get("decisions") is not None:
             values["decisions"] = tuple(map(Decision.from_json, values["decisions"]))
         if not values["actions"]:
@@ -154,24 +152,18 @@ class RecordedEpisode:
         for name in ("rewards", "decisions"):
             if values.get(name) is not None and len(values[name]) != len(values["actions"]):
                 raise ValueError(f"{len(values[name])} {name} for {len(values['actions'])} actions")
-        return cls(**values)
+        return checked(cls(**values))
 
 
-def _is_number(value: Any) -> bool:
-    return type(value) in (int, float) and abs(value) < MAX_NUMBER
-
-
-def _is_count(value: Any) -> bool:
-    return value is None or (type(value) is int and 0 <= value < MAX_NUMBER)
-
-
-def _among(choices: Sequence[str]) -> Callable[[Any], bool]:
-    return lambda value: value is None or value in choices
-
-
-def _check(name: str, value: Any, rule: str, holds: Callable[[Any], bool]) -> None:
-    if not holds(value):
-        raise ValueError(f"{name} must be {rule}, not {value!r:.80}")
+def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
+    """The start scene and the scene after each action; STOP and invalid actions do not change it."""
+    visited = [start]
+    for action in actions:
+        if isinstance(action, Stop):
+            visited.append(visited[-1])
+        else:
+            visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
+    return visited
 
 
 @dataclass(frozen=True)
@@ -180,10 +172,10 @@ class Recording:
 
     path: Path
     header: Header
-    episodes: tuple[RecordedEpisode, ...]
+    episodes: tuple[Episode, ...]
 
 
-def write_episodes(path: Path, header: Header, episodes: Sequence[RecordedEpisode]) -> None:
+def write_episodes(path: Path, header: Header, episodes: Sequence[Episode]) -> None:
     """Writes the file atomically. Raises ValueError if the header states a different number of episodes."""
     if header.episodes != len(episodes):
         raise ValueError(f"the header says {header.episodes} episodes, but there are {len(episodes)}")
@@ -199,7 +191,7 @@ def read_episodes(path: Path) -> Recording:
     header = _header(path, lines)
     if header is None:
         raise EpisodesError(f"{path}: holds no recorded episodes: its first line must name the format {FORMAT!r}")
-    episodes = tuple(_read(path, line_number, RecordedEpisode.from_json, line) for line_number, line in lines)
+    episodes = tuple(_read(path, line_number, Episode.from_json, line) for line_number, line in lines)
     if len(episodes) != header.episodes:
         raise EpisodesError(f"{path}: truncated after {len(episodes)} of {header.episodes} episodes")
     return Recording(path, header, episodes)

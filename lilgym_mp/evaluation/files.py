@@ -1,14 +1,18 @@
-"""Atomic writing of result files, and early checks that they can be written."""
+"""Atomic writing of result files, early checks that they can be written, and the types of what is read from them."""
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cache
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 SUFFIX = ".episodes.jsonl.gz"  # of files of recorded episodes
+MAX_NUMBER = 1e15
 
 
 class EpisodesError(ValueError):
@@ -40,7 +44,7 @@ def writable_file(path: Path) -> Path:
 
 
 def fresh_file(path: Path, *, force: bool) -> Path:
-    """As `writable_file`; also raises OutputError if the file exists, unless `force`."""
+    """Does the same, and raises OutputError also if the file exists, unless `force`."""
     if path.is_file() and not force:
         raise OutputError(f"{path} exists; --force overwrites it")
     return writable_file(path)
@@ -67,3 +71,32 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, data: Any) -> None:
     """Writes indented JSON atomically."""
     write_text(path, json.dumps(data, ensure_ascii=False, indent=1) + "\n")
+
+
+Record = TypeVar("Record")
+_hints = cache(get_type_hints)
+
+
+def checked(record: Record) -> Record:
+    """The dataclass instance itself. Raises ValueError naming a field whose value is not of its type.
+
+    Whole numbers must not be negative, and numbers must be finite and no larger than MAX_NUMBER.
+    """
+    for each in fields(cast("Any", record)):
+        value = getattr(record, each.name)
+        if not _is_of(value, _hints(type(record))[each.name]):
+            raise ValueError(f"{each.name} must be of type {each.type}, not {value!r:.80}")
+    return record
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    arguments = get_args(hint)
+    if get_origin(hint) in (UnionType, Union):
+        return any(_is_of(value, each) for each in arguments)
+    if get_origin(hint) is tuple:
+        return isinstance(value, tuple) and all(_is_of(each, arguments[0]) for each in value)
+    if get_origin(hint) in (Mapping, dict):
+        return isinstance(value, dict) and all(_is_of(each, arguments[1]) for each in value.values())
+    if hint in (int, float):
+        return type(value) in (int, hint) and (0 if hint is int else -MAX_NUMBER) <= value < MAX_NUMBER
+    return hint is Any or isinstance(value, hint)

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.single import LilGymEnv
+from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import write_atomically
-from lilgym_mp.evaluation.runs import Episode
-from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import UInt8Array
@@ -51,7 +51,7 @@ class FilmFrame(NamedTuple):
 
 def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
     """A frame for the start and one for each action of an episode, by replaying it."""
-    env.reset(options={"task": episode.task_id})
+    env.reset(options={"task": episode.task})
     appearance, target = env.dynamics.appearance, episode.target
     task = f'"{episode.statement}"'
 
@@ -61,15 +61,15 @@ def episode_frames(env: LilGymEnv, episode: Episode) -> Iterator[FilmFrame]:
 
     yield frame("", PENDING_RGB)
     for step, action in enumerate(episode.actions, start=1):
-        _, _, terminated, truncated, info = env.step(action)
-        caption, rgb = f"{step}. {describe(appearance.decode(action))}", PENDING_RGB
+        _, _, terminated, truncated, info = env.step(appearance.encode(action))
+        caption, rgb = f"{step}. {describe(action)}", PENDING_RGB
         if terminated or truncated:
             rgb = SUCCESS_RGB if info["is_success"] else FAILURE_RGB
             caption += f": {info['outcome'].replace('_', ' ')}, return {episode.reward:+.1f}"
         yield frame(caption, rgb)
 
 
-def film_grid(path: Path, settings: Settings, split: str, episodes: Sequence[Episode], columns: int) -> None:
+def film_grid(path: Path, settings: EnvConfig, split: str, episodes: Sequence[Episode], columns: int) -> None:
     """Writes a GIF of episodes in a grid; each stays on its last frame until all have ended."""
     env = settings.make(split)
     film_frames(path, [list(episode_frames(env, episode)) for episode in episodes], columns)

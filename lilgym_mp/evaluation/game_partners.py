@@ -116,7 +116,7 @@ class AgentPartner(BatchPartner):
 
 
 def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:
-    """By name."""
+    """Returns the scripted proposers by name."""
     return {
         "expert": ExpertProposer(dynamics),
         "expert-deceptive": ExpertProposer(dynamics, Intent.DECEPTIVE),

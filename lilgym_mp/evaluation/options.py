@@ -17,7 +17,6 @@ from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import CORPUS_HELP, EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.programs.task import Task
 
 RUNS = Path("runs")  # default parent of training runs
 INTERRUPTED = 130  # exit code after Ctrl-C, as in shells
@@ -112,24 +111,6 @@ def add_number(parser: argparse._ActionsContainer, flag: str, default: float, pu
     parser.add_argument(flag, type=argument_type(type(default)), default=default, metavar="N", help=help_text)
 
 
-def add_budget(parser: argparse.ArgumentParser, unit: str, default: int, purpose: str) -> None:
-    """The options of a training budget: --steps or --updates, and --minutes as a cap on CPU time."""
-    parser.add_argument(
-        f"--{unit}",
-        type=argument_type(int),
-        metavar="N",
-        help=f"{purpose} (default: the resumed run's, or {default:,})",
-    )
-    parser.add_argument("--minutes", type=float, metavar="N", help="end after this CPU time, even if fewer were made")
-
-
-def check_budget(args: argparse.Namespace, unit: str) -> None:
-    """Raises CommandError naming an option of `add_budget` that is not above 0."""
-    check_at_least(args, 1, unit)
-    if args.minutes is not None and not 0 < args.minutes < math.inf:
-        raise CommandError(f"--minutes must be above 0, not {args.minutes:g}")
-
-
 def add_seed(parser: argparse._ActionsContainer, purpose: str) -> None:
     """--seed, 0 by default; `purpose` completes "random seed"."""
     add_number(parser, "--seed", 0, f"random seed {purpose}")
@@ -176,13 +157,12 @@ def flag_name(name: str) -> str:
     return name.replace("_", "-")
 
 
-def task_with_id(corpus: str, task_id: str) -> Task:
-    """The task, from whichever set of the corpus contains it. Raises CommandError suggesting existing ids."""
-    return task_sets_with_id(list(load_all_tasks(corpus)), corpus, task_id)[0].by_id(task_id)
+def task_sets_with_id(corpus: str, task_id: str, *choices: Sequence[str]) -> list[TaskSet]:
+    """The corpus's task sets that contain the task, at least one.
 
-
-def task_sets_with_id(sets: Sequence[TaskSet], corpus: str, task_id: str) -> list[TaskSet]:
-    """Those of the corpus's task sets that contain the task, at least one. Raises CommandError as above."""
+    `choices`: appearances, starts and splits, by default all. Raises CommandError suggesting existing ids.
+    """
+    sets = list(load_all_tasks(corpus, *choices))
     matches = [tasks for tasks in sets if task_id in tasks.ids]
     if not matches:
         ids = [known for tasks in sets for known in tasks.ids]
@@ -216,20 +196,13 @@ def given_environment(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """The same, and the configuration if it was given."""
+    """Returns these settings and the configuration, as far as they were given."""
     return {**given_environment(args), **given_options(args, ["configuration"])}
 
 
 def given_options(args: argparse.Namespace, names: Sequence[str]) -> dict[str, Any]:
     """The values of those options that were given."""
     return {name: value for name in names if (value := getattr(args, name)) is not None}
-
-
-def fill_options(args: argparse.Namespace, remembered: Mapping[str, Any], defaults: Mapping[str, Any]) -> None:
-    """Gives each option that was not given its value in the resumed run, if it has one there, else its default."""
-    for name, default in defaults.items():
-        if getattr(args, name) is None:
-            setattr(args, name, remembered.get(name, default))
 
 
 def check_at_least(args: argparse.Namespace, minimum: int, *names: str) -> None:

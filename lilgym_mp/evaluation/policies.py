@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.rules import State
-from lilgym_mp.evaluation.decisions import FloatArray, PolicyOutput, action_cells
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
-from lilgym_mp.scene.actions import ActionType
+from lilgym_mp.evaluation.decisions import FloatArray, PolicyOutput, action_cells, one_hot
+from lilgym_mp.scene.actions import STOP, Action, ActionType
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
 from lilgym_mp.scene.choices import choose
 
@@ -113,7 +114,7 @@ class RandomType(Policy):
 
     needs_masks = False
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: EnvConfig) -> None:
         types = action_cells(settings.dynamics().appearance).types
         self._indices = [np.flatnonzero(types == action_type) for action_type in ActionType]  # of the actions, by type
 
@@ -129,6 +130,32 @@ class RandomType(Policy):
         return PolicyOutput(probabilities)
 
 
+class ExpertPolicy(Policy):
+    """Follows the solver's solutions; stops if it finds none."""
+
+    needs_masks = False
+    needs_states = True
+
+    def __init__(self, settings: EnvConfig) -> None:
+        from lilgym_mp.solver import Solver  # imported only for the expert: it is large
+
+        self._dynamics = settings.dynamics()
+        self._solver = Solver(self._dynamics)
+        self._plans: dict[int, tuple[Action, ...]] = {}  # keyed by episode
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        chosen: list[int] = []
+        for episode, state in zip(observations.episodes.tolist(), observations.states, strict=True):
+            plan = self._plans.pop(episode, ()) if state.steps else ()
+            action, *rest = plan or self._solver.solve_from(state).actions or (STOP,)
+            self._plans[episode] = tuple(rest)
+            chosen.append(self._dynamics.appearance.encode(action))
+        return np.array(chosen, np.int64)
+
+    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
+        return PolicyOutput(one_hot(chosen, self._dynamics.appearance.action_count))
+
+
 NO_SUPERVISION = "none"
 
 
@@ -137,17 +164,11 @@ class NamedPolicy:
     """A policy for each configuration, with its name in tables and files."""
 
     name: str
-    policy: Callable[[Settings], Policy]
+    policy: Callable[[EnvConfig], Policy]
     supervision: str = NO_SUPERVISION  # training data, for result tables
     configurations: tuple[str, ...] = tuple(CONFIGURATIONS)  # configurations that it can play
     mask: bool | None = None  # whether illegal actions are masked; None: if the policy's `needs_masks` is true
     details: Mapping[str, Any] = field(default_factory=dict[str, Any])  # further details needed to reproduce it
-
-
-def _expert(settings: Settings) -> Policy:
-    from lilgym_mp.evaluation.expert import ExpertPolicy  # imports the solver
-
-    return ExpertPolicy(settings)
 
 
 _SAMPLED = {"actions": "sampled"}
@@ -156,7 +177,7 @@ _SAMPLED = {"actions": "sampled"}
 BUILT_IN_POLICIES: Mapping[str, NamedPolicy] = {
     "expert": NamedPolicy(
         "expert",
-        _expert,
+        ExpertPolicy,
         "knows the rules, the scene and the program",
         mask=False,
     ),

@@ -6,31 +6,31 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
+from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
-from lilgym_mp.evaluation.comparison import Result, training_statements
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording, write_episodes
+from lilgym_mp.evaluation.episodes import Episode, Header, Recording, scenes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, writable_directory
-from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy
+from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy, Observations, Policy
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.runs import Episode, scenes
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.runs import Result, evaluate, training_statements
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, ActionError
+from lilgym_mp.scene.actions import STOP, Action, ActionError
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.solver import Solver
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
-TOLERANCE = 1e-9  # of a reward that is played again
 
 
-def episodes_file(directory: Path, named: NamedPolicy, settings: Settings, split: str, seed: int) -> Path:
+def episodes_file(directory: Path, named: NamedPolicy, settings: EnvConfig, split: str, seed: int) -> Path:
     """The path of a recording, unique by policy, configuration, split and seed."""
     name = re.sub(r"[^A-Za-z0-9]+", "-", f"{named.name} {settings.configuration} {split} {seed}").strip("-")
     if len(name) > MAX_NAME_LENGTH:
@@ -44,7 +44,7 @@ class Recorder:
 
     def __init__(
         self,
-        settings: Settings,
+        settings: EnvConfig,
         split: str,
         training_statements: Collection[str],
         *,
@@ -65,7 +65,7 @@ class Recorder:
         """Writes the result's episodes to a file in the directory; returns its path. Raises OutputError."""
         plan = result.plan
         path = episodes_file(writable_directory(directory), result.named, plan.settings, plan.split, plan.seed)
-        write_episodes(path, self._header(result), [self._recorded(episode) for episode in result.episodes])
+        write_episodes(path, self._header(result), [self.recorded(episode) for episode in result.episodes])
         return path
 
     def _header(self, result: Result) -> Header:
@@ -95,53 +95,34 @@ class Recorder:
             training=details.get("training", {}),
         )
 
-    def _recorded(self, episode: Episode) -> RecordedEpisode:
-        task = self._tasks.by_id(episode.task_id)
-        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
-        return RecordedEpisode(
-            task=task.id,
-            outcome=episode.outcome,
-            invalid_reason=episode.invalid_reason,
-            actions=tuple(actions),
-            rewards=rewards(self._dynamics, episode),
-            stop_probabilities=episode.stop_probabilities,
-            decisions=self._decisions(task, episode, actions),
-            **self.facts(task, actions, episode.outcome),
+    def recorded(self, episode: Episode) -> Episode:
+        """The episode with the facts that follow from its task, the training tasks and the expert."""
+        task = self._tasks.by_id(episode.task)
+        visited = scenes(self._dynamics, task.start, episode.actions)
+        is_wrong = episode.outcome == Outcome.WRONG_STOP
+        return replace(
+            episode,
+            statement_seen=task.statement in self._training_statements,
+            form_seen=statement_form(task.statement) in self._training_forms,
+            tags=self._tasks.tags(task.id),
+            optimal_actions=self._actions_to_success(task, task.start),
+            actions_left=self._actions_to_success(task, visited[-1]) if is_wrong else None,
+            decisions=self._judged(episode, [State(task, scene, step) for step, scene in enumerate(visited)]),
         )
 
-    def facts(self, task: Task, actions: Sequence[Action], outcome: str) -> dict[str, Any]:
-        """The fields of a `RecordedEpisode` that follow from its task, the training tasks and the expert."""
-        return {
-            "statement": task.statement,
-            "program": task.program,
-            "target": task.target,
-            "statement_seen": task.statement in self._training_statements,
-            "form_seen": statement_form(task.statement) in self._training_forms,
-            "tags": self._tasks.tags(task.id),
-            "start": task.start,
-            "optimal_actions": self._actions_to_success(task, task.start),
-            "actions_left": self._actions_left(task, actions, outcome),
-        }
-
-    def _decisions(self, task: Task, episode: Episode, actions: Sequence[Action]) -> tuple[Decision, ...] | None:
+    def _judged(self, episode: Episode, states: Sequence[State]) -> tuple[Decision, ...] | None:
         """The episode's decisions, with the expert's judgement if requested."""
         judge = self._judge
         if episode.decisions is None or judge is None:
             return episode.decisions
-        states = [State(task, scene, step) for step, scene in enumerate(scenes(self._dynamics, task.start, actions))]
         return tuple(
             replace(
                 decision,
                 optimal=_is_optimal(judge, state, action),
                 steps_to_go=judge.optimal_actions(state).steps or None,
             )
-            for decision, state, action in zip(episode.decisions, states, actions, strict=False)
+            for decision, state, action in zip(episode.decisions, states, episode.actions, strict=False)
         )
-
-    def _actions_left(self, task: Task, actions: Sequence[Action], outcome: str) -> int | None:
-        if outcome != Outcome.WRONG_STOP:
-            return None
-        return self._actions_to_success(task, scenes(self._dynamics, task.start, actions)[-1])
 
     def _actions_to_success(self, task: Task, scene: Scene) -> int | None:
         """Length of the expert's solution with the whole horizon left, None if not asked or unsolved."""
@@ -155,7 +136,7 @@ class Recorder:
 
 
 def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
-    """Whether the action begins a shortest solution; None if unknown to the expert."""
+    """Tells whether the action begins a shortest solution; None if unknown to the expert."""
     optimal, dynamics = solver.optimal_actions(state), solver.dynamics
     if dynamics.appearance.encode(action) in optimal.actions:
         return True
@@ -167,79 +148,60 @@ def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
     return True if solver.solve_from(transition.state).steps == optimal.steps - 1 else None
 
 
-def rewards(dynamics: Dynamics, episode: Episode) -> tuple[float, ...]:
-    """The reward of each of the episode's actions."""
-    signals = dynamics.rules.signals
-    before = (signals[Outcome.CONTINUES].reward,) * (len(episode.actions) - 1)
-    return (*before, signals[Outcome(episode.outcome)].reward)
+class _Replay(Policy):
+    """Repeats recorded actions, whose indices are given by episode."""
+
+    needs_masks = False
+
+    def __init__(self, actions: Sequence[Sequence[int]]) -> None:
+        self._actions = actions
+
+    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
+        steps = zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
+        return np.array([self._actions[episode][step] for episode, step in steps], np.int64)
 
 
 def check_recording(recording: Recording) -> None:
     """Raises EpisodesError naming the file and what is wrong, unless the results and the facts about tasks are true.
 
-    The tasks must be those of the installed corpus, each played as often as the header says, and the actions must have
-    the recorded rewards, outcome and reason of invalidity. Seen statements and forms, tags and, if the
-    header says `expert`, the lengths of the expert's solutions are computed again; without `expert` there must be none.
-    Not checked are the header's `package`, `agent`, `supervision`, `actions`, `mask`, `seed`, `training_seed`, `run`,
+    The tasks must be those of the installed corpus, each played as often as the header says. The actions are played
+    again, and the facts computed again, with the lengths of the expert's solutions if the header says `expert`. Not
+    checked are the header's `package`, `agent`, `supervision`, `actions`, `mask`, `seed`, `training_seed`, `run`,
     `recipe` and `training`, and the episodes' `stop_probabilities` and `decisions`.
     """
     header = recording.header
-    tasks = header.settings.make(header.split).tasks
-    found = tasks.provenance.sha256
-    if header.tasks_sha256 != found:
-        raise _error(recording, f"its tasks have the checksum {header.tasks_sha256[:10]}, those installed {found[:10]}")
+    tasks, encode = header.settings.tasks(header.split), header.settings.dynamics().appearance.encode
     played = Counter(episode.task for episode in recording.episodes)
-    for task in tasks:
-        if played.pop(task.id, 0) != header.passes:
-            raise _error(recording, f"the task {task.id} must be played {header.passes} times")
-    if played:
-        raise _error(recording, f"the split {header.split} has no task {next(iter(played))}")
-    if header.stop_forcing:
-        raise _error(recording, "STOP was forced, which evaluations must not do")
-    counted = {"start_scenes": len(tasks), "contexts": contexts(tasks), "corpus": tasks.provenance.name}
-    for name, value in counted.items():
+    for task_id in dict.fromkeys((*tasks.ids, *played)):
+        if task_id not in tasks.ids or played[task_id] != header.passes:
+            count = header.passes if task_id in tasks.ids else 0
+            raise _error(recording, f"the task {task_id} must be played {count} times, not {played[task_id]}")
+    true = {
+        "tasks_sha256": tasks.provenance.sha256,
+        "stop_forcing": False,  # STOP is never forced in evaluations
+        "start_scenes": len(tasks),
+        "contexts": contexts(tasks),
+        "corpus": tasks.provenance.name,
+    }
+    for name, value in true.items():
         if getattr(header, name) != value:
             raise _error(recording, f"its {name} is {getattr(header, name)!r:.80}, not {value!r:.80}")
-    dynamics = header.settings.dynamics()
-    seen = training_statements(header.settings)
-    recorder = Recorder(header.settings, header.split, seen, with_expert=header.expert)
-    for index, episode in enumerate(recording.episodes):
-        task = tasks.by_id(episode.task)
-        fault = _fault(dynamics, task, episode) or _false_fact(recorder, task, episode)
-        if fault is not None:
-            raise _error(recording, f"episode {index} ({episode.task}): {fault}")
-
-
-def _false_fact(recorder: Recorder, task: Task, episode: RecordedEpisode) -> str | None:
-    for name, value in recorder.facts(task, episode.actions, episode.outcome).items():
-        if getattr(episode, name) != value:
-            return f"its {name} is {getattr(episode, name)!r:.80}, but {value!r:.80} when computed again"
-    return None
-
-
-def _fault(dynamics: Dynamics, task: Task, episode: RecordedEpisode) -> str | None:
-    recorded = episode.statement, episode.program, episode.target, episode.start
-    if recorded != (task.statement, task.program, task.target, task.start):
-        return "its statement, program, target or start scene is not the task's"
-    state = dynamics.start(task)
-    outcome, reason = Outcome.CONTINUES, None
-    for action, reward in zip(episode.actions, episode.rewards, strict=True):
-        if outcome is not Outcome.CONTINUES:
-            return f"it has actions after {outcome}"
-        try:
-            dynamics.appearance.encode(action)
-        except ActionError as error:
-            return str(error)
-        transition = dynamics.step(state, action)
-        state, outcome = transition.state, transition.outcome
-        reason = None if transition.invalid is None else str(transition.invalid)
-        if abs(transition.reward - reward) > TOLERANCE:
-            return f"its reward {reward:g} is {transition.reward:g} when played again"
-    if outcome != episode.outcome:
-        return f"its outcome {episode.outcome} is {outcome} when played again"
-    if reason != episode.invalid_reason:
-        return f"its invalid_reason {episode.invalid_reason} is {reason} when played again"
-    return None
+    try:
+        # STOP ends what does not end where the recording says.
+        indices = [[*map(encode, episode.actions), encode(STOP)] for episode in recording.episodes]
+    except ActionError as error:
+        raise _error(recording, str(error)) from None
+    ids = [episode.task for episode in recording.episodes]
+    again = evaluate(_Replay(indices), header.settings, header.split, task_ids=ids)
+    recorder = Recorder(header.settings, header.split, training_statements(header.settings), with_expert=header.expert)
+    for index, (episode, replayed) in enumerate(zip(recording.episodes, again, strict=True)):
+        unchecked = {"stop_probabilities": episode.stop_probabilities, "decisions": episode.decisions}
+        replayed = replace(recorder.recorded(replayed), **unchecked)
+        for each in fields(Episode):
+            found, value = getattr(episode, each.name), getattr(replayed, each.name)
+            if found != value:
+                differs = f"its {each.name} is {found!r:.80}, but {value!r:.80} when played again"
+                raise _error(recording, f"episode {index} ({episode.task}): {differs}")
 
 
 def _error(recording: Recording, problem: str) -> EpisodesError:

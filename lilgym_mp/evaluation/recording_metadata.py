@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Self
 
 from lilgym_mp.envs.machine import usable_cores
-from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, write_json
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, checked, write_json
 
 METADATA_SUFFIX = ".metadata.json"
 MAX_BYTES = 1 << 20  # bytes
@@ -51,11 +51,7 @@ class RecordingMetadata:
         try:
             if file.stat().st_size > MAX_BYTES:
                 raise EpisodesError(f"{file}: larger than {MAX_BYTES} bytes")
-            read = cls(**json.loads(file.read_text(encoding="utf-8")))
-            texts = [read.date, read.command, read.machine, read.commit or "", *read.software.items()]
-            if not all(isinstance(text, str | tuple) for text in texts):
-                raise ValueError("date, command, machine and commit must be texts")
-            return read
+            return checked(cls(**json.loads(file.read_text(encoding="utf-8"))))
         except FileNotFoundError:
             return None
         except EpisodesError:

@@ -9,9 +9,9 @@ from shutil import get_terminal_size
 from textwrap import fill
 from typing import Any
 
-from lilgym_mp.evaluation.comparison import Result
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, SuccessCount
+from lilgym_mp.evaluation.runs import Result, SuccessCount
 from lilgym_mp.evaluation.terminal import NUMBER
 from lilgym_mp.evaluation.terminal import table as aligned
 
@@ -26,7 +26,7 @@ SEEN_LEGEND = (
 
 
 def legend(results: Sequence[Result]) -> str:
-    """What the columns mean, and which policies had a mask of legal actions."""
+    """Explains the columns, and names the policies with a mask of legal actions."""
     masked = dict.fromkeys(result.name for result in results if result.mask)
     seen = SEEN_LEGEND if _has_seen(results) else ""
     return (
@@ -36,7 +36,7 @@ def legend(results: Sequence[Result]) -> str:
 
 
 def _has_seen(results: Sequence[Result]) -> bool:
-    """Whether any episode has a statement seen in training."""
+    """Tells whether any episode has a statement seen in training."""
     return any(result.summary.seen.episodes for result in results)
 
 
@@ -58,7 +58,7 @@ def accuracies(results: Sequence[Result]) -> list[list[str]]:
 
 
 def terminal_tables(results: Sequence[Result], width: int) -> str:
-    """The same for a terminal of this many columns: a table for each configuration, in parts if it is narrow."""
+    """Lays the tables out for a terminal of this many columns: one per configuration, in parts if it is narrow."""
     heads, *rows = accuracies(results)
     parts = [aligned(heads, rows, width)] if len(heads) > 2 else []
     seen = ("seen", "unseen") if _has_seen(results) else ()
@@ -147,7 +147,7 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
         "software": software(),
         "trials": [plan.to_json() for plan in dict.fromkeys(result.plan for result in results)],
         "results": [
-            {**result.to_json(), "episodes": result.episodes_json()} if with_episodes else result.to_json()
+            {**result.to_json(), **({"episodes": [one.to_json() for one in result.episodes]} if with_episodes else {})}
             for result in results
         ],
     }

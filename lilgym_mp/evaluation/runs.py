@@ -1,50 +1,33 @@
-"""Runs a policy on every task of a split, exactly once per pass, many episodes at a time; accuracy and statistics."""
+"""Evaluates policies on every task of a split, exactly once per pass, many episodes at a time; statistics."""
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
 from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation.decisions import Decision, decisions
-from lilgym_mp.evaluation.policies import Choose, Observations, Policy, as_policy
-from lilgym_mp.evaluation.settings import Settings
-from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, Stop
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
+from lilgym_mp.evaluation.policies import Choose, NamedPolicy, Observations, Policy, as_policy
 
-FINAL_OUTCOMES = tuple(str(outcome) for outcome in Outcome if outcome is not Outcome.CONTINUES)
 BATCH_SIZE = 64  # environments
 IDLE = -1  # sentinel for an episode index: the environment has no episode left to play
-
-
-class Episode(NamedTuple):
-    """An episode of a policy on one task."""
-
-    task_id: str
-    statement: str
-    target: bool
-    outcome: str
-    reward: float  # total
-    actions: tuple[int, ...]
-    invalid_reason: str | None = None
-    stop_probabilities: tuple[float, ...] | None = None  # before each action, if the policy provides them
-    decisions: tuple[Decision, ...] | None = None  # before each action, if recorded and the policy provides its output
-
-    @property
-    def is_success(self) -> bool:
-        return self.outcome == "success"
+TRAINING_SPLIT = "train"
 
 
 def evaluate(
     policy: Policy | Choose,
-    settings: Settings,
+    settings: EnvConfig,
     split: str,
     *,
     seed: int = 0,
@@ -82,7 +65,6 @@ def _play(
     playing = np.arange(count)  # index of the episode in each environment
     next_index = count
     actions: list[list[int]] = [[] for _ in range(count)]
-    rewards = np.zeros(count)
     stops: list[list[float]] = [[] for _ in range(count)]
     recorded: list[list[Decision]] = [[] for _ in range(count)]
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
@@ -98,29 +80,37 @@ def _play(
         stop = policy.stop_probabilities
         for env_index, probability in zip(active.tolist(), () if stop is None else stop, strict=stop is not None):
             stops[env_index].append(round(float(probability), 6))
-        observations, reward, terminated, truncated, infos = envs.step(chosen)
-        rewards += reward
+        observations, _, terminated, truncated, infos = envs.step(chosen)
         for env_index in active.tolist():
             actions[env_index].append(int(chosen[env_index]))
         ended = terminated | truncated
         if not ended.any():
             continue
         for env_index in np.flatnonzero(ended & (playing != IDLE)).tolist():
-            episode = _episode(envs, env_index, infos, float(rewards[env_index]), actions[env_index])
-            judgements = tuple(stops[env_index]) or None, tuple(recorded[env_index]) or None
-            yield int(playing[env_index]), episode._replace(stop_probabilities=judgements[0], decisions=judgements[1])
+            yield (
+                int(playing[env_index]),
+                Episode.of(
+                    envs.tasks[int(envs.task_indices[env_index])],
+                    list(map(envs.dynamics.appearance.decode, actions[env_index])),
+                    infos["outcome"][env_index],
+                    envs.dynamics,
+                    invalid_reason=None if "invalid_reason" not in infos else infos["invalid_reason"][env_index],
+                    stop_probabilities=tuple(stops[env_index]) or None,
+                    decisions=tuple(recorded[env_index]) or None,
+                ),
+            )
             playing[env_index] = next_index if next_index < len(task_ids) else IDLE
             next_index += 1
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
         observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
         for env_index in np.flatnonzero(ended).tolist():
-            actions[env_index], stops[env_index], recorded[env_index], rewards[env_index] = [], [], [], 0.0
+            actions[env_index], stops[env_index], recorded[env_index] = [], [], []
 
 
 def _observations(
     policy: Policy, envs: BatchedEnv, observations: dict[str, Any], active: np.ndarray, playing: np.ndarray
 ) -> Observations:
-    """What the policy observes in the active environments: states only if it needs them."""
+    """Selects the observations of the active environments, with states only if the policy needs them."""
     states: Sequence[State] = ()
     if policy.needs_states:
         found = envs.states()
@@ -133,31 +123,6 @@ def _observations(
         playing[active],
         states,
     )
-
-
-def _episode(envs: BatchedEnv, env_index: int, infos: dict[str, Any], reward: float, actions: Sequence[int]) -> Episode:
-    task = envs.tasks[int(envs.task_indices[env_index])]
-    reasons = infos.get("invalid_reason")
-    return Episode(
-        task.id,
-        task.statement,
-        task.target,
-        infos["outcome"][env_index],
-        round(reward, 6),
-        tuple(actions),
-        None if reasons is None else reasons[env_index],
-    )
-
-
-def scenes(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[Scene]:
-    """The start scene and the scene after each action; STOP and invalid actions do not change it."""
-    visited = [start]
-    for action in actions:
-        if isinstance(action, Stop):
-            visited.append(visited[-1])
-        else:
-            visited.append(dynamics.appearance.apply(visited[-1], action, dynamics.rules.placement).scene)
-    return visited
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,3 +180,141 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
         mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
         outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},
     )
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """The tasks and settings with which all policies are evaluated in one configuration."""
+
+    settings: EnvConfig
+    split: str
+    seed: int = 0
+    passes: int = 1
+    batch_size: int = BATCH_SIZE
+    record_decisions: bool = False
+    task_ids: Sequence[str] | None = None  # None: every task of the split
+
+    def __str__(self) -> str:
+        settings = self.settings
+        repeats = "each task once" if self.passes == 1 else f"each task {self.passes} times"
+        return (
+            f"{settings.configuration}, corpus {settings.corpus}, split {self.split}, rules {settings.rules}:"
+            f" {repeats}, seed {self.seed}"
+        )
+
+    @property
+    def episodes(self) -> int:
+        """Number of episodes per policy."""
+        return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
+
+    def to_json(self) -> dict[str, Any]:
+        """With the provenance of the tasks, and the numbers of start scenes and contexts."""
+        tasks = self.settings.make(self.split).tasks
+        return {
+            "settings": self.settings.to_json(),
+            "split": self.split,
+            "seed": self.seed,
+            "passes": self.passes,
+            "batch_size": self.batch_size,
+            "tasks": {**asdict(tasks.provenance), "start_scenes": len(tasks), "contexts": contexts(tasks)},
+        }
+
+
+@dataclass(frozen=True)
+class Result:
+    """Result of one policy under one plan."""
+
+    named: NamedPolicy
+    plan: EvaluationPlan
+    summary: Summary
+    episodes: Sequence[Episode]
+    cpu_seconds: float  # CPU time of the whole evaluation
+    mask: bool = False  # whether illegal actions were masked
+
+    @property
+    def name(self) -> str:
+        return self.named.name
+
+    def to_json(self) -> dict[str, Any]:
+        """The result as one row of a file; accuracies from 0 to 1, None if there are no episodes."""
+        summary, plan, settings = self.summary, self.plan, self.plan.settings
+        return {
+            "agent": self.name,
+            "configuration": settings.configuration,
+            "corpus": settings.corpus,
+            "split": plan.split,
+            "rules": settings.rules,
+            "horizon": settings.horizon,
+            "supervision": self.named.supervision,
+            "start_scenes": len(self.episodes) // plan.passes,
+            "contexts": len({(episode.statement, episode.target) for episode in self.episodes}),
+            "passes": plan.passes,
+            "seed": plan.seed,
+            "accuracy": summary.accuracy,
+            "accuracy_seen": summary.seen.accuracy,
+            "accuracy_unseen": summary.unseen.accuracy,
+            "accuracy_seen_forms": summary.seen_forms.accuracy,
+            "accuracy_unseen_forms": summary.unseen_forms.accuracy,
+            "episodes_seen": summary.seen.episodes,
+            "episodes_unseen": summary.unseen.episodes,
+            "mean_reward": summary.mean_reward,
+            "mean_length": summary.mean_length,
+            "outcomes": summary.outcomes,
+            "cpu_seconds": round(self.cpu_seconds, 3),
+            "mask": self.mask,
+            **dict(self.named.details),
+        }
+
+
+def play(
+    named: NamedPolicy,
+    plan: EvaluationPlan,
+    training_statements: Collection[str],
+    on_episode: Callable[[Episode], object] = lambda episode: None,
+) -> Result:
+    """Evaluates a policy on all tasks of the plan.
+
+    `training_statements`: statements that count as seen. `on_episode` is called with each episode as it ends.
+    Raises ValueError for a configuration that the policy cannot play.
+    """
+    policy = as_policy(named.policy(plan.settings))
+    began = time.process_time()
+    episodes = evaluate(
+        policy,
+        plan.settings,
+        plan.split,
+        seed=plan.seed,
+        passes=plan.passes,
+        batch_size=plan.batch_size,
+        task_ids=plan.task_ids,
+        record_decisions=plan.record_decisions,
+        on_episode=on_episode,
+    )
+    mask = policy.needs_masks if named.mask is None else named.mask
+    summary, seconds = summarise(episodes, training_statements), time.process_time() - began
+    return Result(named, plan, summary, episodes, seconds, mask)
+
+
+def play_all(
+    named_policies: Collection[NamedPolicy],
+    plan: EvaluationPlan,
+    training_statements: Collection[str],
+    on_episode: Callable[[Episode], object] = lambda episode: None,
+) -> Iterator[Result]:
+    """Evaluates each policy that can play the configuration; each starts with a generator of the same seed."""
+    for named in playable(named_policies, plan):
+        yield play(named, plan, training_statements, on_episode)
+
+
+def playable(named_policies: Collection[NamedPolicy], plan: EvaluationPlan) -> list[NamedPolicy]:
+    """The policies that can play the plan's configuration."""
+    return [named for named in named_policies if plan.settings.configuration in named.configurations]
+
+
+def training_statements(settings: EnvConfig) -> set[str]:
+    """The statements of the settings' training split; none if the corpus has no such split."""
+    try:
+        tasks = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
+    except NoTasksError:
+        return set()
+    return {task.statement for task in tasks}

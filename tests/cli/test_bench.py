@@ -10,8 +10,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.cli import bench, main
-from lilgym_mp.cli.bench import COPY, EPISODE_ACTIONS, FIXED, RANDOM, Case, Player, Workload
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.cli.bench import EPISODE_ACTIONS, FIXED, RANDOM, Player, Workload
+from lilgym_mp.evaluation import Settings
 
 
 @pytest.fixture(scope="module", params=["TowerFlipIt", "ScatterFlipIt"])
@@ -41,24 +41,6 @@ def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignor
         played += 12 - ignored
         ignored = int((terminated | truncated).sum()) if mode is AutoresetMode.NEXT_STEP else 0
     assert steps == played
-
-
-def test_rate__counts_the_steps_of_timed_calls_only(monkeypatch: pytest.MonkeyPatch):
-    clock = iter(range(0, 1000, 2))
-    monkeypatch.setattr(bench, "perf_counter", lambda: next(clock))
-    calls: list[str] = []
-    player = Player(10, lambda: calls.append("prepare"), [(calls.append, "call")] * 3)
-    assert player.rate(5) == 10 / 2
-    assert calls == ["prepare", "call", "call", "call"] * 4, "one run before those that are timed"
-
-
-def test_table__names_way_and_workload_and_compares_with_copying_in_each_round():
-    case: Any = Case("single", "single", 1, bench.single, RANDOM, [400.0, 100.0], 0.25)
-    copy = Case(COPY, COPY, 1, bench.copying, "-", [800.0, 1000.0])
-    assert bench._table([copy, case])[1:] == [
-        [COPY, "-", "1", "900", "800", "1,000", "-", "-"],
-        ["single", RANDOM, "1", "250", "100", "400", "0.30", "0.2"],
-    ]
 
 
 def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(

@@ -26,30 +26,15 @@ CASES = {
         "lilgym-mp train: unknown configuration 'TowerScrach'; choose from ScatterFlipIt, ScatterScratch, TowerFlipIt,"
         " TowerScratch",
     ),
-    "unknown configuration to play": (["play", "Tower"], "unknown configuration 'Tower'; choose from ScatterFlipIt"),
-    "unknown configuration to imitate": (["train", "imitation", "Tower"], "unknown configuration 'Tower'"),
-    "no time for imitation": (
-        ["train", "imitation", "TowerScratch", "--minutes", "0"],
-        "--minutes must be above 0, not 0",
-    ),
     "unknown device": (
         ["train", "parse-and-plan", "--device", "tpu"],
         "unknown device 'tpu'; choose from auto, cpu, cuda",
     ),
-    "invalid recipe of the parser": (
-        ["train", "parse-and-plan", "--generated", "2"],
-        "generated must be at least 0 and at most 1",
-    ),
-    "unknown configuration to evaluate": (
-        ["evaluate", "--policy", "expert", "--configuration", "T"],
-        "unknown configuration 'T'",
-    ),
     "unknown policy": (["evaluate", "--policy", "clever"], "unknown policy 'clever'; choose from expert, random-legal"),
     "nothing to explain": (["explain"], "name a statement, a task with --task, a program with --program"),
-    "a file without --json": (["explain", "--file", "statements.txt"], "--file needs --json"),
     "no program to run": (["explain", "--program"], "name a program, or a task with --task"),
     "a program without a truth": (["explain", "--program", "count(all_items)"], "must return a bool, not int"),
-    "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in TowerScratch, TowerFlipIt"),
+    "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in corpus 'builtin'; tasks include "),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
@@ -69,20 +54,16 @@ CASES = {
         ["train", "ppo", "ScatterScratch", "--grid", "many"],
         "'many' must be 'native' or COLUMNSxROWS, such as 38x10",
     ),
-    "too many actions": (["train", "ppo", "ScatterScratch", "--grid", "native"], "1,064,001 actions are too many"),
-    "zero horizon": (["play", "TowerScratch", "--horizon", "0"], "horizon must be a positive whole number"),
     "invalid recipe": (
         ["train", "ppo", "TowerScratch", "--gamma", "2"],
         "gamma must be at least 0 and at most 1",
     ),
     "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
     "negative seed of demo": (["demo", "--seed", "-1"], "--seed must be at least 0, not -1"),
-    "no updates in demo": (["demo", "--parser-updates", "0"], "--parser-updates must be at least 1"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),
     "missing agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
-    "no run to resume": (["train", "ppo", "--resume", "--out", "nowhere"], "no training run in nowhere"),
 }
 
 
@@ -139,13 +120,6 @@ def test_options__with_several_values_add_up_when_given_again():
     assert parse_args(["data", "download", "--splits", "dev", "--splits", "test"]).splits == ["dev", "test"]
 
 
-def test_no_command__prints_the_help(capsys: pytest.CaptureFixture[str]):
-    with pytest.raises(SystemExit) as end:
-        main([])
-    assert end.value.code == 0
-    assert "usage: lilgym-mp" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("command", [None, *COMMANDS])
 def test_help__of_every_command(command: str | None, capsys: pytest.CaptureFixture[str]):
     with pytest.raises(SystemExit) as end:
@@ -186,8 +160,3 @@ def test_explain_program__shows_the_position_of_an_error(capsys: pytest.CaptureF
     assert "exist(all_itmes)" in lines[1]
     assert lines[2].index("^") == lines[1].index("all_itmes")
     assert "line 1, column 7" in lines[3]
-
-
-def test_explain_program__describes_a_valid_program(capsys: pytest.CaptureFixture[str]):
-    assert main(["explain", "--program", "exist(filter_obj(all_items, is_blue))"]) == 0
-    assert "on the empty scene: False" in capsys.readouterr().out

@@ -14,14 +14,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from lilgym_mp.cli import USAGE_ERROR, experiment_runs, main
 from lilgym_mp.cli.experiment import display
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, run_locally
+from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation.options import CommandError
-from tests.corpora import write_own_corpus
+from tests.corpora import small_entries, write_own_corpus
 
 FILES = Path(__file__).parents[2] / "experiments"
 FEW = "envs = 2\nsame_statement = 1\nrollout = 32\nbatch_size = 16\nepochs = 1\n"
@@ -151,12 +151,16 @@ def test_plan__errors_name_file_key_and_choices(tmp_path: Path, text: str, messa
     assert str(error.value).startswith(str(tmp_path / "bad.toml"))
 
 
-def test_experiment__invalid_file_writes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    file = write_file(tmp_path / "bad.toml", "colour = 1\n" + SMALL)
-    assert main(["experiment", str(file), "--out", str(tmp_path / "out")]) == USAGE_ERROR
-    assert main(["experiment", str(tmp_path / "none.toml")]) == USAGE_ERROR
-    assert "none.toml: cannot be read" in capsys.readouterr().err
+def test_experiment__split_needs_trained_runs_and_its_tasks(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file, command = tmp_path / "a.toml", ["experiment", str(tmp_path / "a.toml"), "--out", str(tmp_path / "out")]
+    write_file(file, SMALL)
+    assert main([*command, "--split", "test"]) == USAGE_ERROR
+    assert "ppo-TowerScratch-0: was not trained; execute the experiment without" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+    write_corpus(tmp_path / "own.jsonl", "own", "MIT", small_entries())
+    write_file(file, f'corpus = "{tmp_path / "own.jsonl"}"\n{SMALL}')
+    assert main([*command, "--split", "test"]) == USAGE_ERROR
+    assert "it has scratch tasks of scatter dev, tower train" in capsys.readouterr().err
 
 
 def test_experiment__only_executes_the_runs_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -174,7 +178,9 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 ):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: cores)
     seen: list[int] = []
-    monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
+    monkeypatch.setattr(
+        experiment_runs, "make_attempts", lambda plan, results, threads, split: seen.append(threads) or []
+    )
     file = str(write_file(tmp_path / "a.toml", SMALL))
     assert main(["experiment", file, "--out", str(tmp_path / "out"), *jobs]) == 0
     assert seen == [threads]
@@ -263,22 +269,16 @@ def start_experiment(directory: Path, steps: str) -> subprocess.Popen[bytes]:
 
 def child_of(pid: int) -> int:
     """The only child of a process."""
-    (child,) = [
-        found for found in map(int, filter(str.isdigit, os.listdir("/proc"))) if status(found)[1:2] == [str(pid)]
-    ]
+    tasks = Path(f"/proc/{pid}/task").glob("*/children")  # see proc(5)
+    (child,) = [int(found) for children in tasks for found in children.read_text().split()]
     return child
 
 
-def status(pid: int) -> list[str]:
-    """State, parent pid and more, see proc(5); empty if there is no such process."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    except OSError:
-        return []
-
-
 def is_alive(pid: int) -> bool:
-    return status(pid)[:1] not in ([], ["Z"])
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
 
 
 @pytest.mark.long
@@ -298,24 +298,29 @@ def test_experiment__ctrl_c_saves_and_the_same_command_resumes(tmp_path: Path):
     assert "--resume" in (tmp_path / "out" / "logs" / "ppo-TowerScratch-0.log").read_text()
 
 
-def test_display__is_a_live_table_on_a_terminal_and_lines_elsewhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
     attempts = [Attempt(PlannedRun(name, ("train",), (), ("steps", 100)), tmp_path, 1) for name in ("one", "two")]
     (tmp_path / "runs" / "one").mkdir(parents=True)
     (tmp_path / "runs" / "one" / "progress.jsonl").write_text('{"steps": 25}\n')
-    screen = io.StringIO()
-    with display(attempts, Console(file=screen, force_terminal=True, width=90)) as update:
-        attempts[0].status, attempts[0].seconds = RunStatus.TRAINING, 30.0
-        update()
-        attempts[0].location = "on 10.0.0.7"
-        update()
-    shown = screen.getvalue()
-    for text in ("run", "state", "left", "one", "waiting", "training on 10.0.0.7", "25 %", "0:30", "1:30"):
-        assert text in shown
-    with display(attempts, Console(file=io.StringIO())) as update:
-        attempts[1].status = RunStatus.TRAINING
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", terminal := Terminal())
+    with display(attempts) as update:
+        attempts[0].status, attempts[0].location = RunStatus.TRAINING, "on 10.0.0.7"
+        attempts[1].status = RunStatus.FINISHED
         update()
         update()
-    assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: training\n"
+    assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: finished\n"
+    assert "1/2" in terminal.getvalue()
+    assert "one 25 %" in terminal.getvalue()
+
+
+class Terminal(io.StringIO):
+    """A stream that claims to be a terminal."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
@@ -350,3 +355,8 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page
     assert next((tmp_path / "report" / "figures").glob("figure-4*.svg")).stat().st_size
+    trained = (run / "agent.safetensors").stat().st_mtime_ns
+    assert main([*command, "--split", "test"]) == 0
+    assert "TowerScratch test" in (place / "test.md").read_text()
+    assert (run / "agent.safetensors").stat().st_mtime_ns == trained
+    assert main(command) == 0  # the evaluations on dev are still finished

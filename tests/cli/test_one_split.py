@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -35,14 +33,6 @@ def corpus(tmp_path: Path, split: str) -> str:
     path = tmp_path / "one_split.jsonl"
     write_corpus(path, "one split", "CC0-1.0", [entry])
     return str(path)
-
-
-def test_play__takes_the_split_that_has_tasks(
-    corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "stdin", io.StringIO("add left blue\nstop\nquit\n"))
-    assert main(["play", "--corpus", corpus]) == 0
-    assert "success" in capsys.readouterr().out
 
 
 def test_evaluate__counts_no_statement_as_seen_or_unseen(

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import io
-import os
-import select
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -49,12 +46,6 @@ def test_play__solves_a_task(play: Play):
     assert output.endswith("1 of 1 episodes succeeded, reward +0.9\n")
 
 
-def test_play__picture_shows_the_edit(play: Play):
-    before, after = play(BLUE_TASK, "add left blue").split("> add left blue")
-    assert "b#b#" not in before
-    assert "|        b#b#        |  |" in after
-
-
 def test_play__hint_is_an_action(play: Play):
     assert "try: ADD(" in play(BLUE_TASK, "hint")
 
@@ -86,17 +77,6 @@ def test_play__next_samples_another_task_and_quit_leaves(play: Play):
 def test_play__seed_determines_the_tasks(play: Play):
     drawn = [play(["play", "ScatterFlipIt", "--seed", seed], "next") for seed in ("1", "1", "2")]
     assert drawn[0] == drawn[1] != drawn[2]
-
-
-def test_play__legal_lists_legal_actions(play: Play):
-    output = play(BLUE_TASK, "legal")
-    assert "ADD(MIDDLE, BLACK)" in output
-    assert "REMOVE" not in output.split("> legal")[1]
-
-
-def test_play__help_depends_on_the_appearance(play: Play):
-    assert "add BOX COLOUR" in play(BLUE_TASK, "help")
-    assert "add COLUMN ROW SHAPE COLOUR SIZE" in play(ROUND_TASK, "help")
 
 
 def test_play__scatter_actions_name_cells(play: Play):
@@ -161,28 +141,3 @@ def test_ruled__numbers_are_at_the_start_of_their_cells():
     assert numbers.index("18") == rows[-1].index("y#y#")
     assert rows[-2].endswith(" 4")
     assert [line.split()[-1] for line in rows if line[-1].isdigit()] == ["0", "1", "2", "3", "4"]
-
-
-@pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo-terminal")
-def test_play__terminal_has_line_editing():
-    """Backspace deletes characters, and the up arrow recalls the last line."""
-    pytest.importorskip("readline")
-    parent, child = os.openpty()
-    command = [sys.executable, "-m", "lilgym_mp", "play", "TowerScratch", "--seed", "1"]
-    with subprocess.Popen(
-        command, stdin=child, stdout=child, stderr=child, env={**os.environ, "TERM": "xterm"}
-    ) as play:
-        os.close(child)
-        shown = b""
-        for typed in (b"hellp\x7f\x7fp\n", b"\x1b[A\n", b"quit\n"):
-            while not shown.endswith(b"> "):
-                assert select.select([parent], [], [], 120)[0], shown
-                shown += os.read(parent, 4096)
-            os.write(parent, typed)
-            shown += b"|"
-        with suppress(OSError):
-            while chunk := os.read(parent, 4096):
-                shown += chunk
-        assert play.wait(60) == 0
-    os.close(parent)
-    assert shown.count(b"add BOX COLOUR") == 2

@@ -33,11 +33,6 @@ def test_play_game__as_proposer_with_the_oracle(run_with_input):
     assert shown.splitlines()[-1] == "success; proposer_0 +0.9, verifier_0 +0.9"
 
 
-def test_play_game__as_both_agents(run_with_input):
-    shown = run_with_input("ADD(LEFT, BLACK)\nreject\nADD(LEFT, BLUE)\naccept\nSTOP\naccept\n", "--as", "both", *TASK)
-    assert shown.splitlines()[-1] == "success; proposer_0 +0.8, verifier_0 +0.8"
-
-
 def test_play_game__explains_invalid_input(run_with_input):
     shown = run_with_input("nonsense\nREMOVE(LEFT)\nlegal\nquit\n", "--protocol", "veto", *TASK)
     assert "'nonsense' is not an action of proposer_0" in shown
@@ -66,11 +61,6 @@ def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.Captur
     assert '"I can see a blue block."' in shown
     assert "= False" in shown
     assert "satisfied by none of 0" in shown
-
-
-def test_explain_program__defaults_to_the_tasks_own_program(capsys: pytest.CaptureFixture[str]):
-    assert main(["explain", "--program", "--task", "tower-dev-001"]) == 0
-    assert "filter_color(all_items, Color.BLUE)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("source", ["exist(filter_obj(all_items, lambda x: is_blue(x)))", "exist(all_items)"])

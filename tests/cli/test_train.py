@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -17,7 +16,6 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import USAGE_ERROR, main
-from lilgym_mp.cli.demo import first_free_path
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render.characters import text
 from tests.corpora import write_own_corpus
@@ -71,15 +69,6 @@ def trained(lilgym: LilGym, directory: Path, *options: str) -> str:
     return lilgym("train", "ppo", "TowerScratch", "--out", directory, "--steps", 64, *SMALL, *options)
 
 
-def test_train__prints_settings_and_paths(lilgym: LilGym, tmp_path: Path, own: Path):
-    output = trained(lilgym, tmp_path / "run", "--stop-forcing", "--no-recolour", "--corpus", str(own))
-    assert f"TowerScratch, corpus {own}, 3 training tasks, 0 for validation; 64 steps" in output
-    assert "PPO+SF, no mask of legal actions, seed 0" in output
-    assert f"run directory: {tmp_path / 'run'}" in output
-    assert f"saved {tmp_path / 'run' / 'agent.safetensors'} after 64 steps" in output
-    assert f"lilgym-mp evaluate {tmp_path / 'run'}" in output
-
-
 def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own: Path):
     options = ["--schedule", "constant", "--learning-rate", "0.003", "--seed", "4", "--rules", "release"]
     options += ["--recipe", "paper", "--mask"]
@@ -101,19 +90,6 @@ def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest
     assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR
     assert "has configuration TowerScratch, but TowerFlipIt was requested" in capsys.readouterr().err
     assert (run / "checkpoint.pt").read_bytes() == before
-
-
-def test_train__prints_progress_lines_without_a_terminal(
-    tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr("lilgym_mp.evaluation.terminal.LINE_SECONDS", 0)
-    small = ["--envs", "2", "--same-statement", "1", "--rollout", "4", "--batch-size", "4", "--epochs", "1"]
-    command = ["train", "ppo", "TowerScratch", "--corpus", str(own), "--out", str(tmp_path), "--steps", "80"]
-    assert main([*command, "--held-out", "0", *small]) == 0
-    lines = capsys.readouterr().err.splitlines()
-    assert lines[0] == "ppo: preparing data"
-    assert len(lines) == 11
-    assert lines[-1].startswith("80 of 80 steps, ")
 
 
 @pytest.mark.long
@@ -171,26 +147,9 @@ def test_evaluate__compares_the_agent_with_random_policies(lilgym: LilGym, tmp_p
     assert {"accuracy_seen", "accuracy_unseen", "mean_reward"} <= agent.keys()
 
 
-def test_evaluate__overwrites_only_with_force(
-    lilgym: LilGym, tmp_path: Path, own: Path, capsys: pytest.CaptureFixture[str]
-):
-    command = ["evaluate", "--policy", "expert", "--configuration", "TowerScratch", "--corpus", str(own)]
-    command += ["--out", str(tmp_path / "r.json")]
-    lilgym(*command)
-    assert main(command) == USAGE_ERROR
-    assert "exists; --force overwrites it" in capsys.readouterr().err
-    lilgym(*command, "--force")
-
-
 def test_evaluate__rejects_a_configuration_that_the_agent_cannot_play(run: Path, capsys: pytest.CaptureFixture[str]):
     assert main(["evaluate", str(run), "--configuration", "ScatterScratch"]) == USAGE_ERROR
     assert "does not play ScatterScratch; it plays TowerScratch" in capsys.readouterr().err
-
-
-def test_evaluate__plays_several_policies_in_all_configurations(lilgym: LilGym, own: Path):
-    table = rows(lilgym("evaluate", "--policy", "random-type", "random-unmasked", "--corpus", own))
-    assert len(table) == 8
-    assert {row[1] for row in table} == {"TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt"}
 
 
 def test_evaluate__notes_an_agent_that_always_stops_at_once(lilgym: LilGym, run: Path, own: Path):
@@ -229,17 +188,6 @@ def test_explain__explains_a_task_with_its_outcome(lilgym: LilGym):
     assert text(task.start, [], coloured=False).split("\n")[5] in drawn[0].replace(" 2\n", "\n")
 
 
-def test_explain__indents_the_lines_after_the_first(lilgym: LilGym, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("COLUMNS", "72")
-    lines = lilgym("explain", "There is a black circle left of a blue square.").split("\n")
-    assert max(map(len, lines)) <= 72
-    first = next(index for index, line in enumerate(lines) if " %  " in line)
-    column = re.search(r"[a-z_]+\(", lines[first])
-    assert column
-    assert lines[first + 1].startswith(" " * column.start())
-    assert lines[first + 1][column.start()] != " "
-
-
 def test_explain__parses_the_statements_of_a_file(lilgym: LilGym, tmp_path: Path):
     (tmp_path / "own.txt").write_text("There is a blue bloc.\n\nThere is a zorblax.\r\n")
     block, zorblax = json.loads(lilgym("explain", "--file", tmp_path / "own.txt", "--json"))
@@ -263,17 +211,10 @@ def test_demo__writes_results_films_explanation_and_agents(lilgym: LilGym, tmp_p
     found = json.loads((directory / "results.json").read_text())["results"]
     tasks = Settings("TowerScratch").make("dev").evaluation_tasks()
     for row in found:
-        assert [episode["task_id"] for episode in row["episodes"]] == [*tasks]
+        assert [episode["task"] for episode in row["episodes"]] == [*tasks]
         assert row["episodes_seen"] == 0
     with Image.open(directory / "imitation.gif") as film:
         assert getattr(film, "n_frames", 1) > 1
-
-
-def test_demo__uses_a_new_directory_each_time(tmp_path: Path):
-    assert first_free_path(tmp_path / "demo") == tmp_path / "demo"
-    (tmp_path / "demo").mkdir()
-    (tmp_path / "demo-2").mkdir()
-    assert first_free_path(tmp_path / "demo") == tmp_path / "demo-3"
 
 
 def test_evaluate__records_that_imitation_chooses_greedy_or_sampled_actions(tmp_path: Path, own: Path):

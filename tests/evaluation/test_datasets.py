@@ -17,6 +17,7 @@ from lilgym_mp import action_masks
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.evaluation import datasets
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.wrappers import StructuredObservation, TextObservation
 
 Captured = pytest.CaptureFixture[str]
@@ -176,7 +177,7 @@ def test_sources__that_cannot_be_read_are_named(content: bytes | None, message: 
 def test_rollouts__that_end_differently_are_refused():
     settings = datasets.EnvConfig("TowerScratch")
     task = load_tasks("builtin", "tower", "scratch", "dev")[0]
-    episode = datasets.Episode(task.id, task.statement, task.target, "horizon", 0.0, (0,))
+    episode = datasets.Episode.of(task, [STOP], "horizon", settings.dynamics())
     sources = [datasets.Source(settings, "dev", "agent", [episode])]
     with pytest.raises(datasets.DatasetError, match="ended as horizon, but as wrong_stop when played again"):
         list(datasets.rollouts(sources, datasets.environments(settings, ["dev"], "image")))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_atomically, write_json
+from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_atomically
 
 
 def test_write_atomically__failure_keeps_the_old_file(tmp_path: Path):
@@ -21,13 +21,6 @@ def test_write_atomically__failure_keeps_the_old_file(tmp_path: Path):
         write_atomically(target, fail)
     assert target.read_text() == "old"
     assert list(tmp_path.iterdir()) == [target]
-
-
-def test_write_json__overwrites(tmp_path: Path):
-    write_json(tmp_path / "a.json", {"statement": "caf\u00e9"})
-    write_json(tmp_path / "a.json", [1])
-    assert (tmp_path / "a.json").read_text() == "[\n 1\n]\n"
-    assert len(list(tmp_path.iterdir())) == 1
 
 
 def test_writable_directory__error_names_the_path(tmp_path: Path):

@@ -10,26 +10,24 @@ from PIL import Image, ImageDraw, ImageFont
 
 from lilgym_mp.evaluation import Episode, Settings
 from lilgym_mp.evaluation.film import (
-    FAILURE_RGB,
     LAST_FRAME_SECONDS,
     SUCCESS_RGB,
     TILE_HEIGHT,
     TILE_WIDTH,
     episode_frames,
     film_grid,
-    save_gif,
     wrap_text,
 )
-from lilgym_mp.scene.render import draw
+from lilgym_mp.scene import Colour
+from lilgym_mp.scene.actions import STOP, AddBlock
 from lilgym_mp.scene.render.frames import smooth_picture
 from tests.scenes import B, scene, tower
 
 TOWER = Settings("TowerScratch")
 FIRST = "tower-dev-001"  # "I can see a blue block."
-ADD_BLUE_LEFT, STOP = 3, 0
-
-SEEN = Episode(FIRST, "I can see a blue block.", True, "success", 0.9, (ADD_BLUE_LEFT, STOP))
-UNSEEN = Episode(FIRST, "I can see a blue block.", True, "wrong_stop", -1.0, (STOP,))
+TASK = TOWER.tasks("dev").by_id(FIRST)
+SEEN = Episode.of(TASK, [AddBlock(0, Colour.BLUE), STOP], "success", TOWER.dynamics())
+UNSEEN = Episode.of(TASK, [STOP], "wrong_stop", TOWER.dynamics())
 
 
 def test_episode_frames__show_the_start_and_each_action():
@@ -46,11 +44,6 @@ def test_episode_frames__show_the_start_and_each_action():
     assert "I can see a blue block." in start.task
 
 
-def test_episode_frames__failure_has_another_colour():
-    *_, last = episode_frames(TOWER.make("dev"), UNSEEN)
-    assert (last.caption, last.rgb) == ("1. STOP: wrong stop, return -1.0", FAILURE_RGB)
-
-
 def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
     film_grid(tmp_path / "grid.gif", TOWER, "dev", [SEEN, UNSEEN, UNSEEN], columns=2)
     with Image.open(tmp_path / "grid.gif") as film:
@@ -59,13 +52,6 @@ def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
         film.seek(2)
         assert film.info["duration"] == round(1000 * LAST_FRAME_SECONDS)
     assert [path.name for path in tmp_path.iterdir()] == ["grid.gif"]
-
-
-def test_save_gif__keeps_colours(tmp_path: Path):
-    picture = draw(scene(tower(B)))
-    save_gif(tmp_path / "one.gif", [picture])
-    with Image.open(tmp_path / "one.gif") as film:
-        assert np.array_equal(np.asarray(film.convert("RGB")), picture)
 
 
 @pytest.mark.parametrize("width", [60, 120, 400])

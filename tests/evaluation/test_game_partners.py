@@ -16,7 +16,7 @@ from lilgym_mp.envs.proposer_verifier import (
     measure,
     play_games,
 )
-from lilgym_mp.evaluation.game_partners import ExpertProposer, scripted_proposers
+from lilgym_mp.evaluation.game_partners import ExpertProposer
 
 # In joint the verifier alone may stop by default.
 SETTINGS = [
@@ -63,8 +63,3 @@ def test_expert__by_intent_lies_in_deceptive_episodes_alone():
     measured = measure(game, ExpertProposer(game.unwrapped.dynamics, None), SCRIPTED["oracle"], tasks=some_tasks(game))
     assert 0.2 < measured.success_rate < 0.8
     assert (measured.true_accept_rate, measured.false_accept_rate) == (1.0, 0.0)
-
-
-def test_scripted_proposers__are_named():
-    dynamics = env().unwrapped.dynamics
-    assert set(scripted_proposers(dynamics)) == {"expert", "expert-deceptive", "helpful", "deceptive", "random"}

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import USAGE_ERROR, main
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.recording import check_recording
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.scene.actions import STOP, RemoveBlock, RemoveItem
 from tests.corpora import write_own_corpus
 from tests.scripts import load_script
@@ -38,17 +38,20 @@ def test_check__accepts_what_evaluate_records(recording: Recording):
     [
         (
             lambda it: replace(it, header=replace(it.header, tasks_sha256="0" * 64)),
-            "its tasks have the checksum 000000",
+            "its tasks_sha256 is '0000",
         ),
         (lambda it: replace(it, episodes=it.episodes[1:]), "must be played 2 times"),
-        (lambda it: replace(it, episodes=(*it.episodes, replace(it.episodes[0], task="x"))), "has no task x"),
-        (lambda it: replace(it, header=replace(it.header, stop_forcing=True)), "STOP was forced"),
+        (
+            lambda it: replace(it, episodes=(*it.episodes, replace(it.episodes[0], task="x"))),
+            "x must be played 0 times",
+        ),
+        (lambda it: replace(it, header=replace(it.header, stop_forcing=True)), "its stop_forcing is True, not False"),
         (lambda it: _first(it, rewards=(1.0,) * len(it.episodes[0].actions)), "when played again"),
         (lambda it: _first(it, outcome="success", rewards=(1.0,), actions=(STOP,)), "when played again"),
-        (lambda it: _first(it, target=False), "its statement, program, target or start scene is not the task's"),
+        (lambda it: _first(it, target=False), "its target is False, but True when"),
         (lambda it: _first(it, actions=(RemoveItem(0, 0),), rewards=(-1.0,)), "is not an action of tower"),
         (lambda it: _first(it, actions=(RemoveBlock(3),), rewards=(-1.0,)), "is not an action of tower"),
-        (lambda it: _first(it, invalid_reason="overlap"), "its invalid_reason overlap is "),
+        (lambda it: _first(it, invalid_reason="overlap"), "its invalid_reason is 'overlap', but "),
         (lambda it: _first(it, statement_seen=not it.episodes[0].statement_seen), "its statement_seen is"),
         (lambda it: _first(it, form_seen=not it.episodes[0].form_seen), "its form_seen is"),
         (lambda it: _first(it, tags=("easy",)), "its tags is"),

@@ -28,14 +28,13 @@ def played(policy: Policy, settings: Settings = TOWER) -> list[Episode]:
 
 def steps(episodes: list[Episode], settings: Settings = TOWER) -> list[tuple[Decision, str, float | None]]:
     """Each decision, the type of the action taken, and the recorded probability of STOP."""
-    appearance = settings.dynamics().appearance
     found: list[tuple[Decision, str, float | None]] = []
     for episode in episodes:
         assert episode.decisions is not None
         stops = episode.stop_probabilities or (None,) * len(episode.actions)
         for decision, action, stop in zip(episode.decisions, episode.actions, stops, strict=True):
             assert sum(decision.types) == pytest.approx(1, abs=1e-3)
-            found.append((decision, type(appearance.decode(action)).__name__, stop))
+            found.append((decision, type(action).__name__, stop))
     return found
 
 

@@ -26,9 +26,9 @@ from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
 from lilgym_mp.contrib.llm.recording import write_recording
 from lilgym_mp.contrib.report.report_data import load_report_data
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import read_episodes
 from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply

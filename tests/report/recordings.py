@@ -15,10 +15,10 @@ from matplotlib.colors import to_hex
 from lilgym_mp.contrib.report.items import Chart, Item, Table
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.writing import chapters
-from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, write_episodes
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episodes import Episode, Header, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.settings import Settings
 from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, named
@@ -53,9 +53,9 @@ def actions(*names: str) -> tuple[Action, ...]:
     return tuple(map(named, names))
 
 
-def episode(outcome: str, *names: str, **changes: Any) -> RecordedEpisode:
+def episode(outcome: str, *names: str, **changes: Any) -> Episode:
     last = 1.0 if outcome == "success" else -1.0
-    made = RecordedEpisode(
+    made = Episode(
         task=f"task-{outcome}-{len(names)}",
         statement="There is a blue item.",
         program="exist(filter_color(all_items, Color.BLUE))",
@@ -84,7 +84,7 @@ EPISODES = (
 )
 
 
-def written(directory: Path, episodes: Sequence[RecordedEpisode] = EPISODES, **changes: Any) -> Path:
+def written(directory: Path, episodes: Sequence[Episode] = EPISODES, **changes: Any) -> Path:
     """Writes a recording with HEADER, changed; returns its path."""
     directory.mkdir(parents=True, exist_ok=True)
     header = replace(HEADER, episodes=len(episodes), **changes)

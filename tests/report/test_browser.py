@@ -15,7 +15,7 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.contrib.report import make_report
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from tests.browser import axe_script, chromium, watched_page
 from tests.report.recordings import EPISODES, written
 

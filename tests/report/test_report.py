@@ -32,7 +32,7 @@ from lilgym_mp.contrib.report.learning_curves import dev_curves
 from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.contrib.report.results import paired_tests
 from lilgym_mp.contrib.report.writing import chapters
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.episodes import Episode, Recording
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from tests.report.recordings import (
@@ -71,7 +71,7 @@ def test_mean_std__reproduces_the_papers_deviation_for_one_success_in_3_x_591():
     assert str(mean_std([100 / 591, 0, 0])) == "0.06 ± 0.10"
 
 
-def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
+def accuracies(*by_statement: Sequence[int]) -> tuple[Episode, ...]:
     """Episodes of statements "0", "1", ...: successes (1) and failures (0) of each."""
     return tuple(
         episode("success" if outcome else "wrong_stop", "STOP", statement=str(index), task=f"{index}-{number}")
@@ -80,7 +80,7 @@ def accuracies(*by_statement: Sequence[int]) -> tuple[RecordedEpisode, ...]:
     )
 
 
-def recordings(directory: Path, *of_runs: Sequence[RecordedEpisode], agent: str = "mine") -> tuple[Recording, ...]:
+def recordings(directory: Path, *of_runs: Sequence[Episode], agent: str = "mine") -> tuple[Recording, ...]:
     for seed, kept in enumerate(of_runs):
         written(directory, kept, training_seed=seed, agent=agent)
     return load_report_data([directory]).entries[0].runs
@@ -219,7 +219,7 @@ def cut(path: Path) -> None:
 @pytest.mark.parametrize(
     ("prepare", "said"),
     [
-        (lambda place: place.mkdir(), "kept contains no training run and no recorded episodes"),
+        (lambda place: place.mkdir(), "no recorded episodes (*.episodes.jsonl.gz) in "),
         (lambda place: None, "kept: there is no such file"),
         (lambda place: cut(written(place)), "truncated"),
         (lambda place: place.write_text("hello"), "damaged, or not a file of recorded episodes"),

@@ -13,7 +13,7 @@ from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Mess
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers import TextObservation

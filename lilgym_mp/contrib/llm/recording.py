@@ -15,13 +15,12 @@ from lilgym_mp.contrib.llm.agents import ExpertAgent, RandomAgent
 from lilgym_mp.contrib.llm.player import Player
 from lilgym_mp.contrib.llm.summary import Episode
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation.comparison import EvaluationPlan, Result, training_statements
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.decisions import AgentAnswer, Decision, PolicyOutput, decisions, one_hot
+from lilgym_mp.evaluation.episodes import Episode as EvaluatedEpisode
 from lilgym_mp.evaluation.policies import BUILT_IN_POLICIES, GREEDY, NO_SUPERVISION, SAMPLED, NamedPolicy, Policy
 from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.runs import Episode as EvaluatedEpisode
-from lilgym_mp.evaluation.runs import summarise
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation.runs import EvaluationPlan, Result, summarise, training_statements
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import named
 
@@ -103,13 +102,5 @@ def _evaluated(episode: Episode, task: Task, dynamics: Dynamics) -> EvaluatedEpi
         kept.append(replace(decision, answers=answers))
         moved = dynamics.step(state, action)
         state, invalid = moved.state, moved.invalid
-    return EvaluatedEpisode(
-        task.id,
-        task.statement,
-        task.target,
-        episode.outcome,
-        episode.reward,
-        tuple(map(appearance.encode, actions)),
-        None if invalid is None else str(invalid),
-        decisions=tuple(kept),
-    )
+    reason = None if invalid is None else str(invalid)
+    return EvaluatedEpisode.of(task, actions, episode.outcome, dynamics, invalid_reason=reason, decisions=tuple(kept))

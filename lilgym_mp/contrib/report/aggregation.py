@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
+from lilgym_mp.evaluation.episodes import Episode, Recording
 
 RESAMPLES = 4_000
 CONFIDENCE = 0.95
@@ -19,8 +19,8 @@ INTERVAL_NOTE = (
     f" {RESAMPLES:,} times. With one run they express the choice of statements alone; with three they underestimate the"
     " spread between runs by up to a fifth."
 )
-Predicate = Callable[[RecordedEpisode], bool]
-Value = Callable[[RecordedEpisode], float]
+Predicate = Callable[[Episode], bool]
+Value = Callable[[Episode], float]
 
 
 class MeanStd(NamedTuple):
@@ -49,7 +49,7 @@ class MeanStd(NamedTuple):
     __str__ = text
 
 
-def success(episode: RecordedEpisode) -> float:
+def success(episode: Episode) -> float:
     """In per cent."""
     return 100.0 * episode.is_success
 
@@ -85,7 +85,7 @@ class Difference(NamedTuple):
     p_value: float  # two-sided; null hypothesis: no difference
 
 
-def add_up(runs: Sequence[Sequence[RecordedEpisode]], value: Value) -> np.ndarray:
+def add_up(runs: Sequence[Sequence[Episode]], value: Value) -> np.ndarray:
     """(2, runs, statements) sums of a value, and numbers of episodes."""
     statements = sorted({episode.statement for episodes in runs for episode in episodes})
     column = {statement: index for index, statement in enumerate(statements)}

@@ -13,9 +13,8 @@ from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, heat_maps
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
-from lilgym_mp.evaluation.episodes import RecordedEpisode
-from lilgym_mp.evaluation.runs import scenes
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episodes import Episode, scenes
 from lilgym_mp.programs import compile_program
 from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
 from lilgym_mp.scene.appearances import InvalidReason
@@ -71,7 +70,7 @@ STOP_NOTE = (
 )
 
 
-def error_kind(episode: RecordedEpisode) -> str | None:
+def error_kind(episode: Episode) -> str | None:
     """Reason of the invalid action, kind of wrong STOP, or "horizon"; None for a success."""
     if episode.is_success:
         return None
@@ -166,7 +165,7 @@ def calibration_line(entry: AgentResults) -> Line | None:
     return Line(entry.agent, [x for x, _ in points], [y for _, y in points]) if points else None
 
 
-def stop_would_succeed(settings: Settings, episode: RecordedEpisode) -> list[bool]:
+def stop_would_succeed(settings: Settings, episode: Episode) -> list[bool]:
     """For each action, whether STOP would have succeeded instead."""
     program = compile_program(episode.program)
     visited = scenes(settings.dynamics(), episode.start, episode.actions)[:-1]
@@ -186,13 +185,13 @@ def regret(data: ReportData) -> Iterator[Item]:
 
 
 def _regret(entry: AgentResults) -> Sequence[Cell]:
-    def solved(episode: RecordedEpisode) -> bool:
+    def solved(episode: Episode) -> bool:
         return episode.is_success and episode.optimal_actions is not None
 
-    def extra(episode: RecordedEpisode) -> int:
+    def extra(episode: Episode) -> int:
         return len(episode.actions) - (episode.optimal_actions or 0)
 
-    def optimal(episode: RecordedEpisode) -> float:
+    def optimal(episode: Episode) -> float:
         return 100.0 * (solved(episode) and extra(episode) <= 0)
 
     means = ((extra, solved), (optimal, solved), (optimal, None))

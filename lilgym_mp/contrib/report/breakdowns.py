@@ -10,11 +10,11 @@ from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.contrib.report.report_data import ReportData
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
+from lilgym_mp.evaluation.episodes import Episode, Recording
 from lilgym_mp.scene.actions import Stop
 
-Category = Callable[[RecordedEpisode], str | None]
+Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
 NOVELTY = ("statement seen", "form seen", "new")
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
@@ -81,7 +81,7 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
         rows: list[list[Cell]] = []
         for name in PHENOMENA:
 
-            def shows(episode: RecordedEpisode, name: str = name) -> bool:
+            def shows(episode: Episode, name: str = name) -> bool:
                 return name in phenomena(episode.program) or name in syntactic_phenomena(episode.statement)
 
             counts: dict[str, int] = dict(zip(paper.PLAYED, paper.START_SCENES_BY_PHENOMENON[name], strict=True))
@@ -93,7 +93,7 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
         yield table("Table 3, Table 5 and Table 6", title, columns, rows, note)
 
 
-def novelty(episode: RecordedEpisode) -> str:
+def novelty(episode: Episode) -> str:
     """Whether the statement, only its form, or neither occurs in the training data."""
     return NOVELTY[0] if episode.statement_seen else NOVELTY[1] if episode.form_seen else NOVELTY[2]
 
@@ -117,7 +117,7 @@ def by_novelty(data: ReportData) -> Iterator[Item]:
     yield table("Seen and new", f"{title}, numbers", columns, rows, note)
 
 
-def edits_category(episode: RecordedEpisode) -> str | None:
+def edits_category(episode: Episode) -> str | None:
     """The number of edits of a shortest solution; None if unknown."""
     if episode.edits is None:
         return None
@@ -140,7 +140,7 @@ def by_actions_left(data: ReportData) -> Iterator[Item]:
     title = f"Accuracy of STOP by actions left on {data.main_split}"
     horizon = data.header.settings.dynamics().horizon
 
-    def left(episode: RecordedEpisode) -> str | None:
+    def left(episode: Episode) -> str | None:
         return str(horizon - len(episode.actions)) if isinstance(episode.actions[-1], Stop) else None
 
     panels = _used_panels(data, [*map(str, range(horizon))], left)

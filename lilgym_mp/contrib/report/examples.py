@@ -9,9 +9,8 @@ from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, error_kind
 from lilgym_mp.contrib.report.charts import FilmStrip, film_strips
 from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
 from lilgym_mp.contrib.report.report_data import EXPERT, ReportData
-from lilgym_mp.evaluation.episodes import RecordedEpisode, Recording
-from lilgym_mp.evaluation.runs import scenes
-from lilgym_mp.evaluation.settings import Settings
+from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation.episodes import Episode, Recording, scenes
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.render import draw
 
@@ -44,7 +43,7 @@ def example_episode(run: Recording) -> RecordedEpisode | None:
     return min(successes, key=lambda episode: abs(len(episode.actions) - EXAMPLE_LENGTH), default=None)
 
 
-def film_strip(run: Recording, episode: RecordedEpisode, *extra: str) -> FilmStrip:
+def film_strip(run: Recording, episode: Episode, *extra: str) -> FilmStrip:
     """The start scene and the scene after each action; `extra`: further lines above the frames."""
     settings = run.header.settings
     reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
@@ -57,7 +56,7 @@ def film_strip(run: Recording, episode: RecordedEpisode, *extra: str) -> FilmStr
     return FilmStrip(head, _frames(settings, episode), episode.is_success)
 
 
-def _frames(settings: Settings, episode: RecordedEpisode) -> list:
+def _frames(settings: Settings, episode: Episode) -> list:
     visited = scenes(settings.dynamics(), episode.start, episode.actions)
     captions = ["start", *(f"{step}. {describe(action)}" for step, action in enumerate(episode.actions, start=1))]
     frames = [(draw(scene, "half"), caption) for scene, caption in zip(visited, captions, strict=True)]
@@ -69,7 +68,7 @@ def _frames(settings: Settings, episode: RecordedEpisode) -> list:
     return frames
 
 
-def _program(run: Recording, episode: RecordedEpisode) -> FilmStrip:
+def _program(run: Recording, episode: Episode) -> FilmStrip:
     settings = run.header.settings
     visited = scenes(settings.dynamics(), episode.start, episode.actions)
     before = f"start: {str(not episode.target).lower()}" if len(episode.actions) > 1 else "start"

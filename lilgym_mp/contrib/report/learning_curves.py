@@ -11,7 +11,7 @@ from lilgym_mp.contrib.report.aggregation import mean_std
 from lilgym_mp.contrib.report.charts import Line, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.learners import find_learner
 
 ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"

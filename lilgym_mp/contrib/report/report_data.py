@@ -14,8 +14,8 @@ from lilgym_mp.contrib.report.charts import Looks
 from lilgym_mp.corpus.records import shown
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import MAX_NUMBER, Header, RecordedEpisode, Recording, read_episodes
-from lilgym_mp.evaluation.files import SUFFIX
+from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episodes
+from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.learning.common.learners import find_learner
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
@@ -47,7 +47,7 @@ class AgentResults:
     def header(self) -> Header:
         return self.runs[0].header
 
-    def start_scenes(self, predicate: Callable[[RecordedEpisode], bool]) -> int:
+    def start_scenes(self, predicate: Callable[[Episode], bool]) -> int:
         """The number of start scenes whose episodes satisfy the predicate."""
         return sum(map(predicate, self.runs[0].episodes)) // self.header.passes
 
@@ -136,21 +136,24 @@ class ReportData:
         return next((entry for entry in self.of(configuration, split) if entry.agent == agent), None)
 
 
-def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> ReportData:
+def load_report_data(paths: Sequence[Path]) -> ReportData:
     """Loads all recordings and training curves in the paths: recordings, or directories searched recursively.
-
-    `runs`: further directories with training runs.
 
     Raises ReportError, naming file and key, if there are no recordings or they are not comparable; EpisodesError for a
     damaged file.
     """
     files = list(dict.fromkeys(file for path in paths for file in _files(path)))
+    if not files:
+        raise ReportError(
+            f"no recorded episodes (*{SUFFIX}) in {', '.join(map(str, paths))};"
+            " record some with: lilgym-mp evaluate RUN --record DIR"
+        )
     recordings: list[Recording] = []
     for recording in map(read_episodes, files):  # a deterministic policy may have been recorded twice
         if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
             recordings.append(recording)
     _check_comparable(recordings)
-    progress = _search([*paths, *runs], PROGRESS_FILE)
+    progress = _search(paths, PROGRESS_FILE)
     return ReportData(
         tuple(_entries(recordings)),
         tuple(_curve(file) for file in progress if file.with_name(RUN_FILE).exists()),
@@ -161,16 +164,7 @@ def load_report_data(paths: Sequence[Path], runs: Sequence[Path] = ()) -> Report
 def _files(path: Path) -> list[Path]:
     if not path.exists():
         raise ReportError(f"{path}: there is no such file or directory")
-    if not path.is_dir():
-        return [path]
-    found = sorted(path.rglob(f"*{SUFFIX}"))
-    if not found:
-        problem = "is a training run without" if (path / RUN_FILE).exists() else "contains no training run and no"
-        raise ReportError(
-            f"{path} {problem} recorded episodes (*{SUFFIX});"
-            " record some with: lilgym-mp evaluate RUN --record DIR, or name a run that `lilgym-mp train` finished"
-        )
-    return found
+    return sorted(path.rglob(f"*{SUFFIX}")) if path.is_dir() else [path]
 
 
 def _check_comparable(recordings: Sequence[Recording]) -> None:

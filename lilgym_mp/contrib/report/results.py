@@ -23,7 +23,7 @@ from lilgym_mp.contrib.report.items import MISSING, PUBLISHED, Cell, Chart, Item
 from lilgym_mp.contrib.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
 from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
 
 BASIS = "Runs behind the numbers"
 PAPER_NOTE = (

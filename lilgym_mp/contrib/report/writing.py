@@ -56,19 +56,18 @@ def make_report(
     paths: Sequence[Path],
     directory: Path,
     *,
-    runs: Sequence[Path] = (),
     document: Path | None = None,
     command: str = "make_report",
 ) -> Path:
     """Writes a report on all recordings in the paths; returns the path of its page. Same input, same bytes.
 
-    `runs`: further training runs for the learning curves; `document`: also write a Markdown page, which names
-    `command` as its origin. An earlier report in the directory is replaced. Raises ReportError or EpisodesError for
-    unusable recordings, OutputError if the directory holds anything else, ImportError naming what to install.
+    `document`: also write a Markdown page, which names `command` as its origin. An earlier report in the directory is
+    replaced. Raises ReportError or EpisodesError for unusable recordings, OutputError if the directory holds anything
+    else, ImportError naming what to install.
     """
     template = _template()
     check_output(directory, document)
-    data = load_report_data(paths, runs)
+    data = load_report_data(paths)
     made = chapters(data)
     target = directory.absolute()
     temporary, old = (target.with_name(f".{target.name}.{os.getpid()}.{part}") for part in ("tmp", "old"))

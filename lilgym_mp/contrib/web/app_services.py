@@ -15,7 +15,7 @@ from lilgym_mp.contrib.web.live_games import LiveGames
 from lilgym_mp.contrib.web.runs import Runs
 from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
 from lilgym_mp.corpus.records import SPLITS
-from lilgym_mp.evaluation.settings import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.solver import Solver
 
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "::1")

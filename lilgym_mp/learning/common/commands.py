@@ -7,9 +7,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.evaluation import options
+from lilgym_mp.evaluation import CONFIGURATIONS, options
 from lilgym_mp.evaluation.options import CommandError, flag_name, given_options
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import Recipe

@@ -11,9 +11,8 @@ import numpy as np
 
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import (
     ModelDescription,

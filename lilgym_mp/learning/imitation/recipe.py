@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import Recipe, setting
 from lilgym_mp.scene.choices import choose
 

@@ -18,8 +18,7 @@ from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
-from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.learning.common.agents import scratch_tasks
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of

@@ -12,7 +12,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
 from lilgym_mp.scene.choices import choose
 

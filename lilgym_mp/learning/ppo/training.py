@@ -19,7 +19,7 @@ from torch import Tensor
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.model_file import DeviceError, weights_digest

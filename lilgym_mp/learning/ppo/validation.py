@@ -15,7 +15,7 @@ from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.corpus.matching import Content, content, goal_contents, matching_corpus
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.evaluation import Episode, Policy, Settings, evaluate
-from lilgym_mp.evaluation.runs import scenes
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, VALIDATIONS_FILE, RunDirectory
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
@@ -76,7 +76,7 @@ class LearningCurve:
         """Raises CorpusError when dev has no tasks."""
         env = settings.make(SPLIT)
         self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
-        self._tasks, self._dynamics, self._goals = env.tasks, env.dynamics, _goals(settings)
+        self._dynamics, self._goals = env.dynamics, _goals(settings)
         self._last = _last_steps(run)
 
     def is_due(self, steps: int) -> bool:
@@ -93,7 +93,7 @@ class LearningCurve:
 
     def evaluation(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
-        solvable = [episode for episode in episodes if self._goals.get(episode.task_id)]
+        solvable = [episode for episode in episodes if self._goals.get(episode.task)]
         return DevEvaluation(
             steps,
             round(seconds, 3),
@@ -106,11 +106,8 @@ class LearningCurve:
         )
 
     def _stopped_in_goal(self, episode: Episode) -> bool:
-        actions = [self._dynamics.appearance.decode(action) for action in episode.actions]
-        if not isinstance(actions[-1], Stop):
-            return False
-        last = scenes(self._dynamics, self._tasks.by_id(episode.task_id).start, actions)[-1]
-        return content(last) in self._goals[episode.task_id]
+        last = scenes(self._dynamics, episode.start, episode.actions)[-1]
+        return isinstance(episode.actions[-1], Stop) and content(last) in self._goals[episode.task]
 
 
 def _last_steps(run: RunDirectory) -> int | None:

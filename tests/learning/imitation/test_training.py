@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from lilgym_mp.evaluation import Settings, evaluate
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings, evaluate
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import ModelFileError, save_model
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingError, TrainingRunError

@@ -21,7 +21,7 @@ from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
-from lilgym_mp.evaluation.comparison import EvaluationPlan
+from lilgym_mp.evaluation.runs import EvaluationPlan
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.common.planning import PlanPolicy

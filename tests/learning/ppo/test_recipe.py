@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.evaluation.settings import CONFIGURATIONS
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.ppo.recipe import MODELS, RECIPES, PPORecipe, make_recipe
 
 

@@ -17,12 +17,11 @@ from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.contrib.web.runs import RecordingFile
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.comparison import EvaluationPlan, play, training_statements
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import Header, RecordedEpisode, Recording
+from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, Header, Recording, scenes
 from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
 from lilgym_mp.evaluation.recording import Recorder
-from lilgym_mp.evaluation.runs import FINAL_OUTCOMES, scenes
+from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
@@ -134,7 +133,7 @@ def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
     return Response(png(found.start), media_type="image/png")
 
 
-def _find_episode(recording: Recording, index: int) -> RecordedEpisode:
+def _find_episode(recording: Recording, index: int) -> Episode:
     """Responds with 404 if there is no such episode."""
     if index >= len(recording.episodes):
         raise http_error(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
@@ -151,7 +150,7 @@ def _summary(recording: RecordingFile) -> JSON:
     return {**summary, **pick(header, *names), **pick(header.settings, "configuration", "rules")}
 
 
-def _episode_summary(index: int, episode: RecordedEpisode) -> JSON:
+def _episode_summary(index: int, episode: Episode) -> JSON:
     names = ("task", "statement", "target", "outcome", "invalid_reason", "statement_seen")
     rest = {"index": index, "actions": len(episode.actions), "reward": round(episode.reward, 6)}
     return {**pick(episode, *names), **rest}
@@ -161,7 +160,7 @@ def _task_set(header: Header) -> tuple[str, str, str]:
     return header.settings.configuration, header.split, header.tasks_sha256
 
 
-def _steps(dynamics: Dynamics, episode: RecordedEpisode) -> list[JSON]:
+def _steps(dynamics: Dynamics, episode: Episode) -> list[JSON]:
     """Scenes with the actions taken in them; the last scene has no action."""
     for action in episode.actions:
         dynamics.appearance.encode(action)  # raises for an action of another appearance
