@@ -33,7 +33,7 @@ from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
-from lilgym_mp.evaluation.terminal import Progress, show_markdown
+from lilgym_mp.evaluation.terminal import Progress
 
 SPLIT = "train"
 STOP = 0  # index of the action
@@ -253,7 +253,7 @@ def run(args: argparse.Namespace) -> int:
             code = INTERRUPTED
     machine = f"{cpu_model()}, {usable_cores()} cores, {PROCESSES} worker processes, {rounds} rounds"
     tables = [f"### {name}\n\n{markdown_table(_table(found))}" for name, found in results.items() if found[0].rates]
-    show_markdown("\n\n".join([f"{strftime('%Y-%m-%d %H:%M')}, {machine}", LEGEND, *tables]))
+    print("\n\n".join([f"{strftime('%Y-%m-%d %H:%M')}, {machine}", LEGEND, *tables]))
     return code
 
 

@@ -196,17 +196,6 @@ def hanging(line: str, width: int) -> str:
     return textwrap.fill(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
 
-def show_markdown(text: str) -> None:
-    """Prints Markdown, laid out for the width of a terminal."""
-    if not sys.stdout.isatty():
-        sys.stdout.write(f"{text}\n")
-        return
-    from rich.console import Console
-    from rich.markdown import Markdown
-
-    Console(no_color=not shows_colours()).print(Markdown(text))
-
-
 def _cell(value: object) -> tuple[str, bool]:
     """A value's text, and whether it is a number or missing."""
     if value is None:

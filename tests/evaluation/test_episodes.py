@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,13 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
-from lilgym_mp.evaluation import Settings
+from lilgym_mp.evaluation import Settings, recording_metadata
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
-from lilgym_mp.evaluation.files import EpisodesError
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, WithoutMask, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
@@ -182,3 +185,25 @@ def test_write__rejects_a_header_with_another_episode_count(recording: Recording
     with pytest.raises(ValueError, match="the header says"):
         write_episodes(tmp_path / "new", recording.header, recording.episodes[1:])
     assert not (tmp_path / "new").exists()
+
+
+def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
+    words = ["evaluate", "--policy", "random-legal", "expert", "--configuration", "TowerScratch", "--record"]
+    assert main([*words, str(tmp_path)]) == 0
+    recordings = list(tmp_path.glob(f"*{SUFFIX}"))
+    assert len(recordings) == 2
+    for recording in recordings:
+        found = RecordingMetadata.read(recording)
+        assert found is not None
+        assert found.command == " ".join(["lilgym-mp", *words, str(tmp_path)])
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d", found.date)
+        assert found.software["numpy"]
+        assert found.machine == recording_metadata.machine()
+
+
+def test_read__is_none_without_a_file_and_names_a_damaged_one(tmp_path: Path):
+    recording = tmp_path / f"a{SUFFIX}"
+    assert RecordingMetadata.read(recording) is None
+    (tmp_path / "a.metadata.json").write_text(json.dumps({"date": "today"}))
+    with pytest.raises(EpisodesError, match=r"a\.metadata\.json: not valid metadata of a recording"):
+        RecordingMetadata.read(recording)
