@@ -60,7 +60,9 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
         elif directory is None:
             raise CommandError("name what to resume: --out DIR, or a configuration")
     if directory is None:
-        directory = options.RUNS / learner.directory.format(learner=name, configuration=args.configuration)
+        directory = options.RUNS / learner.directory.format(
+            learner=name, configuration=environment.get("configuration")
+        )
     if args.resume:
         settings, recipe, own = resumed(directory, name, learner, environment, changes, given)
     else:
