@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -147,7 +147,7 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
     if not isinstance(kind, str) or kind not in PACKAGES:
         raise table.error("learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
     learner = find_learner(kind)
-    recipe_keys = [field.name for field in fields(learner.recipe) if field.name != "seed"]
+    recipe_keys = [name for name in learner.recipe.names() if name != "seed"]
     table.check_keys((*LEARNER_KEYS, *learner.option_kinds(), *recipe_keys))
     name = table.values.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
@@ -201,7 +201,7 @@ def _checked_options(
     table: _Table, learner: Learner, configuration: str | None, options: Mapping[str, Any]
 ) -> tuple[tuple[str, float], Any]:
     """The learner's budget, and the recipe that its options make."""
-    kinds = {**{field.name: type(field.default) for field in fields(learner.recipe)}, **learner.option_kinds()}
+    kinds = {**{each.name: type(each.default) for each in learner.recipe.settings()}, **learner.option_kinds()}
     for key, value in options.items():
         expected = kinds[key]
         if type(value) is not expected and not (expected is float and type(value) is int):
