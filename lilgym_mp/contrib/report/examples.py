@@ -37,7 +37,7 @@ def tasks_and_programs(data: ReportData) -> Iterator[Item]:
     yield Chart("Figure 7", "Programs with true and false scenes", film_strips(programs), note, raster=True)
 
 
-def example_episode(run: Recording) -> RecordedEpisode | None:
+def example_episode(run: Recording) -> Episode | None:
     """The first success whose number of actions is closest to EXAMPLE_LENGTH; None without successes."""
     successes = [episode for episode in run.episodes if episode.is_success]
     return min(successes, key=lambda episode: abs(len(episode.actions) - EXAMPLE_LENGTH), default=None)
