@@ -199,15 +199,13 @@ def test_one_changed_pixel__is_an_error_or_reproduced(
     assert np.array_equal(draw(read, image_size), image)
 
 
-def test_box_colour_on_a_separator__is_an_error():
-    image = draw(Scene.empty(), "half")
-    image[10, 55] = 211
-    with pytest.raises(PerceptionError, match=r"row 10, column 55"):
-        read_scene(image, "scatter")
-
-
-def test_a_single_coloured_pixel__is_an_error():
+@pytest.mark.parametrize(
+    ("pixel", "value", "message"),
+    [((20, 110), 211, "row 20, column 110"), ((50, 50), 0, "box 0: no items explain its black pixels")],
+    ids=["box colour on a separator", "single coloured pixel"],
+)
+def test_pixel_of_no_scene__is_an_error(pixel: tuple[int, int], value: int, message: str):
     image = draw(Scene.empty())
-    image[50, 50] = 0
-    with pytest.raises(PerceptionError, match="box 0: no items explain its black pixels"):
+    image[pixel] = value
+    with pytest.raises(PerceptionError, match=message):
         read_scene(image, "scatter")

@@ -217,8 +217,6 @@ class ImageObservation(EnvWrapper[Image]):
 class Tokens(Format):
     """Replaces the statement by token ids, looked up by task."""
 
-    replaces = (STATEMENT,)
-
     def __init__(
         self, description: EnvDescription, *, vocabulary: VocabularyOrPath | None, length: int | None, truncate: bool
     ) -> None:
@@ -261,8 +259,6 @@ Encoder = Any  # a function of a statement that returns D numbers, or an object 
 
 class Embedding(Format):
     """Replaces the statement by its embedding, cached by statement."""
-
-    replaces = (STATEMENT,)
 
     def __init__(self, description: EnvDescription, *, encoder: Encoder, limit: float) -> None:
         super().__init__(description)
