@@ -65,36 +65,9 @@ class TransformedAgent:
         if self.transformation.uses_mdp_actions:
             raise WrongEnvironment(f"{name} uses the MDP's actions, but the game's agents have other action spaces")
         self.observation_space = spaces.Dict({PARTS: self.transformation.observation_space(), MASK: nested[MASK]})
-        self.changes_rewards = self.transformation.changes_rewards
         self._engine = base.engine
         self._role = Role(AGENTS.index(agent))
-        self._entries: Info = {}  # info entries of the agent's last action
-        self._mdp: State | None = None  # after the last turn; None after the end; used only to change rewards
-        self._potential = np.zeros(1)
-        self._games_started = 0
-        self.has_restarted = False  # whether a wrapper such as MultiEpisodeEnv has reset the game in the last step
-
-    def reset(self) -> None:
-        self._entries = {}
-        self._games_started = self._engine.games_started
-        if self.changes_rewards:
-            self._mdp = self._engine.state.mdp
-            self._potential = self.transformation.potentials([self._mdp])
-
-    def rewards(self, rewards: Sequence[float]) -> list[float]:
-        """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
-        mdp, last, potential = self._engine.state.mdp, self._mdp, self._potential
-        self.has_restarted = self._engine.games_started != self._games_started
-        is_over = self.has_restarted or not self._engine.movers
-        if self.has_restarted:
-            self.reset()
-        elif last is not None and (is_over or mdp.steps != last.steps):
-            self._mdp = None if is_over else mdp
-            self._potential = np.zeros(1) if is_over else self.transformation.potentials([mdp])
-        if last is None or (mdp.steps == last.steps and not is_over):
-            return list(rewards)
-        after, ones = 0.0 if is_over else self._potential, np.ones(len(rewards))
-        return self.transformation.rewards(np.array(rewards, np.float64), potential * ones, after * ones).tolist()
+        self.entries: Info = {}  # info entries of the agent's last action
 
     def observation(self, observation: AgentObservation) -> dict[str, Any]:
         parts, mask = observation[PARTS], observation[MASK]
@@ -108,7 +81,7 @@ class TransformedAgent:
 
     def info(self, info: Info, observe: Callable[[], Any]) -> Info:
         """The transformed info; `observe` returns the transformed observation."""
-        info = {**info, **self._entries}
+        info = {**info, **self.entries}
         if self.transformation.adds_infos:
             mask = observe()[MASK]
             added = self.transformation.added_infos(info, self._state(mask))
@@ -118,14 +91,14 @@ class TransformedAgent:
     def action(self, action: Any) -> Any:
         """The action for the wrapped game."""
         if action is None or not self.transformation.changes_actions or not self._proposes:
-            self._entries = {}
+            self.entries = {}
             return action
         game = self._engine.game
         choice, message = divmod(int(action), game.message_sizes[self._role] + 1)
         choices, entries = self.transformation.actions(np.array([choice]), self._state(None))
         if int(choices[0]) not in game.choices[self._role]:  # a forced STOP, but only the verifier may stop
             return action
-        self._entries = {name: to_python(value[0]) for name, value in entries.items()}
+        self.entries = {name: to_python(value[0]) for name, value in entries.items()}
         return game.encode_action(self._role, int(choices[0]), message)
 
     @property
@@ -153,6 +126,35 @@ class GameWrapper:
         self.name = name
         self.transformation = adapters[AGENTS[Role.PROPOSER]].transformation
         self.adapters = adapters  # by agent
+        self._engine = env.unwrapped.engine
+        self._mdp: State | None = None  # after the last turn; None after the end; used only to change rewards
+        self._potential = np.zeros(1)
+        self._games_started = 0
+        self._has_restarted = False  # whether a wrapper such as MultiEpisodeEnv has reset the game in the last step
+
+    def _start(self) -> None:
+        """To be called when a game has started."""
+        for adapter in self.adapters.values():
+            adapter.entries = {}
+        self._games_started = self._engine.games_started
+        if self.transformation.changes_rewards:
+            self._mdp = self._engine.state.mdp
+            self._potential = self.transformation.potentials([self._mdp])
+
+    def _changed_rewards(self, rewards: Sequence[float]) -> list[float]:
+        """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
+        mdp, last, potential = self._engine.state.mdp, self._mdp, self._potential
+        self._has_restarted = self._engine.games_started != self._games_started
+        is_over = self._has_restarted or not self._engine.movers
+        if self._has_restarted:
+            self._start()
+        elif last is not None and (is_over or mdp.steps != last.steps):
+            self._mdp = None if is_over else mdp
+            self._potential = np.zeros(1) if is_over else self.transformation.potentials([mdp])
+        if last is None or (mdp.steps == last.steps and not is_over):
+            return list(rewards)
+        after, ones = 0.0 if is_over else self._potential, np.ones(len(rewards))
+        return self.transformation.rewards(np.array(rewards, np.float64), potential * ones, after * ones).tolist()
 
     def observation_space(self, agent: str) -> spaces.Space[Any]:
         return self.adapters[agent].observation_space
@@ -175,8 +177,7 @@ class AECGameWrapper(GameWrapper, BaseWrapper[str, Any, Any]):
         self._infos = None
         self._reward_change = dict.fromkeys(map(str, AGENTS), 0.0)
         self._cumulative_change = dict.fromkeys(map(str, AGENTS), 0.0)
-        for adapter in self.adapters.values():
-            adapter.reset()
+        self._start()
 
     def step(self, action: Any) -> None:
         agent = self.agent_selection if self.agents else None
@@ -188,12 +189,10 @@ class AECGameWrapper(GameWrapper, BaseWrapper[str, Any, Any]):
     def _change_rewards(self, actor: str) -> None:
         rewards = [self.env.rewards.get(agent, 0.0) for agent in AGENTS]
         self._cumulative_change[actor] = 0.0
-        for agent, role, reward in zip(AGENTS, Role, rewards, strict=True):
-            self._reward_change[agent] = self.adapters[agent].rewards(rewards)[role] - reward
-            is_new = self.adapters[agent].has_restarted
-            self._cumulative_change[agent] = (
-                0.0 if is_new else self._cumulative_change[agent] + self._reward_change[agent]
-            )
+        for agent, reward, changed in zip(AGENTS, rewards, self._changed_rewards(rewards), strict=True):
+            self._reward_change[agent] = changed - reward
+            total = self._cumulative_change[agent] + self._reward_change[agent]
+            self._cumulative_change[agent] = 0.0 if self._has_restarted else total
 
     @property
     def rewards(self) -> dict[str, float]:
@@ -228,8 +227,7 @@ class ParallelGameWrapper(GameWrapper, BaseParallelWrapper[str, Any, Any]):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Info]]:
         observations, infos = super().reset(seed, options)
-        for adapter in self.adapters.values():
-            adapter.reset()
+        self._start()
         return self._transformed(observations, infos)
 
     def step(self, actions: Mapping[str, Any]) -> tuple[dict[str, Any], Any, Any, Any, dict[str, Info]]:
@@ -240,10 +238,8 @@ class ParallelGameWrapper(GameWrapper, BaseParallelWrapper[str, Any, Any]):
         if self.transformation.changes_rewards:
             for agent, info in infos.items():
                 info[UNCHANGED_REWARD] = rewards[agent]
-            both = [rewards[agent] for agent in AGENTS]
-            rewards = {
-                agent: self.adapters[agent].rewards(both)[role] for agent, role in zip(AGENTS, Role, strict=True)
-            }
+            changed = self._changed_rewards([rewards[agent] for agent in AGENTS])
+            rewards = dict(zip(map(str, AGENTS), changed, strict=True))
         return observations, rewards, terminated, truncated, infos
 
     def _transformed(
