@@ -87,11 +87,13 @@ def test_unparseable_answer__is_retried_and_then_counts_as_stop():
     assert [message["role"] for message in agent.received[1]] == ["system", "user", "assistant", "user"]
 
 
-def test_history__limits_the_messages_sent_to_the_agent():
+@pytest.mark.parametrize(("system", "roles"), [(True, ["system", "user"]), (False, ["user"])])
+def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(system: bool, roles: list[str]):
     agent = Scripted(*["ADD(LEFT, BLUE)", "REMOVE(LEFT)"] * 3)
-    player = Player(TOWER, agent, history=0)
+    player = Player(TOWER, agent, system=system, history=0)
     player.play(player.task_ids()[0])
-    assert {len(messages) for messages in agent.received} == {2}
+    assert [[message["role"] for message in messages] for messages in agent.received] == [roles] * len(agent.received)
+    assert all(messages[0]["content"].startswith("You edit a picture") for messages in agent.received)
 
 
 def test_progression__is_relative_to_the_experts_distance():
@@ -252,14 +254,6 @@ def test_thoughts_and_empty_replies__are_not_sent_again():
     assert [role for role, _ in sent] == ["system", "user", "assistant", "user"]
     assert sent[2][1] == "ADD(LEFT, BLUE)"
     assert sent[3][1].count("That does not name exactly one action") == 1
-
-
-def test_system_role__can_be_left_out():
-    agent = Scripted("ADD(LEFT, BLUE)")
-    player = Player(Settings("TowerScratch"), agent, system=False, history=0)
-    player.play(player.task_ids()[0])
-    assert [[message["role"] for message in messages] for messages in agent.received] == [["user"]] * 2
-    assert all(messages[0]["content"].startswith("You edit a picture") for messages in agent.received)
 
 
 @pytest.mark.parametrize("scene", ["image", "both"])

@@ -62,16 +62,6 @@ def test_score__repeated_lines_count_once_and_samples_give_pass_at_k(tmp_path: P
     }
 
 
-def test_score__two_replies_with_one_sample_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    prompts = str(tmp_path / "prompts.jsonl")
-    assert main(["llm", "prompts", "--task", "truth", "--count", "1", "--out", prompts]) == 0
-    name = json.loads(Path(prompts).read_text())["id"]
-    lines = [{"id": name, "sample": 0, "reply": reply} for reply in ("true", "true", "false")]
-    answers = written(tmp_path / "replies.jsonl", *lines)
-    assert main(["llm", "score", prompts, "--answers", answers]) == 2
-    assert f"line 3: another reply to '{name}' as sample 0: {answers}, line 1" in capsys.readouterr().err
-
-
 def test_prompts__as_pictures_have_a_base64_image_of_the_start(tmp_path: Path):
     prompts = tmp_path / "prompts.jsonl"
     command = ["llm", "prompts", "--task", "truth", "--count", "1", "--scene", "image", "--out", str(prompts)]
@@ -107,10 +97,12 @@ def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
     row = json.loads(Path(prompts).read_text().splitlines()[0])
     good = written(tmp_path / "good", {"id": row["id"], "reply": None})
+    samples = [{"id": row["id"], "sample": 0, "reply": reply} for reply in ("true", "true", "false")]
     for file, replies, message in (
         (prompts, written(tmp_path / "a", {"id": "other", "reply": ""}), "has no row 'other'"),
         (prompts, written(tmp_path / "b", {"id": row["id"]}), "line 1: a reply must be an object"),
         (prompts, written(tmp_path / "c", "{\n"), "not JSON lines"),
+        (prompts, written(tmp_path / "g", *samples), f"line 3: another reply to '{row['id']}' as sample 0: "),
         (prompts, written(tmp_path / "d", "[" * 100_000), "not JSON lines"),
         (prompts, written(tmp_path / "e"), "there are no replies"),
         (prompts, str(tmp_path / "none"), "cannot be read: No such file"),

@@ -335,6 +335,7 @@ def test_conversation__without_a_said_stop_is_no_success(reward: str, total: flo
     talk = Conversation(PLAN, reward)
     turns = [talk.step(reply) for reply in ("ADD(LEFT, BLUE)", "I am done.", "Nothing more.")]
     assert PLAN.task.solved_by(talk.state.scene)
+    assert [turn.done for turn in turns] == [False, False, True]  # after it was asked again
     assert (turns[-1].outcome, sum(turn.reward for turn in turns)) == ("not_understood", pytest.approx(total))
     assert Conversation(PLAN).step("STOP").reward == 0
 
@@ -368,11 +369,7 @@ def test_messages__have_a_picture_where_one_was_asked_for():
         messages_of(replace(PLAN, kind="program"), "image")
 
 
-def test_conversation__asks_again_once_and_then_ends():
-    talk = Conversation(PLAN)
-    asked, ended = talk.step(None), talk.step("hm")
-    assert (asked.action, asked.done, asked.reward) == (None, False, 0)
-    assert (ended.action, ended.done, ended.outcome) == (None, True, "not_understood")
+def test_conversation__is_of_plans_and_reads_numbers_that_were_shown():
     with pytest.raises(RowError, match="is a truth row; only plans have several turns"):
         Conversation(replace(PLAN, kind="truth"))
     row = some("plan", "scatter", 1, level=1)[0]
