@@ -77,20 +77,13 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     assert f"TowerScratch, audit, dev, corpus {own}" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize("single", [False, True])
 def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
-    tmp_path: Path, own: str, runs: dict[str, Trained]
+    tmp_path: Path, own: str, runs: dict[str, Any], single: bool
 ):
-    runs["a"] = Trained(own)
+    runs["a"] = Single() if single else Trained(own)
     file = tmp_path / "results.json"
-    assert main(["evaluate", "a", "--out", str(file)]) == 0
-    pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
-    assert results(file).keys() == pairs
-
-
-def test_run_of_a_single_agent__plays_both_sides(tmp_path: Path, own: str, runs: dict[str, Any]):
-    runs["a"] = Single()
-    file = tmp_path / "results.json"
-    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own]
+    game = ["--protocol", "audit", "--configuration", "TowerScratch", "--corpus", own] if single else []
     assert main(["evaluate", "a", *game, "--out", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
     assert results(file).keys() == pairs

@@ -84,14 +84,6 @@ def test_format__refuses_to_reveal_a_hidden_scene(settings: dict[str, Any]):
         wrappers.structured_observation_v0(env(**settings, views=views))
 
 
-def test_action_mask__adds_each_agents_mask(settings: dict[str, Any]):
-    game = wrappers.action_mask_v0(env(**settings))
-    game.reset(seed=0, options={"task": "blue"})
-    for agent in (PROPOSER, VERIFIER):
-        mask = game.infos[agent]["action_mask"]
-        assert np.array_equal(mask, game.observe(agent)["action_mask"])
-
-
 def test_stop_forcing__allows_the_proposer_only_stop(settings: dict[str, Any]):
     game = wrappers.stop_forcing_v0(env(**settings))
     game.reset(seed=0, options={"task": "blue"})

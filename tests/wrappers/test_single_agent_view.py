@@ -18,7 +18,7 @@ from lilgym_mp.envs.proposer_verifier import (
     env,
     parallel_env,
 )
-from lilgym_mp.wrappers import action_mask_v0, flat_observation_v0, grid_planes_v0, stop_forcing_v0
+from lilgym_mp.wrappers import flat_observation_v0, grid_planes_v0, stop_forcing_v0
 
 PROPOSER, VERIFIER = "proposer_0", "verifier_0"
 
@@ -49,13 +49,6 @@ def test_stop_forcing__allows_only_stop_at_the_goal(make: Any):
             _, _, terminated, truncated, info = view.step(int(generator.choice(np.flatnonzero(mask))))
             ended = terminated or truncated
     assert forced > 3
-
-
-def test_action_mask__of_the_view_is_in_its_info():
-    view = SingleAgentView(action_mask_v0(stop_forcing_v0(env())), PROPOSER, ALWAYS_ACCEPT)
-    for seed in range(5):
-        _, info = view.reset(seed=seed)
-        assert info["action_mask"].tolist() == view.action_masks().tolist()
 
 
 def test_wrappers__apply_to_the_partner():

@@ -116,7 +116,7 @@ class RewardScheme:
     """Both agents' rewards of a turn, by a function that is called once for each possible turn."""
 
     function: RewardFunction  # must depend on its arguments alone
-    weights: tuple[Mapping[str, float], Mapping[str, float]] = ({}, {})  # of the terms, indexed by role
+    fixed_intent: Intent | None = Intent.HELPFUL  # the proposer's in every episode; None if it is drawn at reset
 
     def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
         """Indexed by role. Raises ValueError for a function that returns anything else."""
@@ -127,13 +127,6 @@ class RewardScheme:
             message = f"rewards must return the two rewards of {' and '.join(AGENTS)}, not {returned!r}"
             raise ValueError(message) from None
         return checked_number("the proposer's reward", proposer), checked_number("the verifier's reward", verifier)
-
-    @property
-    def fixed_intent(self) -> Intent | None:
-        """The proposer's intent in every episode; None if it is drawn at reset."""
-        if any("hidden" in terms for terms in self.weights):
-            return None
-        return Intent.DECEPTIVE if "deceptive" in self.weights[Role.PROPOSER] else Intent.HELPFUL
 
 
 def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
@@ -153,7 +146,9 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
     for rule in SCORING_RULES:
         if not has_probabilities and any(rule in terms for terms in weights):
             raise ValueError(f'reward {rule!r} scores a probability: it needs protocol="audit" and verdict_bins')
-    return RewardScheme(partial(_weighted_sums, weights, costs), weights)
+    intent = Intent.DECEPTIVE if "deceptive" in weights[Role.PROPOSER] else Intent.HELPFUL
+    is_drawn = any("hidden" in terms for terms in weights)
+    return RewardScheme(partial(_weighted_sums, weights, costs), None if is_drawn else intent)
 
 
 def _weighted_sums(

@@ -16,7 +16,6 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
-from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, AgentError
 from lilgym_mp.learning.common.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
@@ -126,7 +125,6 @@ def describe(
     network: GameNetwork,
     statistics: Mapping[str, Any],
 ) -> ModelDescription:
-    configurations = [configuration_name(settings.appearance, settings.start)]
     programs = ", and programs to exchange colours" if recipe.recolour else ""
     supervision = f"rewards of the two-agent game{programs} (corpus {settings.corpus})"
     if Role.VERIFIER in roles and recipe.learns_claims:
@@ -139,7 +137,7 @@ def describe(
         "sizes": dict(network.sizes),
         **statistics,
     }
-    return ModelDescription(KIND, VERSION, tuple(configurations), supervision, recipe.to_json(), details)
+    return ModelDescription(KIND, VERSION, (settings.configuration,), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> GameAgent:

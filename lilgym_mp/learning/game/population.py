@@ -13,7 +13,6 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
-from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.learning.common.agents import AgentError, agent_file
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, RUN_FILE
 from lilgym_mp.learning.game.agent import load_agent
@@ -39,12 +38,11 @@ def best_response(
     by default a temporary one. `options`, such as the budget, as for `train_game`, with its errors.
     Raises KeyboardInterrupt if it is stopped early.
     """
-    configuration = configuration_name(settings.appearance, settings.start)
     rewards = {AGENTS[role]: DECEPTIVE if role is Role.PROPOSER else FAIR, AGENTS[role.other]: "mdp"}
     with TemporaryDirectory() as temporary:
         agent = train_game(
             replace(settings, rewards=rewards),
-            replace(recipe or GameRecipe.of(configuration), seed=seed),
+            replace(recipe or GameRecipe.of(settings.configuration), seed=seed),
             out or Path(temporary) / "run",
             partners={role.other: [frozen]},
             **options,

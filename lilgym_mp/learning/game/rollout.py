@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -88,17 +87,6 @@ class Claims(NamedTuple):
         return cls._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
-@dataclass
-class GameStatistics:
-    """Of the games that ended."""
-
-    games: int = 0
-    successes: int = 0
-    returns: Float64Array = field(default_factory=lambda: np.zeros(len(Role)))
-    judged: Counter[tuple[bool, bool, bool]] = field(default_factory=Counter[tuple[bool, bool, bool]])
-    # ^ judged claims by target, whether they hold, whether they were accepted
-
-
 class Rollout(NamedTuple):
     """T turns of N games; row t * N + n of a flattened array is turn t of game n."""
 
@@ -107,11 +95,31 @@ class Rollout(NamedTuple):
     statement_of: Int64Array  # (T, N)
     targets: Int64Array  # (T, N)
     ended: BoolArray  # (T, N)
+    successes: BoolArray  # (T, N)
+    probabilities: Float64Array  # (T, N) of judged claims, NaN without one
+    holds: BoolArray  # (T, N) whether the judged claim holds
     turns: dict[Role, Turns]
     last_values: dict[Role, Float32Array]  # (N,) of the situations after the last turn
     to_move: dict[Role, BoolArray]  # (N,) whether the agent is to move then
     claims: Claims
-    statistics: GameStatistics
+
+    @property
+    def returns(self) -> Float64Array:
+        """(2,) sums over the games that ended, indexed by role."""
+        ends_later = np.maximum.accumulate(self.ended[::-1])[::-1]
+        return np.array([(self.turns[role].rewards * ends_later).sum(dtype=np.float64) for role in Role])
+
+    def claim_rates(self) -> tuple[float, float, float]:
+        """True-accept rate, false-accept rate, and their difference averaged over the targets; NaN without claims."""
+        judged = ~np.isnan(self.probabilities)
+        accepted = self.probabilities[judged] > ACCEPTANCE_THRESHOLD
+        counts = np.zeros((2, 2, 2))  # by target, whether the claim holds, whether it was accepted
+        np.add.at(counts, (self.targets[judged], self.holds[judged].astype(int), accepted.astype(int)), 1)
+        counts = np.array([*counts, counts.sum(0)])
+        with np.errstate(invalid="ignore"):
+            shares = counts[..., 1] / counts.sum(-1)
+        js = (shares[:2, 1] - shares[:2, 0])[~np.isnan(shares[:2].sum(-1))]
+        return float(shares[2, 1]), float(shares[2, 0]), float(js.mean()) if len(js) else np.nan
 
     def states(self, boxes_of: Int64Array, rows: Int64Array) -> States:
         """States of rows (k,) with the given boxes (k, 3)."""
@@ -147,9 +155,9 @@ class RolloutPlayer:
         legal = arrays.game.config.dynamics.appearance.action_count if recipe.mask else 0
         turns = {role: Turns.empty(length, count, legal * (role is Role.PROPOSER)) for role in Role}
         statement_of, targets = np.zeros((2, length, count), np.int64)
-        ended = np.zeros((length, count), np.bool_)
-        claims: list[Claims] = []
-        statistics, returns = GameStatistics(), np.zeros((len(Role), count))
+        ended, successes, holds = np.zeros((3, length, count), np.bool_)
+        probabilities = np.zeros((length, count))
+        items: list[Int16Array] = []  # of claims judged in a game's last turn
         partner_of = {role: rng.integers(len(partners), size=count) for role, partners in self._partners.items()}
         for turn in range(length):
             if turn % TURNS_PER_STATEMENT == 0:
@@ -163,23 +171,24 @@ class RolloutPlayer:
             over = ended[turn] = arrays.terminated | arrays.truncated
             for role in Role:
                 turns[role].rewards[turn] = arrays.rewards[role]
-            returns += arrays.rewards
-            claims.append(self._claims(over, judged_items, statement_of[turn], targets[turn], statistics))
-            self._note(over, returns, statistics)
+            successes[turn], probabilities[turn], holds[turn] = arrays.successes, arrays.probabilities, arrays.holds
+            items.append(judged_items[over & ~np.isnan(probabilities[turn])])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
-        to_move = {role: arrays.movers[role].copy() for role in Role}
+        known = ended & ~np.isnan(probabilities)
         return Rollout(
             self._table,
             self._sampler.statements,
             statement_of,
             targets,
             ended,
+            successes,
+            probabilities,
+            holds,
             turns,
             {role: self._last_values(role, actors) for role in Role},
-            to_move,
-            Claims.joined(claims),
-            statistics,
+            {role: arrays.movers[role].copy() for role in Role},
+            Claims(np.concatenate(items), statement_of[known], targets[known], holds[known]),
         )
 
     def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
@@ -250,30 +259,6 @@ class RolloutPlayer:
 
     def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
         return BatchTurn(self._arrays, role, indices, self._episodes[indices], [rng] * len(indices))
-
-    def _claims(
-        self,
-        over: BoolArray,
-        items: Int16Array,
-        statement_of: Int64Array,
-        targets: Int64Array,
-        statistics: GameStatistics,
-    ) -> Claims:
-        """The claims judged in games' last turns; counts all judgements."""
-        probabilities, holds = self._arrays.probabilities, self._arrays.holds
-        judged = ~np.isnan(probabilities)
-        accepted = probabilities > ACCEPTANCE_THRESHOLD
-        statistics.judged.update(
-            zip(targets[judged].astype(bool).tolist(), holds[judged].tolist(), accepted[judged].tolist(), strict=True)
-        )
-        known = np.flatnonzero(judged & over)
-        return Claims(items[known], statement_of[known], targets[known], holds[known])
-
-    def _note(self, over: BoolArray, returns: Float64Array, statistics: GameStatistics) -> None:
-        statistics.games += int(over.sum())
-        statistics.successes += int(self._arrays.successes[over].sum())
-        statistics.returns += returns[:, over].sum(1)
-        returns[:, over] = 0
 
     def _last_values(self, role: Role, actors: Actors) -> Float32Array:
         arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])

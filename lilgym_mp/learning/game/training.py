@@ -54,9 +54,9 @@ class Progress(NamedTuple):
     turns_per_second: float  # per second of CPU time, in this rollout
     success: float | None  # of the games that ended; None without any
     returns: list[float] | None  # mean returns of both agents
-    completeness: float | None  # share of judged true claims that were accepted
-    soundness: float | None  # share of judged false claims that were not
-    j: float | None  # completeness + soundness - 1, averaged over the targets
+    true_accept_rate: float | None  # share of judged true claims that were accepted
+    false_accept_rate: float | None  # share of judged false claims that were accepted
+    j: float | None  # their difference, averaged over the targets
     losses: dict[str, dict[str, float]]  # by network: policy, value, entropy, clipped
     claim_loss: float | None
     claim_accuracy: float | None
@@ -313,10 +313,9 @@ class Run(TrainingRun[Progress]):
     def _progress(
         self, rollout: Rollout, losses: Mapping[str, Losses], claims: list[tuple[float, float]], start: float
     ) -> Progress:
-        statistics, counters, seconds = rollout.statistics, self.counters, self.seconds()
-        counters.games += statistics.games
-        count = statistics.games
-        completeness, soundness, j = judgement_rates(statistics.judged)
+        count, counters, seconds = int(rollout.ended.sum()), self.counters, self.seconds()
+        counters.games += count
+        true, false, j = (None if np.isnan(rate) else rate for rate in rollout.claim_rates())
         loss, accuracy = np.mean(claims, axis=0).round(4).tolist() if claims else (None, None)
         return Progress(
             steps=counters.steps,
@@ -324,10 +323,10 @@ class Run(TrainingRun[Progress]):
             seconds=round(self.wall_seconds(), 3),
             cpu_seconds=round(seconds, 3),
             turns_per_second=round(self.recipe.rollout / max(1e-9, seconds - start), 1),
-            success=statistics.successes / count if count else None,
-            returns=(statistics.returns / count).round(4).tolist() if count else None,
-            completeness=completeness,
-            soundness=soundness,
+            success=int(rollout.successes.sum()) / count if count else None,
+            returns=(rollout.returns / count).round(4).tolist() if count else None,
+            true_accept_rate=true,
+            false_accept_rate=false,
             j=j,
             losses={
                 name: {key: round(float(value), 5) for key, value in found._asdict().items() if key != "total"}
@@ -395,18 +394,6 @@ class _MixedPolicy(NamedTuple):
             found, entropy = policy.evaluate_actions(actions[rows])
             log_probs, entropies = log_probs.index_copy(0, rows, found), entropies.index_copy(0, rows, entropy)
         return log_probs, entropies
-
-
-def judgement_rates(judged: Mapping[tuple[bool, bool, bool], int]) -> tuple[float | None, float | None, float | None]:
-    """Completeness, soundness and J (the mean over targets of their sum minus 1) of judged claims."""
-    counts = np.zeros((2, 2, 2))  # by target, whether the claim holds, whether it was accepted
-    for judgement, count in judged.items():
-        counts[tuple(map(int, judgement))] += count
-    with np.errstate(invalid="ignore"):
-        rates = [table.diagonal()[::-1] / table.sum(1)[::-1] for table in (*counts, counts.sum(0))]
-    js = [float(sum(pair)) - 1 for pair in rates[:2] if not np.isnan(pair).any()]
-    completeness, soundness = (None if np.isnan(rate) else float(rate) for rate in rates[2])
-    return completeness, soundness, sum(js) / len(js) if js else None
 
 
 def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: str) -> Partner:

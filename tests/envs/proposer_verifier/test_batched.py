@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import copy
-import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +19,6 @@ from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJEC
 PROPOSER, VERIFIER = AGENTS
 GAMES, STEPS, SEED = 8, 25, 11  # enough games for compiled code
 VERIFIER_WAITS = 2
-MISSPELT = {"options": {"tasks": "1"}}
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
     {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True, "ending": "either"},
@@ -147,23 +144,6 @@ def test_reset__options_set_task_and_intent_of_all_games():
         batch.reset(options={"intent": "kind"})
 
 
-@pytest.mark.parametrize("arguments", [{"seed": -1}, {"seed": 1.5}, {"options": {"task": "nothing"}}, MISSPELT])
-def test_reset__that_fails_starts_no_game(arguments: dict[str, Any]):
-    batch = BatchedGames(GAMES)
-    with pytest.raises(ValueError, match=r"a seed must be|no task|choose from task, intent"):
-        batch.reset(**arguments)
-    with pytest.raises(ResetNeeded):
-        batch.step({agent: np.zeros(GAMES, int) for agent in AGENTS})
-
-
-@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
-def test_copying_and_pickling__are_refused(copied: Callable[[object], object]):
-    batch = BatchedGames(GAMES)
-    batch.reset(seed=0)
-    with pytest.raises(TypeError, match="a BatchedGames cannot be pickled or copied"):
-        copied(batch)
-
-
 def test_final_observations__are_a_sequence_of_all_games_with_stacked_arrays_of_ended_ones():
     batch = BatchedGames(3, protocol="joint")
     batch.reset(seed=0)
@@ -197,9 +177,14 @@ def test_images__are_reused_unless_copied_but_last_ones_are_kept(copies: bool):
 
 def test_step__refuses_invalid_batches_of_actions():
     batch = BatchedGames(2)
+    for arguments in ({"seed": -1}, {"options": {"task": "nothing"}}, {"options": {"options": {"tasks": "1"}}}):
+        with pytest.raises(ValueError, match=r"a seed must be|no task|choose from task, intent"):
+            batch.reset(**arguments)
     with pytest.raises(ResetNeeded):
         batch.step({PROPOSER: np.zeros(2, int), VERIFIER: np.zeros(2, int)})
     batch.reset(seed=0)
+    with pytest.raises(TypeError, match="a BatchedGames cannot be pickled or copied"):
+        copy.deepcopy(batch)
     with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for no agent"):
         batch.step({})
     with pytest.raises(ActionError, match="actions of verifier_0 must be 2 whole numbers, not float64"):

@@ -25,15 +25,13 @@ def engine(**settings: Any) -> GameEngine:
     return started
 
 
-def test_image__is_the_drawn_scene():
-    game = engine()
-    game.step(ADD_BLUE, None)
-    game.step(None, ACCEPT)
-    assert np.array_equal(game.observe(Role.VERIFIER)["observation"]["image"], draw(game.state.mdp.scene, "half"))
-
-
-def test_native_image__is_twice_as_large():
-    assert engine(image_size="native").observe(Role.PROPOSER)["observation"]["image"].shape == (100, 380, 3)
+@pytest.mark.parametrize("size", ["half", "native"])
+def test_image__is_the_drawn_scene(size: str):
+    game = engine(protocol="joint", image_size=size)
+    game.step(ADD_BLUE, 0)
+    seen = game.observe(Role.VERIFIER)["observation"]
+    assert np.array_equal(seen["image"], draw(game.state.mdp.scene, size))
+    assert "proposal" not in seen
 
 
 def test_structured_scene__lists_each_item():
@@ -93,10 +91,6 @@ def test_view__can_omit_all_parts_but_one():
     views = {PROPOSER: "image", VERIFIER: View(scene="none", statement="none", proposal=False, refused=False)}
     assert set(engine(views=views).observe(Role.VERIFIER)["observation"]) == {"target"}
     assert engine(views=nothing).observe(Role.PROPOSER)["observation"] == {}
-
-
-def test_joint__shows_no_proposal():
-    assert "proposal" not in engine(protocol="joint").observe(Role.VERIFIER)["observation"]
 
 
 def test_homogeneous__agents_have_equal_spaces_and_observe_their_index():

@@ -6,9 +6,6 @@ import json
 import os
 import shutil
 import signal
-import subprocess
-import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -32,8 +29,8 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run import Budget, Session
-from lilgym_mp.learning.common.run_directory import TrainingError, TrainingRunError
-from lilgym_mp.learning.game.agent import GameAgent, describe, load_agent, make_network
+from lilgym_mp.learning.common.run_directory import TrainingRunError
+from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -46,6 +43,7 @@ from tests.learning.conftest import equal, weights
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
+CENTRAL = replace(SMALL, algorithm="central")
 JOINT = GameSettings(protocol="joint")
 
 
@@ -53,14 +51,6 @@ def trained(
     path: Path, steps: int = 128, recipe: GameRecipe = SMALL, settings: Any = JOINT, **options: Any
 ) -> GameAgent:
     return train_game(settings, recipe, path, steps=steps, device="cpu", **options)
-
-
-@pytest.mark.parametrize(("recolour", "source"), [(True, ", and programs to exchange colours"), (False, "")])
-def test_supervision__names_programs_that_exchange_colours(recolour: bool, source: str):
-    recipe, roles = replace(SMALL, recolour=recolour), [Role.PROPOSER]
-    network = make_network(JOINT, recipe, ["blue"], {"width": 16}, JOINT.setup().game)
-    supervision = describe(JOINT, recipe, roles, network, {}).supervision
-    assert supervision.startswith(f"rewards of the two-agent game{source} (corpus builtin); ")
 
 
 def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
@@ -127,9 +117,9 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
     agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
     assert agent.partner(Role.PROPOSER) is None
     env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
-    for proposer, measured in (("helpful", "completeness"), ("deceptive", "soundness")):
+    for proposer, measured in (("helpful", "true_accept_rate"), ("deceptive", "false_accept_rate")):
         found = measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
-        assert getattr(found, measured) > 0.8
+        assert getattr(found, measured) > 0.8 if proposer == "helpful" else getattr(found, measured) < 0.2
 
 
 @pytest.mark.long
@@ -141,15 +131,6 @@ def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: P
         found = best_response(verifier, Role.PROPOSER, settings, steps=8_192, recipe=recipe, seed=1)
         measured = measure(env, found, verifier).accepted_false_claims
         assert measured == pytest.approx(exploitability, abs=0.01)
-
-
-def test_best_response__stopped_early_counts_for_nothing():
-    def interrupt(progress: Progress) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-
-    settings = GameSettings(protocol="audit")
-    with pytest.raises(KeyboardInterrupt):
-        best_response(ALWAYS_ACCEPT, Role.PROPOSER, settings, steps=256, recipe=SMALL, on_progress=interrupt)
 
 
 # Every game
@@ -207,56 +188,20 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
-    trained(tmp_path / "whole", 256, schedule_free())
+    trained(tmp_path / "whole", 256, CENTRAL)
 
     def interrupt(progress: Progress) -> None:
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 256, schedule_free(), on_progress=interrupt)
+        trained(tmp_path / "cut", 256, CENTRAL, on_progress=interrupt)
     details = open_agent(tmp_path / "cut").description.details
     assert (details["steps"], details["interrupted"]) == (128, True)
     assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
     with pytest.raises(TrainingRunError, match="already has 256 steps"):
-        trained(tmp_path / "cut", 256, schedule_free(), resume=True)
-
-
-def schedule_free() -> GameRecipe:
-    return replace(SMALL, algorithm="central")
-
-
-@pytest.mark.long
-def test_train__survives_being_killed(tmp_path: Path):
-    command = [sys.executable, "-m", "lilgym_mp", "train", "game", "TowerScratch", "--protocol", "joint", "--out"]
-    small = ["--envs", "8", "--same-statement", "2", "--rollout", "128", "--batch-size", "64", "--no-recolour"]
-    process = subprocess.Popen([*command, str(tmp_path / "run"), "--steps", "100000000", *small])
-    progress = tmp_path / "run" / "progress.jsonl"
-    for _ in range(1200):
-        if progress.exists() and progress.read_text().count("\n") > 2:
-            break
-        time.sleep(0.1)
-    process.kill()
-    process.wait()
-    assert main(["train", "game", "--resume", "--out", str(tmp_path / "run"), "--steps", "256"]) == 0
-    assert open_agent(tmp_path / "run").description.details["steps"] == 256
-
-
-def test_train__a_loss_that_is_not_finite_keeps_the_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    trained(tmp_path / "run")
-    before = (tmp_path / "run" / "checkpoint.pt").read_bytes()
-    play = RolloutPlayer.play
-
-    def spoilt(self: RolloutPlayer, *args: Any) -> Rollout:
-        found = play(self, *args)
-        found.turns[Role.VERIFIER].rewards[0] = np.nan
-        return found
-
-    monkeypatch.setattr(RolloutPlayer, "play", spoilt)
-    with pytest.raises(TrainingError, match=r"not finite after 128 steps .* try a lower learning-rate"):
-        trained(tmp_path / "run", 256, resume=True)
-    assert (tmp_path / "run" / "checkpoint.pt").read_bytes() == before
+        trained(tmp_path / "cut", 256, CENTRAL, resume=True)
 
 
 # Partners, rounds and warm starts
@@ -316,33 +261,6 @@ def test_rounds__each_adds_a_verifier_and_a_deceptive_proposer_and_are_continued
 
 
 # Invalid input
-
-
-@pytest.mark.parametrize(
-    ("options", "error"),
-    [
-        ({"steps": None}, "give a budget: steps, minutes, or both"),
-        ({"steps": 0}, "steps must be above 0, not 0"),
-        ({"steps": None, "minutes": float("nan")}, "minutes must be above 0, not nan"),
-    ],
-)
-def test_train__rejects_invalid_budgets(tmp_path: Path, options: dict[str, Any], error: str):
-    with pytest.raises(ValueError, match=error):
-        train_game(JOINT, SMALL, tmp_path / "run", **options)
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.parametrize(
-    ("changes", "error"),
-    [
-        ({"algorithm": "mappo"}, "unknown algorithm 'mappo'; choose from central, independent, shared"),
-        ({"verifier": "oracle"}, "unknown verifier 'oracle'; choose from both, cross-entropy, ppo"),
-        ({"width": 0}, "width must be at least 8 and at most 1024, not 0"),
-    ],
-)
-def test_recipe__rejects_invalid_values(changes: dict[str, Any], error: str):
-    with pytest.raises(ValueError, match=error):
-        GameRecipe(**changes)
 
 
 def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
