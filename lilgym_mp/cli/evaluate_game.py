@@ -94,7 +94,7 @@ def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: b
         trained = ((path, agent.partner(role, settings)) for path, agent in agents.items())
         players = [Player(str(path), partner, path) for path, partner in trained if partner is not None]
         sides.append([*players, *(Player(name, partner) for name, partner in scripted.items())])
-    return [pair for pair in product(*sides) if all_pairs or not agents or _is_needed(*pair)]
+    return [pair for pair in product(sides[0], sides[1]) if all_pairs or not agents or _is_needed(*pair)]
 
 
 def _is_needed(proposer: Player, verifier: Player) -> bool:

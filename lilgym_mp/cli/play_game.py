@@ -37,48 +37,42 @@ def play_game(args: argparse.Namespace) -> int:
     game.reset(seed=args.seed, options={} if args.task is None else {"task": args.task})
     try:
         _play(game, side, partner, np.random.default_rng(args.seed))
-    except (_Quit, KeyboardInterrupt):
+    except (EOFError, KeyboardInterrupt):
         print("quit before the end of the game")
     return 0
 
 
 def _play(game: ProposerVerifierParallel, side: str, partner: Partner, rng: np.random.Generator) -> None:
-    """Plays one game to its end."""
-    lines = input_lines()
+    """Plays one game to its end. Raises EOFError if the person quits."""
+    engine, lines, rewards = game.engine, input_lines(), np.zeros(len(Role))
     print(f'"{game.task.statement}"\nMake this {str(game.task.target).lower()}. You are {" and ".join(SIDES[side])}.')
-    infos: dict[str, Any] = {}
-    rewards = dict.fromkeys(AGENTS, 0.0)
-    while game.agents:
+    info: dict[str, Any] = {}
+    while engine.movers:
         print(text(game.scene, [], coloured=shows_colours()))
-        actions: dict[str, int] = {}
-        for agent, role in zip(AGENTS, Role, strict=True):
-            turn = PartnerTurn(game.engine.games, role, rng)
-            legal = np.flatnonzero(turn.action_mask).tolist()
-            if len(legal) == 1:  # it is the other agent's turn
-                actions[agent] = legal[0]
-                continue
-            actions[agent] = _read_action(game, agent, legal, lines) if agent in SIDES[side] else int(partner(turn))
-            if agent not in SIDES[side]:
-                print(f"{agent}: {game.describe_action(agent, actions[agent])}")
-        _, step_rewards, _, _, infos = game.step(actions)
-        rewards = {agent: rewards[agent] + step_rewards[agent] for agent in AGENTS}
-    outcome = infos[AGENTS[0]]["outcome"].replace("_", " ")
+        actions: list[int | None] = [None, None]
+        for role in engine.movers:
+            turn, agent = PartnerTurn(engine.games, role, rng), AGENTS[role]
+            is_person = agent in SIDES[side]
+            chosen = actions[role] = _read_action(game, turn, lines) if is_person else int(partner(turn))
+            if not is_person:
+                print(f"{agent}: {game.describe_action(agent, chosen)}")
+        earned, _, _, (info, _) = engine.step(*actions)
+        rewards += earned
     print(text(game.scene, [], coloured=shows_colours()))
-    print(f"{outcome}; " + ", ".join(f"{agent} {reward:+.1f}" for agent, reward in rewards.items()))
+    totals = ", ".join(f"{agent} {reward:+.1f}" for agent, reward in zip(AGENTS, rewards, strict=True))
+    print(f"{info['outcome'].replace('_', ' ')}; {totals}")
 
 
-def _read_action(game: ProposerVerifierParallel, agent: str, legal: list[int], lines: Iterator[str]) -> int:
-    """The index of the person's action. Raises _Quit."""
+def _read_action(game: ProposerVerifierParallel, turn: PartnerTurn, lines: Iterator[str]) -> int:
+    """The index of the person's action. Raises EOFError if they quit or the input ends."""
+    agent, legal = AGENTS[turn.role], np.flatnonzero(turn.action_mask).tolist()
     names = [game.describe_action(agent, index) for index in legal]
     shown = ", ".join(names[:MOST_LISTED]) + (", ..." if len(names) > MOST_LISTED else "")
-    if len(names) <= MOST_LISTED:
-        print(f"{agent}, one of: {shown}")
-    else:
-        print(f"{agent}, such as {names[1]}; type legal to see more")
-    for line in lines:
-        command = line.strip()
+    is_short = len(names) <= MOST_LISTED
+    print(f"{agent}, one of: {shown}" if is_short else f"{agent}, such as {names[1]}; type legal to see more")
+    for command in map(str.strip, lines):
         if command == "quit":
-            raise _Quit
+            break
         if command == "legal":
             print(shown)
             continue
@@ -90,8 +84,4 @@ def _read_action(game: ProposerVerifierParallel, agent: str, legal: list[int], l
         if action in legal:
             return action
         print(f"{command} is not legal now")
-    raise _Quit
-
-
-class _Quit(Exception):
-    """The person quits, or the input ends."""
+    raise EOFError

@@ -61,9 +61,7 @@ class ExpertProposer:
             chosen = claim
         leaves_solution = first == STOP_ACTION and (is_deceptive or not turn.action_mask[claim])
         if leaves_solution or not turn.action_mask[chosen]:
-            edits = turn.action_mask.copy()
-            edits[: game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
-            return turn.random_action(edits if edits.any() else None)
+            return turn.random_edit()
         return chosen
 
     def _plan(self, mdp: State) -> tuple[int, int]:

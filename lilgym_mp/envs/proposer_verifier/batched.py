@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NoReturn, overload
+from typing import Any, NoReturn
 
 import numpy as np
 from gymnasium import spaces
@@ -17,7 +17,7 @@ from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, check
 from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, reset_options
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
-from lilgym_mp.envs.proposer_verifier.observations import AgentObservation, ObservedGames
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings, with_tasks
@@ -227,22 +227,14 @@ class FinalObservations(Sequence[dict[str, AgentObservation] | None]):
     def __len__(self) -> int:
         return self._num_games
 
-    @overload
-    def __getitem__(self, index: int) -> dict[str, AgentObservation] | None: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[dict[str, AgentObservation] | None, ...]: ...
-    def __getitem__(self, index: int | slice) -> Any:
+    def __getitem__(self, index: Any) -> Any:
         indices = range(self._num_games)[index]
         return self._item(indices) if isinstance(indices, int) else tuple(map(self._item, indices))
 
     def _item(self, index: int) -> dict[str, AgentObservation] | None:
-        for position in (self.indices == index).nonzero()[0].tolist():
-            return {agent: _row(position, observation) for agent, observation in self.stacked.items()}
+        for row in (self.indices == index).nonzero()[0].tolist():
+            return {
+                agent: {PARTS: {key: part[row] for key, part in seen[PARTS].items()}, MASK: seen[MASK][row]}
+                for agent, seen in self.stacked.items()
+            }
         return None
-
-
-def _row(position: int, observation: AgentObservation) -> AgentObservation:
-    return {
-        "observation": {key: array[position] for key, array in observation["observation"].items()},
-        "action_mask": observation["action_mask"][position],
-    }

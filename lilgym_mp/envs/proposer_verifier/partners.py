@@ -71,10 +71,10 @@ class PartnerTurn:
         return int(legal[self.rng.integers(len(legal))])
 
     def random_edit(self) -> int:
-        """A uniformly random legal edit of the proposer. Raises ValueError if there is none."""
+        """A uniformly random legal edit of the proposer, or any legal action if no edit is."""
         edits = self.action_mask.copy()
         edits[: self.game.encode_action(Role.PROPOSER, STOP_ACTION + 1)] = 0
-        return self.random_action(edits)
+        return self.random_action(edits if edits.any() else None)
 
 
 @dataclass

@@ -67,7 +67,7 @@ class ProtocolConfig:
 
 
 class ProposalType(IntEnum):
-    """What is proposed. STOP and EDIT are min(action index, 1)."""
+    """The kind of a proposal. STOP and EDIT are min(action index, 1)."""
 
     STOP = STOP_ACTION  # the claim that the statement has the target value
     EDIT = 1
@@ -75,7 +75,7 @@ class ProposalType(IntEnum):
 
 
 class MDPMove(IntEnum):
-    """What a turn does to the MDP. All but NOTHING use up a round."""
+    """A turn's effect on the MDP. All but NOTHING use up a round."""
 
     NOTHING = 0  # the verifier is to answer the proposal, or has rejected it at no cost
     WAIT = 1  # a step that leaves the scene unchanged
@@ -84,7 +84,7 @@ class MDPMove(IntEnum):
 
 
 class TurnInput(NamedTuple):
-    """What a protocol decides on, besides its ProtocolConfig."""
+    """A protocol's input, besides its ProtocolConfig."""
 
     is_answer: bool  # whether it is the verifier's turn; always False in simultaneous protocols
     proposal: ProposalType  # the proposer's choice; in the verifier's turn, the pending proposal

@@ -37,7 +37,7 @@ STATEMENT_VIEWS = ("tokens", "text", "none")
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What an agent sees. "intent" (proposer only) and "message" are added if the game has them."""
+    """The parts of an agent's observation. "intent" (proposer only) and "message" are added if the game has them."""
 
     scene: str = "image"  # a name in SCENE_VIEWS
     statement: str = "tokens"  # a name in STATEMENT_VIEWS
@@ -113,7 +113,7 @@ class GameSettings(EnvConfig):
     homogeneous: bool = False  # equal spaces for both agents
 
     def to_json(self) -> dict[str, Any]:
-        """What identifies the game: no split, image size, views or infos. Raises ValueError for a reward function."""
+        """The game's identity: no split, image size, views or infos. Raises ValueError for a reward function."""
         if callable(self.rewards):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
         return {**super().to_json(), "homogeneous": self.homogeneous}
@@ -163,7 +163,8 @@ class GameSettings(EnvConfig):
 def _for_both(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
     """Both agents' values, from {agent: value} or one value for both."""
     if not (isinstance(given, Mapping) and set(given) & set(AGENTS)):
-        return (checked(given),) * 2
+        value = checked(given)
+        return value, value
     if set(given) != set(AGENTS):
         raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")
     proposer, verifier = (checked(given[agent]) for agent in AGENTS)
@@ -172,7 +173,7 @@ def _for_both(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value
 
 @dataclass(frozen=True)
 class GameSetup:
-    """What stays the same from episode to episode: the game, tasks, image size and views."""
+    """The parts that all episodes share: the game, tasks, image size and views."""
 
     game: Game
     tasks: TaskSet

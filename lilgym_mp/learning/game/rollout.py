@@ -25,7 +25,7 @@ TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to o
 
 
 class Decision(NamedTuple):
-    """What an agent does in k games."""
+    """An agent's decisions in k games."""
 
     actions: Int64Array  # (k,) of the game
     log_probabilities: Float32Array  # (k,)

@@ -1,4 +1,4 @@
-"""What an agent knows in its turn, as arrays: the scene's boxes, the statement, the target, and the turn's context.
+"""An agent's knowledge in its turn, as arrays: the scene's boxes, the statement, the target, and the turn's context.
 
 The verifier sees the scene after the pending proposal. The context is one small number for each of CONTEXT.
 """

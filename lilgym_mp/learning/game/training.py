@@ -71,7 +71,7 @@ class Progress(NamedTuple):
 
 @dataclass
 class GameCounters(Counters):
-    """What a run of the game counts."""
+    """The counters of a run of the game."""
 
     steps: int = 0  # turns of all games
     games: int = 0
@@ -233,7 +233,7 @@ class Run(TrainingRun[Progress]):
                 network.clear_cache()
 
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
-        """What the agents of a network did; None if its verifier learns from claims alone."""
+        """The turns of a network's agents; None if its verifier learns from claims alone."""
         roles = [role for role in self.roles if self._network_of[role] == name]
         if self.recipe.verifier == "cross-entropy" and Role.VERIFIER in roles:
             roles.remove(Role.VERIFIER)

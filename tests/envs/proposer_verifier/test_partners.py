@@ -16,7 +16,6 @@ from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
     ALWAYS_REJECT,
     DECEPTIVE_PROPOSER,
-    HELPFUL_PROPOSER,
     PROTOCOLS,
     SCRIPTED,
     ClaimingProposer,
@@ -56,16 +55,6 @@ def measured_on_some(game: Any, proposer: Any, verifier: Any, seed: int = 0) -> 
 
 
 CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
-
-
-def test_claiming_proposers__claim_by_their_intent():
-    game = env(protocol="audit", start="flipit")
-    helpful, deceptive = (
-        measured_on_some(game, proposer, ALWAYS_ACCEPT) for proposer in (HELPFUL_PROPOSER, DECEPTIVE_PROPOSER)
-    )
-    assert helpful.success_rate > 0.3
-    assert deceptive.success_rate < 0.2
-    assert helpful.success_rate > deceptive.success_rate + 0.2
 
 
 @pytest.mark.parametrize(

@@ -246,22 +246,16 @@ def test_step__after_the_end_is_refused(form: str):
         game.step(again)
 
 
-@pytest.mark.parametrize(
-    "actions", [{}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}]
-)
-def test_parallel_step__needs_both_agents_actions(actions: dict[str, int]):
-    game = parallel_env()
+def test_step__refuses_actions_for_others_and_outside_the_action_space():
+    game, turns = parallel_env(), env()
     game.reset(seed=0)
-    with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
-        game.step(actions)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_step__refuses_actions_outside_the_action_space(form: str):
-    game = FORMS[form]()
-    game.reset(seed=0)
-    with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
-        game.step({PROPOSER: 14, VERIFIER: 2} if form == "parallel_env" else 14)
+    turns.reset(seed=0)
+    for actions in ({}, {PROPOSER: 1}, {PROPOSER: 1, "nobody": 2}, {PROPOSER: 1, VERIFIER: 2, "third": 0}):
+        with pytest.raises(TurnError, match="actions must be for proposer_0 and verifier_0, not for"):
+            game.step(actions)
+    for step in (lambda: game.step({PROPOSER: 14, VERIFIER: 2}), lambda: turns.step(14)):
+        with pytest.raises(ActionError, match=r"action 14 of proposer_0 is out of range; choose from 0 .. 13"):
+            step()
 
 
 @pytest.mark.parametrize("form", FORMS)
