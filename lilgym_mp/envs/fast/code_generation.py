@@ -215,8 +215,9 @@ class Generator:
             case Subscript(of=of, index=Constant(value=int() as index)):
                 collection = self.lower(of, scope)
                 self.charge_operator(collection)
-                listed = isinstance(collection, ir.StaticList) and collection.unconditional
-                return collection.elements[index] if listed and index < len(collection.elements) else ir.unsupported()
+                if isinstance(collection, ir.StaticList) and collection.unconditional:
+                    return collection.elements[index] if index < len(collection.elements) else ir.unsupported()
+                ir.unsupported("subscript")
             case Member():
                 return self.member(node, scope)
             case Display(kind=kind, elements=elements):

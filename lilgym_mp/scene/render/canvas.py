@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -254,8 +255,8 @@ def _in_rows(entries: NDArray[Any], pitch: int) -> NDArray[Any]:
 def _patches(shrink: int) -> _Patches:
     """Patches of all item types and parities; shifting one to its position is as fast as a cache by position."""
     patches = np.empty((len(Shape), len(Colour), len(Size), 2, 2), object)
-    for shape, colour, size, odd_x, odd_y in np.ndindex(patches.shape):
-        patch = _patch(FOOTPRINTS[shape][size], Colour(colour), odd_x, odd_y, shrink)
+    for shape, colour, size, odd_x, odd_y in product(Shape, Colour, Size, (0, 1), (0, 1)):
+        patch = _patch(FOOTPRINTS[shape][size], colour, odd_x, odd_y, shrink)
         patches[shape, colour, size, odd_x, odd_y] = patch
     return patches.tolist()
 
