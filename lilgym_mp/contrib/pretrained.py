@@ -26,7 +26,7 @@ from lilgym_mp.learning.ppo.recipe import FINE_TUNED
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
 
-ARCHITECTURES = {"c3-bert": ("bert",), "c10-bert": ("bert",), "vilt": ("vilt",), "flava": ("flava",)}
+ARCHITECTURES = {"c3-bert": "bert", "c10-bert": "bert", "vilt": "vilt", "flava": "flava"}
 MAX_INTENSITY = 255.0
 MAX_TOKENS = 64  # word pieces of a statement
 JOINED, TARGET = 512, 32  # widths in C3 and C10
@@ -35,46 +35,28 @@ VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each co
 FLAVA_COLOURS = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 TARGET_TOKEN = "<TARGET>"
 CONFIG, TENSORS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
-PICKLES = ("*.bin", "*.pt", "*.pth", "*.ckpt", "*.h5", "*.msgpack")
 TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is required
-LARGEST_CONFIG = 1 << 22  # bytes
 
 
-def check_weights(path: Path | None, model: str, architectures: Sequence[str]) -> dict[str, Any]:
+def check_weights(path: Path | None, model: str, architecture: str) -> dict[str, Any]:
     """The directory's config.json, checked for `model`. Raises WeightsError naming the path and what is wrong."""
     if path is None:
         raise WeightsError(
             f"the model {model!r} needs pretrained weights: name a directory with --weights, of the architecture"
-            f" {' or '.join(architectures)}, with {CONFIG}, {TENSORS} and a tokenizer"
+            f" {architecture}, with {CONFIG}, {TENSORS} and a tokenizer"
         )
     if not path.is_dir():
         raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
-    config = _config(path / CONFIG)
-    found = config.get("model_type")
-    if found not in architectures:
-        raise WeightsError(
-            f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {' or '.join(architectures)}"
-        )
+    try:
+        found = (config := json.loads((path / CONFIG).read_text(encoding="utf-8"))).get("model_type")
+    except (OSError, ValueError, RecursionError, AttributeError) as error:
+        raise WeightsError(f"{path / CONFIG}: cannot be read: {error}") from None
+    if found != architecture:
+        raise WeightsError(f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {architecture}")
     if not any((path / name).is_file() for name in (TENSORS, INDEX)):
-        pickles = sorted(file.name for pattern in PICKLES for file in path.glob(pattern))
-        held = f"; {', '.join(pickles)} may contain pickled objects and is not read" if pickles else ""
-        raise WeightsError(f"{path}: incomplete: it has no {TENSORS}{held}")
+        raise WeightsError(f"{path}: incomplete: it has no {TENSORS}; files of pickled objects are not read")
     if not any((path / name).is_file() for name in TOKENIZERS):
         raise WeightsError(f"{path}: incomplete: it has no tokenizer ({' or '.join(TOKENIZERS)})")
-    return config
-
-
-def _config(file: Path) -> dict[str, Any]:
-    try:
-        if file.stat().st_size > LARGEST_CONFIG:
-            raise WeightsError(f"{file}: larger than {LARGEST_CONFIG} bytes")
-        config = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise WeightsError(f"{file.parent}: incomplete: it has no {CONFIG}") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise WeightsError(f"{file}: cannot be read: {error}") from None
-    if not isinstance(config, dict):
-        raise WeightsError(f"{file}: must be a JSON object")
     return config
 
 
@@ -107,7 +89,7 @@ def model_maker(
 
 
 def _pretrained(load: Any, path: Path, **options: Any) -> Any:
-    """What `load` makes of the directory. Raises WeightsError when the directory lacks a part of it, or is damaged."""
+    """The result of `load`. Raises WeightsError for an incomplete or damaged directory."""
     from transformers.utils import logging  # pyright: ignore[reportMissingImports]
 
     verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()

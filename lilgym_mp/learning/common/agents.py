@@ -6,6 +6,7 @@ A learner saves its agent as one model file (`model_file`), AGENT_FILE in its ru
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import replace
 from importlib import import_module
 from importlib.resources import as_file, files
@@ -23,7 +24,10 @@ from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, Role
+    from lilgym_mp.learning.common.box_transformer import BoxTransformer
     from lilgym_mp.learning.common.planning import Planner
+
+SHARED = "shared"  # the name of a network that plays alone, or plays both agents of the game
 
 
 class AgentError(ValueError):
@@ -52,6 +56,10 @@ class Agent(ABC):
     def planner(self, settings: Settings) -> Planner:
         """Raises AgentError for an agent that makes no plans."""
         raise AgentError(f"an agent of kind {self.description.kind} makes no plans")
+
+    def box_transformers(self) -> Mapping[str, BoxTransformer]:
+        """Its networks by name, for another run to start from. Raises AgentError for an agent of another model."""
+        raise AgentError(f"an agent of kind {self.description.kind} has no network of --model ours to start from")
 
     def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
         """The agent in one seat of the game; None if it did not learn that seat.

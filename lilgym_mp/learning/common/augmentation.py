@@ -102,7 +102,7 @@ class Augmentation:
                 raise AugmentationError(f"{name} must be a permutation of {tuple(map(int, choices))}, not {value!r}")
 
     def keeps_shapes(self, appearance: Appearance) -> bool:
-        """Whether the appearance's items have, after the exchange, shapes that it has."""
+        """Whether the permuted shapes are valid in the appearance."""
         return {self.shapes[shape] for shape in appearance.shapes} == {*appearance.shapes}
 
     def is_exact(self, appearance: Appearance, rules: str = "paper") -> bool:
@@ -272,7 +272,7 @@ def _exchanged(text: str, pattern: re.Pattern[str], new_name: Callable[[str], st
 
 
 class Symmetries(NamedTuple):
-    """What may be permuted in a statement and its program while both keep the same meaning."""
+    """Permutations under which a statement and its program keep the same meaning."""
 
     colours: bool
     shapes: bool  # circles and triangles

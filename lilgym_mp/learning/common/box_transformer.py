@@ -128,7 +128,7 @@ class BoxTransformer(Model):
         return self.decide(encoded, self.target(encoded.targets))
 
     def encode(self, states: States) -> EncodedStates:
-        """What does not depend on the target."""
+        """Encodes states as far as the target does not matter."""
         device = self.value.weight.device
         statements = self._encode_statements(states.statements)
         boxes = self._encode_boxes(states)

@@ -252,7 +252,7 @@ def truths_of(entry: Entry, indices: Int64Array) -> BoolArray:
 
 
 def stored(entries: Sequence[Entry], table: BoxIndex) -> dict[str, Tensor]:
-    """What is known, as tensors for a checkpoint."""
+    """The labelled scenes, as tensors for a checkpoint."""
     items = [item for box in table.boxes for item in box.items]
     arrays = {
         "items": np.array(items, np.int16).reshape(-1, 5),

@@ -89,25 +89,44 @@ def load_model(
         raise ModelFileError(f"{path}: truncated, damaged, or not a model file: {error}") from None
     if METADATA_KEY not in metadata:
         raise ModelFileError(f"{path}: a safetensors file, but not one that lilgym-mp wrote")
-    with described_network(path):
+    with _described(path):
         return ModelDescription.from_json(json.loads(metadata[METADATA_KEY])), tensors
 
 
-def load_model_of_kind(
-    kind: str, version: int, path: Path, device: str
-) -> tuple[ModelDescription, dict[str, Tensor], torch.device]:
-    """As `load_model`, and the device chosen by `select_device`. Raises ModelFileError also for another kind or
-    version."""
+def load_network(
+    kind: str,
+    version: int,
+    path: Path,
+    device: str,
+    make: Callable[[ModelDescription], nn.Module],
+    *,
+    outlined: bool = True,
+) -> tuple[ModelDescription, Any]:
+    """The description of a model file, and the network that `make` builds from it, with its weights, for play.
+
+    Raises ModelFileError naming the file and what is wrong with it, such as another kind or version. With `outlined`,
+    the network is first built without memory for its parameters, as a small file may describe a large one.
+    """
     torch_device = select_device(device)
     description, tensors = load_model(path, torch_device)
     if (description.kind, description.version) != (kind, version):
         found = f"{description.kind!r}, version {description.version}"
         raise ModelFileError(f"{path}: a model of kind {found}; must be {kind!r}, version {version}")
-    return description, tensors, torch_device
+    with _described(path):
+        if outlined:
+            try:
+                with torch.device("meta"):
+                    outline = make(description)
+            except RuntimeError as error:
+                raise _mismatch(path, str(error).strip().splitlines()[-1]) from None
+            _check_tensors(outline, tensors, path)
+        network = make(description)
+    load_weights(network, tensors, path)
+    return description, network.to(torch_device).eval()
 
 
 @contextmanager
-def described_network(path: Path) -> Iterator[None]:
+def _described(path: Path) -> Iterator[None]:
     """Within the block a network is made from a description; raises ModelFileError if that cannot be used."""
     try:
         yield
@@ -152,21 +171,8 @@ def check_numbers(numbers: Mapping[str, Any]) -> None:
             raise ValueError(f"{name} must be a finite number, not {number!r}")
 
 
-def check_shapes(make: Callable[[], nn.Module], tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Raises ModelFileError unless the network that `make` builds has tensors of these names, shapes and kinds.
-
-    It is built without memory for its parameters, as a small file may describe a large network.
-    """
-    try:
-        with torch.device("meta"):
-            outline = make()
-    except RuntimeError as error:
-        raise _mismatch(path, str(error).strip().splitlines()[-1]) from None
-    _check_tensors(outline, tensors, path)
-
-
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:
-    """Loads the tensors into the network. Raises ModelFileError as `check_shapes`, and for non-finite values."""
+    """Loads the tensors into the network. Raises ModelFileError for others, or non-finite ones."""
     _check_tensors(network, tensors, path)
     non_finite = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
     if non_finite:

@@ -42,7 +42,7 @@ def cpu_seconds() -> float:
 
 @dataclass
 class Counters:
-    """What a checkpoint counts, for any learner; field names are part of its format."""
+    """Counts in a checkpoint of any learner; field names are part of its format."""
 
     updates: int = 0  # of the optimiser
     seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
@@ -94,8 +94,8 @@ def _ignore(given: object) -> None:
 class TrainingRun(ABC, Generic[Measured]):
     """A run in memory.
 
-    Ctrl-C or SIGTERM end it after the current step, with a checkpoint; then KeyboardInterrupt is raised. A second one
-    raises it at once.
+    Ctrl-C or SIGTERM end its loop after the current step, with a checkpoint; then KeyboardInterrupt is raised. A second
+    one raises it at once, as does one outside the loop.
     """
 
     counters: Counters  # the learner's own
@@ -122,7 +122,7 @@ class TrainingRun(ABC, Generic[Measured]):
 
     @abstractmethod
     def state(self) -> dict[str, Any]:
-        """What a checkpoint has besides the counters."""
+        """The contents of a checkpoint besides the counters."""
 
     @abstractmethod
     def restore(self, state: dict[str, Any]) -> None:
@@ -152,7 +152,7 @@ class TrainingRun(ABC, Generic[Measured]):
         self._options = {**self.budget.options(), **options}
 
     def introduction(self) -> str:
-        """What is printed when training begins."""
+        """Lines printed when training begins."""
         return ""
 
     def train(self) -> Any:
@@ -160,12 +160,10 @@ class TrainingRun(ABC, Generic[Measured]):
         self.files.remember(**self._options)
         if introduction := self.introduction():
             self.say(introduction)
-        with stop_on_signals() as self.stop:
-            self.learn()
-            self.save()
-            if self.stop.requested and not self.saves_agent_early:
-                raise KeyboardInterrupt
-            agent = self.finish()
+        self.learn()
+        if self.stop.requested and not self.saves_agent_early:
+            raise KeyboardInterrupt
+        agent = self.finish()
         spent = f"{self.spent():,} {self.budget.unit}, {round(self.seconds() / 60, 2):g} CPU minutes"
         self.say(f"saved {self.files.agent_file} after {spent}")
         if self.stop.requested:
@@ -218,28 +216,29 @@ class TrainingRun(ABC, Generic[Measured]):
         progress_line: Callable[[Sequence[Any]], Any] | None = None,
         until: float = 1.0,
     ) -> None:
-        """Takes steps until a fraction of the budget is spent, or a stop is requested.
+        """Takes steps until a fraction of the budget is spent, or a stop is requested, and saves a checkpoint.
 
         Raises TrainingRunError if the budget allows none, TrainingError if a loss is not finite.
         """
         recent: list[Any] = []
         saved = reported = Every(self.spent(), self.seconds())
-        while not self.is_over() and self.progress() < until and not self.stop.requested:
-            with self.errors_located():
+        with stop_on_signals() as self.stop, self.errors_located():
+            while not self.is_over() and self.progress() < until and not self.stop.requested:
                 recent.append((step or self.step)())
-            now = Every(self.spent(), self.seconds())
-            if _is_due(now, reported, self._report_every):
+                now = Every(self.spent(), self.seconds())
+                if _is_due(now, reported, self._report_every):
+                    self._report((progress_line or self.progress_line)(recent))
+                    recent, reported = [], now
+                if _is_due(now, saved, self._save_every):
+                    self.save()
+                    saved = now
+            if recent:
                 self._report((progress_line or self.progress_line)(recent))
-                recent, reported = [], now
-            if _is_due(now, saved, self._save_every):
-                self.save()
-                saved = now
-        if recent:
-            self._report((progress_line or self.progress_line)(recent))
         if not self.spent() and self.is_over():
             raise TrainingRunError(
                 f"{self.budget.minutes:g} minutes were spent before the first update; give more minutes"
             )
+        self.save()
 
     def _report(self, line: Any) -> None:
         self.files.record(line._asdict())

@@ -42,7 +42,7 @@ class Transitions(NamedTuple):
 
 @dataclass(frozen=True)
 class Experience:
-    """What one actor did in a rollout, to be learned from."""
+    """Transitions of one actor in a rollout, to learn from."""
 
     transitions: Transitions
     statement_of: Int64Array  # (M,) statement indices

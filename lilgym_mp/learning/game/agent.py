@@ -10,15 +10,15 @@ from typing import Any, cast
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import nn
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, BatchTurn, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner
 from lilgym_mp.evaluation import Policy, Settings
-from lilgym_mp.learning.common.agents import Agent, AgentError
-from lilgym_mp.learning.common.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -61,6 +61,9 @@ class GameAgent(Agent):
         if role not in self.networks:
             return None
         return SeatPartner(self.networks[role], self.settings, role, mask=self.recipe.mask, sampled=sampled)
+
+    def box_transformers(self) -> Mapping[str, GameNetwork]:
+        return {name: self.networks[role] for role, name in network_names([*self.networks], self.recipe).items()}
 
     def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Raises AgentError: neither agent plays the single-agent environment."""
@@ -115,7 +118,7 @@ def make_network(
 
 def network_names(roles: Sequence[Role], recipe: GameRecipe) -> dict[Role, str]:
     """The name of each agent's network."""
-    return {role: "shared" if recipe.algorithm == "shared" else role.name.lower() for role in roles}
+    return {role: SHARED if recipe.algorithm == SHARED else role.name.lower() for role in roles}
 
 
 def describe(
@@ -142,24 +145,18 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> GameAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
-    with described_network(path):
-        details = description.details
-        settings = settings_from_json(details["game"])
-        recipe = GameRecipe.from_json(description.recipe)
+
+    def parts(description: ModelDescription) -> tuple[GameSettings, GameRecipe, dict[Role, str]]:
+        recipe, details = GameRecipe.from_json(description.recipe), description.details
         roles = [Role[name.upper()] for name in details["roles"]]
-        names = network_names(roles, recipe)
-        game = settings.setup().game
-        made = {
-            name: make_network(settings, recipe, details["words"], details["sizes"], game) for name in names.values()
-        }
-    for name, network in made.items():
-        load_weights(network, tensors_of(name, tensors), path)
-        network.to(torch_device).eval()
-    return GameAgent(description, settings, recipe, {role: made[name] for role, name in names.items()})
+        return settings_from_json(details["game"]), recipe, network_names(roles, recipe)
 
+    def make(description: ModelDescription) -> nn.ModuleDict:
+        settings, recipe, names = parts(description)
+        game, details = settings.setup().game, description.details
+        own = settings, recipe, details["words"], details["sizes"], game
+        return nn.ModuleDict({name: make_network(*own) for name in dict.fromkeys(names.values())})
 
-def tensors_of(name: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """The tensors of one network, without its name."""
-    prefix = f"{name}."
-    return {key.removeprefix(prefix): tensor for key, tensor in tensors.items() if key.startswith(prefix)}
+    description, networks = load_network(KIND, VERSION, path, device, make, outlined=False)
+    settings, recipe, names = parts(description)
+    return GameAgent(description, settings, recipe, {role: networks[name] for role, name in names.items()})

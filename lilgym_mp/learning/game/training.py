@@ -14,11 +14,13 @@ from torch import Tensor, nn
 
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.settings import with_tasks
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
-from lilgym_mp.learning.common.agents import AgentError, agent_file
+from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, open_agent
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import as_numpy
-from lilgym_mp.learning.common.model_file import load_model, weights_digest
+from lilgym_mp.learning.common.model_file import weights_digest
 from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.states import States
@@ -32,7 +34,6 @@ from lilgym_mp.learning.game.agent import (
     load_agent,
     make_network,
     network_names,
-    tensors_of,
 )
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
@@ -128,8 +129,9 @@ class Run(TrainingRun[Progress]):
         opened = {
             role: [_partner(one, role, settings, str(self.device)) for one in given] for role, given in partners.items()
         }
+        given = {} if start_from is None else open_agent(start_from, "cpu").box_transformers()
         torch.manual_seed(recipe.seed)
-        actors, critic = self._make_networks(start_from, setup.game)
+        actors, critic = self._make_networks(given, setup.game)
         self._actors, self._critic = actors, critic
         self.networks = nn.ModuleDict({**actors, **({} if critic is None else {CRITIC: critic})}).to(self.device)
         self.begin(_identity(settings, recipe, self.tasks.sha256, partners, start_from))
@@ -143,21 +145,20 @@ class Run(TrainingRun[Progress]):
         self._memory = ClaimMemory(recipe)
         self.load()
 
-    def _make_networks(self, start_from: Path | None, game: Any) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
-        """The agents' networks by name, and the central critic."""
-        recipe, words = self.recipe, None
+    def _make_networks(
+        self, given: Mapping[str, BoxTransformer], game: Game
+    ) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
+        """The agents' networks by name, which start with the weights given, and the central critic."""
+        recipe, words = self.recipe, Vocabulary.from_statements(self.tasks.statements).words
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
-        weights: dict[str, dict[str, Tensor]] = {}
-        names = dict.fromkeys(network_names(self.roles, recipe).values())
-        if start_from is not None:
-            words, sizes, weights = _weights(start_from, list(names))
-        if words is None:
-            words = Vocabulary.from_statements(self.tasks.statements).words
-        if recipe.algorithm == "central":
-            names[CRITIC] = None
-        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in names}
-        for name, tensors in weights.items():
-            networks[name].load_state_dict(tensors, strict=False)
+        for network in given.values():
+            words, sizes = network.vocabulary.words, network.sizes
+        names = [*dict.fromkeys(network_names(self.roles, recipe).values())]
+        critic = [CRITIC] if recipe.algorithm == "central" else []
+        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in (*names, *critic)}
+        for name in names:
+            if (start := given.get(name, given.get(SHARED))) is not None:
+                networks[name].load_state_dict(start.state_dict(), strict=False)
         return networks, networks.pop(CRITIC, None)
 
     def introduction(self) -> str:
@@ -413,21 +414,6 @@ def _partner(given: Path | Partner, role: Role, settings: GameSettings, device: 
     if partner is None:
         raise AgentError(f"{given}: it has no trained {AGENTS[role]}")
     return partner
-
-
-def _weights(path: Path, names: Sequence[str]) -> tuple[list[str], dict[str, int], dict[str, dict[str, Tensor]]]:
-    """Words, sizes and, by network, the weights of a run to start from. Raises AgentError for another learner's."""
-    description, tensors = load_model(agent_file(path))
-    details = description.details
-    if description.kind == KIND:
-        found = {name: tensors_of(name, tensors) or tensors_of("shared", tensors) for name in names}
-        return list(details["words"]), dict(details["sizes"]), {name: own for name, own in found.items() if own}
-    if description.kind != "ppo" or "words" not in details.get("model", {}):
-        raise AgentError(
-            f"{path}: a run of {description.kind!r}; start from one of `train ppo` with --model ours, or `train game`"
-        )
-    single = tensors_of("actor", tensors) or dict(tensors)
-    return list(details["model"]["words"]), dict(details["model"]["sizes"]), dict.fromkeys(names, single)
 
 
 def _identity(

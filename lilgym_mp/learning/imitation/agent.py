@@ -14,15 +14,7 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import (
-    ModelDescription,
-    check_numbers,
-    check_shapes,
-    check_sizes,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-)
+from lilgym_mp.learning.common.model_file import ModelDescription, check_numbers, check_sizes, load_network
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -42,7 +34,7 @@ SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that mak
 
 
 def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> dict[str, Any]:
-    """What `make_network` needs, as JSON."""
+    """The arguments of `make_network`, as JSON."""
     sizes = {name: getattr(recipe, name) for name in SIZES}
     return {"appearance": appearance, "vocabulary": list(vocabulary.words), **sizes}
 
@@ -150,14 +142,17 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
-    with described_network(path):
-        built, stop_rules = description.details["network"], description.details["stop_rules"]
-        rules = {name: StopRule(**stop_rules[name]) for name in description.configurations}
+
+    def rules_of(description: ModelDescription) -> dict[str, StopRule]:
+        stop_rules = description.details["stop_rules"]
+        return {name: StopRule(**stop_rules[name]) for name in description.configurations}
+
+    def make(description: ModelDescription) -> ImitationNetwork:
+        built = description.details["network"]
+        check_numbers({name: rule.threshold for name, rule in rules_of(description).items()})
         if any(CONFIGURATIONS[name][0] != built["appearance"] for name in description.configurations):
             raise ValueError(f"a network for {built['appearance']} cannot play {', '.join(description.configurations)}")
-        check_numbers({name: rule.threshold for name, rule in rules.items()})
-        check_shapes(lambda: make_network(built), tensors, path)
-        network = make_network(built)
-    load_weights(network, tensors, path)
-    return ImitationAgent(network.to(torch_device).eval(), rules, description)
+        return make_network(built)
+
+    description, network = load_network(KIND, VERSION, path, device, make)
+    return ImitationAgent(network, rules_of(description), description)

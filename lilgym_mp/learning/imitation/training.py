@@ -23,10 +23,9 @@ from lilgym_mp.learning.common.agents import scratch_tasks
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
-from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, tune_stop_rule
+from lilgym_mp.learning.imitation.policy import StopRule, tune_stop_rule
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
@@ -61,7 +60,7 @@ class Progress(NamedTuple):
 
 @dataclass
 class ImitationCounters(Counters):
-    """What an imitation run counts."""
+    """Counts of an imitation run."""
 
     states: int = 0  # labelled states trained on
     begun_at: float = 0.0  # fraction of the budget spent when imitation began, after pretraining
@@ -114,43 +113,28 @@ class _Run(TrainingRun[StepResult]):
             **({} if teacher is None else {"teacher": str(teacher)}),
         }
         self._teacher = None if teacher is None else open_teacher(teacher)
-        self._planner = None if self._teacher is None else self._teacher.planner(settings)
+        if self._teacher is not None:
+            self._teacher.planner(settings)  # raises AgentError before the run begins
         self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(
             entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
         )
         played = {settings.configuration: tasks, **(scratch_tasks(settings) if recipe.empty_starts else {})}
-        self._played_tasks = list(played.values())
         self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
-        self._imitation = self._new_imitation(entries)
-        self.load()
-
-    def _new_imitation(self, entries: Sequence[DatasetEntry]) -> Imitation:
-        recipe, is_flipit = self._recipe, self._settings.start == FLIPIT
         network = make_network(self._architecture, recipe.dropout).to(self.device)
-        rng, table = np.random.default_rng(self._seed), BoxFeatureTable()
+        rng, table, is_flipit = np.random.default_rng(seed), BoxFeatureTable(), settings.start == FLIPIT
         empty_starts = recipe.empty_starts if is_flipit else 0.0
         collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
-        if self._planner is not None:
-            collector = TaughtCollector(self._planner, self._played_tasks, table, rng)
-        policy = NetworkPolicy(network, table, collector.heads, self._tokenizer)
-        policy.reduced_precision = recipe.reduced_precision
-        return Imitation(
-            recipe,
-            network,
-            entries,
-            distinct_starts(entries) if is_flipit else [],
-            collector,
-            BatchSampler(table, collector.heads, self._tokenizer, self.device, recipe),
-            policy,
-            self._dynamics,
-            stops_first=not is_flipit,
-            rng=rng,
+        if self._teacher is not None:
+            collector = TaughtCollector(self._teacher.planner(settings), list(played.values()), table, rng)
+        self._imitation = Imitation(
+            recipe, network, self._dynamics, self._tokenizer, entries, rng, collector, is_flipit=is_flipit
         )
+        self.load()
 
     def _statements(self, entries: Sequence[DatasetEntry]) -> Iterator[str]:
         """The statements that make up the vocabulary."""
@@ -213,7 +197,6 @@ class _Run(TrainingRun[StepResult]):
             return loss
 
         self.optimise(step, lambda recent: self._line(text=round(float(np.mean(recent)), 4)), fraction)
-        self.save()
 
     # Files
 
@@ -264,11 +247,6 @@ class _Run(TrainingRun[StepResult]):
         )
         self.files.save_agent(description, imitation.network.state_dict())
         return ImitationAgent(imitation.network.eval(), rules, description)
-
-
-def distinct_starts(entries: Iterable[DatasetEntry]) -> list[Any]:
-    """The distinct start scenes of the entries, in order."""
-    return list(dict.fromkeys(start for entry in entries for start in entry.starts))
 
 
 def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:

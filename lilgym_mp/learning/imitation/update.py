@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +17,7 @@ from torch import Tensor, nn
 
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.batches import Batch, BatchSampler
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
@@ -41,27 +41,31 @@ class StepResult(NamedTuple):
     states: int  # number of labelled states in the batch
 
 
-@dataclass
 class Imitation:
     """A network, and the dataset of labelled scenes that grows while it is trained."""
 
-    recipe: ImitationRecipe
-    network: ImitationNetwork
-    entries: Sequence[DatasetEntry]  # the training statements
-    other_scenes: Sequence[Scene]  # that any statement may be judged on
-    collector: DataCollector
-    batches: BatchSampler
-    policy: NetworkPolicy  # of `network`
-    dynamics: Dynamics
-    stops_first: bool  # whether a start may be solved already
-    rng: np.random.Generator
-    optimiser: torch.optim.Optimizer = field(init=False)
-
-    def __post_init__(self) -> None:
-        recipe = self.recipe
-        parameters = self.network.parameters()
+    def __init__(
+        self,
+        recipe: ImitationRecipe,
+        network: ImitationNetwork,
+        dynamics: Dynamics,
+        tokenizer: StatementTokenizer,
+        entries: Sequence[DatasetEntry],
+        rng: np.random.Generator,
+        collector: DataCollector,
+        *,
+        is_flipit: bool,
+    ) -> None:
+        """`entries`: the training statements. `is_flipit`: no start is solved, and any statement is judged on all."""
+        self.recipe, self.network, self.dynamics, self.entries = recipe, network, dynamics, entries
+        self.rng, self.collector, self._is_flipit = rng, collector, is_flipit
+        starts = dict.fromkeys(start for entry in entries for start in entry.starts)
+        self._other_scenes: Sequence[Scene] = [*starts] if is_flipit else []
+        self.policy = NetworkPolicy(network, collector.table, collector.heads, tokenizer)
+        self.policy.reduced_precision = recipe.reduced_precision
+        self._batches = BatchSampler(collector.table, collector.heads, tokenizer, self.policy.device, recipe)
         self.optimiser = torch.optim.AdamW(
-            parameters, recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+            network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
 
     def step(self, done: float) -> StepResult:
@@ -69,7 +73,7 @@ class Imitation:
         recipe, network = self.recipe, self.network
         solvable = [entry for entry in self.entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
-        batch = self.batches.batch(entries, recipe.solved, recipe.truth_only, self.rng)
+        batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self.rng)
         for group in self.optimiser.param_groups:
             group["lr"] = recipe.learning_rate * learning_rate(recipe, done)
         network.train()
@@ -92,7 +96,7 @@ class Imitation:
         """Labels scenes of every statement. Raises TrainingError if the expert solves none of them."""
         for entry in self.entries:
             if not entry.with_actions:
-                self.collector.collect(entry, self.recipe.first_scenes, self.recipe.truth_only, self.other_scenes)
+                self.collector.collect(entry, self.recipe.first_scenes, self.recipe.truth_only, self._other_scenes)
         if not any(entry.with_actions for entry in self.entries):
             raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
 
@@ -103,13 +107,13 @@ class Imitation:
             self._collect_on_policy(entries)
         else:
             for entry in entries:
-                self.collector.collect(entry, 1, 2, self.other_scenes)
+                self.collector.collect(entry, 1, 2, self._other_scenes)
 
     def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
         """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
         tasks = [self.collector.task(entry) for entry in entries]
         rng = self.rng if self.rng.random() < 0.5 else None
-        choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=not self.stops_first), rng)
+        choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=self._is_flipit), rng)
         for entry, episode in zip(entries, play_episodes(self.policy, self.dynamics, tasks, choose), strict=True):
             self.collector.add_last_scenes(entry, episode.task, episode.scenes, LAST_SCENES)
 

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import (
-    ModelDescription,
-    check_numbers,
-    check_shapes,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-)
+from lilgym_mp.learning.common.model_file import ModelDescription, check_numbers, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
+from lilgym_mp.learning.common.program_network import ParserNetwork
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
@@ -69,11 +63,11 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
-    details = description.details
-    with described_network(path):
-        check_shapes(lambda: Parser.from_details(details).network, tensors, path)
-        parser = Parser.from_details(details)
-        check_numbers({"temperature": parser.temperature, **asdict(Calibration(**details["calibration"]))})
-    load_weights(parser.network.to(torch_device), tensors, path)
-    return ParseAndPlanAgent(description, parser)
+
+    def make(description: ModelDescription) -> ParserNetwork:
+        parser, calibration = Parser.from_details(description.details), description.details["calibration"]
+        check_numbers({"temperature": parser.temperature, **asdict(Calibration(**calibration))})
+        return parser.network
+
+    description, network = load_network(KIND, VERSION, path, device, make)
+    return ParseAndPlanAgent(description, replace(Parser.from_details(description.details), network=network))

@@ -12,16 +12,11 @@ import torch
 
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
-from lilgym_mp.learning.common.agents import Agent, AgentError, check_configuration
+from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_configuration
+from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-from lilgym_mp.learning.common.model import Model
-from lilgym_mp.learning.common.model_file import (
-    ModelDescription,
-    check_shapes,
-    described_network,
-    load_model_of_kind,
-    load_weights,
-)
+from lilgym_mp.learning.common.model import Model, SeparateCritic
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network, read_description
 from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
@@ -79,6 +74,10 @@ class PPOAgent(Agent):
             raise AgentError(f"this agent was trained on the grid {self.settings.grid}, not {settings.grid}")
         return ModelPolicy(self.model, mask=self.mask, sampled=sampled)
 
+    def box_transformers(self) -> Mapping[str, BoxTransformer]:
+        actor = self.model.actor if isinstance(self.model, SeparateCritic) else self.model
+        return {SHARED: actor} if isinstance(actor, BoxTransformer) else super().box_transformers()
+
 
 def describe(
     settings: Settings,
@@ -107,17 +106,13 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> PPOAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-    description, tensors, torch_device = load_model_of_kind(KIND, VERSION, path, device)
-    with described_network(path):
-        settings = Settings.from_json(description.details["settings"])
-        recipe = PPORecipe.from_json(description.recipe)
+
+    def make(description: ModelDescription) -> Model:
+        recipe, settings = PPORecipe.from_json(description.recipe), Settings.from_json(description.details["settings"])
         appearance = make_appearance(settings.appearance, settings.grid)
+        return make_model(recipe, appearance, details=description.details["model"])
 
-        def make() -> Model:
-            return make_model(recipe, appearance, details=description.details["model"])
-
-        if recipe.model not in TRANSFORMERS:  # their sizes are those of their pretrained weights
-            check_shapes(make, tensors, path)
-        model = make()
-    load_weights(model, tensors, path)
-    return PPOAgent(description, settings, model.to(torch_device).eval(), recipe.mask)
+    outlined = read_description(path).recipe.get("model") not in TRANSFORMERS  # whose sizes are their weights'
+    description, model = load_network(KIND, VERSION, path, device, make, outlined=outlined)
+    settings, recipe = Settings.from_json(description.details["settings"]), PPORecipe.from_json(description.recipe)
+    return PPOAgent(description, settings, model, recipe.mask)

@@ -69,7 +69,7 @@ class Progress(NamedTuple):
 
 @dataclass
 class PPOCounters(Counters):
-    """What a PPO run counts."""
+    """Counts of a PPO run."""
 
     steps: int = 0  # of the environments
     episodes: int = 0
@@ -168,6 +168,7 @@ class Run(TrainingRun[Progress]):
         self.optimise()
         if not self.stop.requested:
             self._validate()
+            self.save()
 
     def is_over(self) -> bool:
         return super().is_over() or self.validation.is_out_of_patience

@@ -1,4 +1,4 @@
-"""What a PPO run plays besides training: held-out tasks, which choose the best weights, and dev for learning curves."""
+"""Play besides training: held-out tasks, which choose the best weights, and dev, for learning curves."""
 
 from __future__ import annotations
 

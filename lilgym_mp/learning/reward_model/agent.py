@@ -20,7 +20,7 @@ from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, described_network, load_model_of_kind, load_weights
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import InputReader
@@ -90,7 +90,7 @@ class RewardModelAgent(Agent):
         return np.mean([mean_probabilities(judge.scene_logits(scenes)) for judge in judges], axis=0)
 
     def success_probability(self, state: State) -> float:
-        """That the statement has its target value in the state's scene; reads no program."""
+        """Estimates that the statement has its target value in the state's scene; reads no program."""
         truth = float(self.probabilities(state.task.statement, [state.scene])[0])
         return truth if state.task.target else 1 - truth
 
@@ -131,11 +131,12 @@ def describe(
 
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
     """The agent in a model file; it plays on the CPU. Raises ModelFileError naming the file and what is wrong."""
-    description, tensors, _ = load_model_of_kind(KIND, VERSION, path, device)
-    with described_network(path):
-        recipe = RewardModelRecipe.from_json(description.recipe)
+
+    def make(description: ModelDescription) -> Networks:
         vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
         table = BoxTable(CONFIGURATIONS[description.configurations[0]][0])
-        networks = Networks(recipe, vocabulary, table)
-    load_weights(networks, tensors, path)
-    return RewardModelAgent(description, recipe, networks.eval(), vocabulary)
+        return Networks(RewardModelRecipe.from_json(description.recipe), vocabulary, table)
+
+    description, networks = load_network(KIND, VERSION, path, device, make)
+    vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
+    return RewardModelAgent(description, RewardModelRecipe.from_json(description.recipe), networks.cpu(), vocabulary)

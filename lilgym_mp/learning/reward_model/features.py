@@ -130,7 +130,7 @@ class BoxTable(BoxIndex):
         self._box = np.zeros((0, self.box_width), np.uint8)
 
     def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
-        """Of boxes (...): items (..., I) as indices in `item_features`, of which 0 is none, and features (..., G)."""
+        """Boxes (...) as items (..., I), indices in `item_features` of which 0 is none, and features (..., G)."""
         self._update()
         items = self._items[indices]
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]

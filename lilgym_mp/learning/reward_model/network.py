@@ -22,7 +22,7 @@ SPARSE = -1.5  # initial bias of what is counted: few items are
 
 
 class BoxFeatures(NamedTuple):
-    """Of U boxes of each statement, or of all statements alike (S = 1)."""
+    """Features of U boxes per statement, or of the same boxes for all statements (S = 1)."""
 
     items: Tensor  # (S, M, F) those that differ; the first is none
     members: Tensor  # (S, U, I) the items of each box; 0 for none
@@ -30,7 +30,7 @@ class BoxFeatures(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What the network computes of S statements, before it sees a scene."""
+    """S statements encoded, independent of scenes."""
 
     item_weights: Tensor  # (S, F, d)
     box_weights: Tensor  # (S, G, d)
@@ -38,7 +38,7 @@ class Reading(NamedTuple):
     shifts: tuple[Tensor, ...]
 
     def first(self, count: int) -> Reading:
-        """That of the first `count` statements."""
+        """The first `count` encodings."""
         scales, shifts = ([part[:count] for part in parts] for parts in (self.scales, self.shifts))
         return Reading(self.item_weights[:count], self.box_weights[:count], (*scales,), (*shifts,))
 

@@ -72,7 +72,7 @@ class Progress(NamedTuple):
 
 @dataclass
 class RewardModelCounters(Counters):
-    """What the run of a reward model counts."""
+    """Counts of a reward model's run."""
 
     labels: int = 0  # labelled scenes trained on
 
@@ -325,7 +325,7 @@ class _Run(TrainingRun[tuple[float, float]]):
 
 
 def _own_entries(settings: Settings, known: Sequence[Entry]) -> list[Entry]:
-    """Of the builtin train statements, without those known and those of dev and test splits."""
+    """Entries of builtin train statements, except those known and those of dev and test splits."""
     excluded = held_out_digests(settings.corpus) | {statement_digest(entry.statement) for entry in known}
     own = entries_of(list(load_all_tasks(BUILTIN, [settings.appearance], splits=["train"])))
     return [entry for entry in own if statement_digest(entry.statement) not in excluded]

@@ -9,11 +9,11 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.spelling import normalised_words
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import State, make_dynamics
-from lilgym_mp.learning.common.words import COLOUR_ORDERS, StatementTokenizer, vocabulary_of
+from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
+from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks
 from lilgym_mp.learning.imitation.network import Inputs
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.programs import compile_program
@@ -97,22 +97,6 @@ def shown(inputs: Inputs, row: int, places: list[int]) -> Scene:
         padded = [*colours, *[-1] * (4 - len(colours))]
         boxes.append(tables.boxes[int(np.flatnonzero((tables.colours == padded).all(1))[0])])
     return Scene((boxes[0], boxes[1], boxes[2]))
-
-
-def test_split_held_out__splits_by_statement(statements: str):
-    entries = entries_from_tasks(load_tasks(statements, "tower", "flipit", "train"))
-    training, held_out = split_held_out(entries, 0.34, 0)
-    assert len(training) == 2
-    assert len(held_out) == 1
-    assert not {entry.statement for entry in training} & {entry.statement for entry in held_out}
-
-
-def test_numbering__permutes_colour_words():
-    vocabulary = Vocabulary.from_statements(["yellow black blue block"])
-    tokenizer = StatementTokenizer(vocabulary)
-    for order, colours in enumerate(COLOUR_ORDERS):
-        new = vocabulary.decode(tokenizer.recoloured(tokenizer.encode("yellow blue block"), order).tolist())
-        assert new == [Colour(colours[0]).name.lower(), Colour(colours[2]).name.lower(), "block"]
 
 
 def test_vocabulary__drops_likely_misspellings_from_large_corpora():

@@ -50,11 +50,3 @@ def test_action_heads__index_maps_are_inverse_except_on_separators(appearance: T
     assert np.array_equal(heads.index_of[heads.action_of], np.arange(heads.size))
     left_out = np.flatnonzero(heads.index_of < 0)
     assert len(left_out) == (0 if isinstance(appearance, Tower) else 2 * 2 * 5 * 28)
-
-
-@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_action_heads__recolouring_is_a_permutation_and_swaps_are_involutions(appearance: Tower | Scatter):
-    recoloured = action_heads(appearance).recoloured
-    assert all(np.array_equal(np.sort(row), np.arange(len(row))) for row in recoloured)
-    assert np.array_equal(recoloured[1][recoloured[1]], np.arange(recoloured.shape[1]))  # exchanges two colours
-    assert np.array_equal(recoloured[0], np.arange(recoloured.shape[1]))

@@ -10,11 +10,10 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import action_heads
-from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector
-from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions, log_policy
+from lilgym_mp.learning.imitation.network import ImitationNetwork
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import Scatter, Tower
 
@@ -42,27 +41,6 @@ def test_policy__is_independent_of_the_rest_of_the_batch(appearance: Tower | Sca
     for row in range(7):
         alone = policy.log_probabilities(statements[row : row + 1], boxes[row : row + 1], targets[row : row + 1])
         np.testing.assert_allclose(alone[0], together[row], atol=1e-4)
-
-
-@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_policy__scene_by_scene_equals_all_scenes_at_once(appearance: Tower | Scatter):
-    policy, collector = policy_of(appearance)
-    scene = Scene.empty()
-    scenes = [scene := collector.edited(scene) for _ in range(6)]
-    targets = np.array([0, 1, 1, 0, 1, 0])
-    boxes = policy.table.indices(scenes)
-    step_by_step = [
-        policy.log_probabilities(STATEMENTS[:1], boxes[row : row + 1], targets[row : row + 1])[0] for row in range(6)
-    ]
-    distinct = DistinctBoxes.of(boxes[None], 6)
-    inputs = Inputs(
-        words=torch.from_numpy(policy.tokenizer.encode(STATEMENTS[0]))[None],
-        **box_inputs(policy.table, distinct, np.zeros(1, np.int64), torch.device("cpu")),
-    )
-    with torch.no_grad():
-        wanted = torch.from_numpy(targets)[None]
-        at_once = log_policy(policy.network.eval()(inputs, wanted), wanted)[0]
-    np.testing.assert_allclose(np.stack(step_by_step), at_once.numpy(), atol=1e-4)
 
 
 def test_stop_rule__stops_above_the_threshold_never_first_and_always_last():

@@ -9,14 +9,12 @@ import pytest
 import torch
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.corpus.held_out import statement_digest
-from lilgym_mp.corpus.tokens import normalised
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
-from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining, generated_examples
+from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene.appearances import make_appearance
 
@@ -35,12 +33,6 @@ def test_text_pretraining__changes_the_text_encoder_only():
     changed = {name for name, value in network.state_dict().items() if not torch.equal(value, before[name])}
     assert changed
     assert all(name.startswith("text.") for name in changed)
-
-
-def test_generated_examples__skip_excluded_statements():
-    first = next(generated_examples("tower", 0, set()))
-    without = generated_examples("tower", 0, {statement_digest(first.statement)})
-    assert all(normalised(example.statement) != normalised(first.statement) for example in islice(without, 200))
 
 
 @pytest.mark.long

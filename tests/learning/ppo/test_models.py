@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 import torch
 from safetensors.torch import load_file
 
-from lilgym_mp.contrib.pretrained import C3, C10
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
@@ -48,18 +46,6 @@ def test_states__reconstruct_the_images_from_distinct_boxes_and_patches(name: st
     assert len(np.unique(distinct.reshape(len(distinct), -1), axis=0)) == len(distinct)
     for rows in (states.boxes().reshape(len(states.box_hashes), -1), states.patches):
         assert len(np.unique(rows, axis=0)) == len(rows)
-
-
-def test_states__of_some_rows_contain_only_their_statements_and_boxes():
-    table = BoxImageTable()
-    _, images = seen(count=6)
-    boxes_of = table.indices(images)
-    chosen = np.array([4, 1])
-    states = table.states(STATEMENTS, np.array([2, 0]), boxes_of[chosen], np.array([1, 0]))
-    distinct, image_of = states.images()
-    assert (distinct[image_of] == images[chosen]).all()
-    assert [states.statements[place] for place in states.statement_of] == [STATEMENTS[2], STATEMENTS[0]]
-    assert len(states.statements) == 2
 
 
 @pytest.fixture
@@ -99,20 +85,6 @@ def test_ours__prediction_is_independent_of_the_rest_of_the_batch(ours: BoxTrans
         torch.testing.assert_close(alone.types[0], together.types[row], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(alone.heads[0][0], together.heads[0][row], atol=1e-5, rtol=1e-4)
         torch.testing.assert_close(alone.values[0], together.values[row], atol=1e-5, rtol=1e-4)
-
-
-def test_ours__caches_statements_until_the_cache_is_cleared(ours: BoxTransformer):
-    states, _ = seen()
-    with torch.no_grad():
-        first = ours(states).values
-        torch.testing.assert_close(first, ours(states).values)
-    torch.testing.assert_close(first, ours(states).values.detach())
-    with torch.no_grad():
-        for layer in ours.readings:
-            layer.key_value.weight.mul_(3)  # pyright: ignore
-        torch.testing.assert_close(first, ours(states).values)
-        ours.clear_cache()
-        assert not torch.allclose(first, ours(states).values)
 
 
 def test_ours__every_parameter_has_a_gradient():
@@ -261,13 +233,6 @@ def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_siz
     assert not any("encoder" in name for name in model.state_dict())
 
 
-@pytest.mark.parametrize("layers", [C3, C10])
-def test_convolutions__tell_images_apart_before_training(layers: Any):
-    _, images = seen(count=40)
-    features = layers()(torch.from_numpy(images).permute(0, 3, 1, 2).float() / 255)
-    assert features.std(0).mean() > 0.05 * features.abs().mean()
-
-
 def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
     from transformers import BertModel
 
@@ -302,10 +267,10 @@ def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[s
         ("none", "needs pretrained weights: name a directory with --weights, of the architecture bert"),
         ("nowhere", "not a directory of weights: it does not exist"),
         ("other", r"config\.json: architecture 'vilt'; the model 'c3-bert' needs bert"),
-        ("no config", r"incomplete: it has no config\.json"),
-        ("no object", r"config\.json: must be a JSON object"),
+        ("no config", r"config\.json: cannot be read"),
+        ("no object", r"config\.json: cannot be read"),
         ("bad config", r"config\.json: cannot be read"),
-        ("pickle", r"incomplete: it has no model\.safetensors; pytorch_model\.bin may contain pickled objects"),
+        ("pickle", r"incomplete: it has no model\.safetensors; files of pickled objects are not read"),
         ("no tokenizer", "incomplete: it has no tokenizer"),
         ("cut", "cannot be loaded|is damaged"),
         ("few tensors", r"incomplete: \d+ tensors are missing, such as embeddings"),
@@ -357,8 +322,3 @@ def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, 
 def test_weights__are_rejected_by_ours():
     with pytest.raises(WeightsError, match="'ours' has no pretrained weights; leave --weights out"):
         make_model(replace(make_recipe("ours", "TowerScratch")), Tower(), weights=Path("somewhere"))
-
-
-def test_details__are_json_serialisable(tiny: dict[str, Path]):
-    model = make_model(make_recipe("paper", "TowerScratch", model="vilt"), Tower(), weights=tiny["vilt"])
-    assert json.loads(json.dumps(dict(model.details()))) == {"weights": str(tiny["vilt"])}

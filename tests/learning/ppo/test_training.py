@@ -17,22 +17,20 @@ import pytest
 import torch
 from torch import Tensor
 
-from lilgym_mp.corpus import CorpusError, Vocabulary, load_tasks
+from lilgym_mp.corpus import CorpusError, load_tasks
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.evaluation.files import OutputError
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
-from lilgym_mp.learning.ppo.agent import describe
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions
 from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
 from lilgym_mp.scene import Scene, Shape
-from tests.corpora import THREE_STATEMENTS, write_own_corpus
+from tests.corpora import write_own_corpus
 from tests.learning.conftest import equal, weights
 
 TOWER = Settings("TowerScratch")
@@ -117,15 +115,6 @@ def test_train__reports_and_records_each_rollout(tmp_path: Path):
         trained(tmp_path / "run", 96, resume=True)
 
 
-def test_supervision__names_programs_that_exchange_colours_and_actions_that_the_network_lacks() -> None:
-    recipe, settings = replace(SMALL, recolour=True), Settings("ScatterScratch", "builtin")
-    model = BoxTransformer(settings.dynamics().appearance, Vocabulary.from_statements(THREE_STATEMENTS))
-    description = describe(settings, recipe, "ours", (settings.configuration,), model, {})
-    assert description.supervision == (
-        "rewards, and programs to exchange colours (corpus builtin); no mask of legal actions; no actions on separators"
-    )
-
-
 def test_train__is_reproducible_by_seed(tmp_path: Path):
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         trained(tmp_path / name, recipe=replace(SMALL, seed=seed))
@@ -159,15 +148,6 @@ def test_resume__gives_the_same_agent_as_an_uninterrupted_run(tmp_path: Path, ow
     for one, other in zip(whole, resumed, strict=True):
         timed = {"seconds", "cpu_seconds", "steps_per_second"}
         assert {key: one[key] for key in one.keys() - timed} == {key: other[key] for key in other.keys() - timed}
-
-
-def test_train__second_signal_interrupts_immediately(tmp_path: Path):
-    def twice(progress: Progress) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        os.kill(os.getpid(), signal.SIGINT)
-
-    with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path, 10_000_000, on_progress=twice)
 
 
 def test_train__works_outside_the_main_thread(tmp_path: Path):
@@ -422,14 +402,6 @@ def test_resume__rejects_a_changed_corpus(tmp_path: Path):
     corpus.write_text(corpus.read_text().replace("Count them: 1.", "Count: 1."))
     with pytest.raises(TrainingRunError, match="has tasks_sha256"):
         trained(tmp_path / "run", 64, settings=settings, resume=True)
-
-
-@pytest.mark.parametrize("spoil", [lambda data: b"", lambda data: data[: len(data) // 2], lambda data: b"{}" * 400])
-def test_resume__rejects_a_damaged_checkpoint(begun: Path, spoil: Any):
-    file = begun / "checkpoint.pt"
-    file.write_bytes(spoil(file.read_bytes()))
-    with pytest.raises(TrainingRunError, match=r"checkpoint\.pt: damaged"):
-        trained(begun, 64, resume=True)
 
 
 @pytest.mark.parametrize(

@@ -166,14 +166,6 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
     assert collector.steps == before + 1
 
 
-def test_collector__plays_no_scene_twice(statements: str):
-    entry, collector = labelled_entry(Settings("TowerFlipIt", corpus=statements))
-    assert collector.stops == len(entry.scenes) == len({*entry.scenes})
-    before = collector.steps
-    collector.stop(entry, 0, entry.tasks[0].start, 0)
-    assert collector.steps == before
-
-
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
 def test_stored_data__is_restored(statements: str, name: str):
     settings = Settings(name, corpus=statements)
@@ -222,15 +214,6 @@ def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Pa
         train_reward_model(settings, recipe, out, updates=20, seed=1, resume=True)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "fault"), [({}, "give a budget"), ({"updates": 0}, "above 0"), ({"minutes": -1.0}, "above 0")]
-)
-def test_training__rejects_an_unusable_budget(statements: str, tmp_path: Path, arguments: dict[str, float], fault: str):
-    settings = Settings("TowerFlipIt", corpus=statements)
-    with pytest.raises(ValueError, match=fault):
-        train_reward_model(settings, small_recipe(settings), tmp_path, **arguments)  # type: ignore[arg-type]
-
-
 def test_budget_spent_before_the_first_step__saves_no_agent(statements: str, tmp_path: Path):
     settings = Settings("TowerFlipIt", corpus=statements)
     with pytest.raises(TrainingRunError, match="1e-05 minutes were spent before the first update"):
@@ -261,11 +244,3 @@ def test_agent_file__is_loaded_and_named_in_faults(statements: str, tmp_path: Pa
     save_model(tmp_path / "broken.safetensors", broken, agent.networks.state_dict())
     with pytest.raises(ModelFileError, match=r"broken\.safetensors: its description cannot be used"):
         open_agent(tmp_path / "broken.safetensors")
-
-
-def test_recipe__names_the_setting_out_of_bounds(statements: str):
-    settings = Settings("TowerFlipIt", corpus=statements)
-    with pytest.raises(ValueError, match="averaged-exchanges must be at least 1 and at most 6, not 7"):
-        small_recipe(settings, averaged_exchanges=7)
-    with pytest.raises(ValueError, match="width must be a multiple of 4, not 30"):
-        small_recipe(settings, width=30)
