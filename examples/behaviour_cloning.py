@@ -30,8 +30,7 @@ try:
     from lilgym_mp.learning.common.factored_policy import FactoredPolicy
     from lilgym_mp.learning.common.model import Model
     from lilgym_mp.learning.common.states import BoxImageTable
-    from lilgym_mp.learning.ppo.agent import ModelPolicy
-    from lilgym_mp.learning.ppo.models import make_model
+    from lilgym_mp.learning.ppo.agent import ModelPolicy, make_model
     from lilgym_mp.learning.ppo.recipe import PPORecipe
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')

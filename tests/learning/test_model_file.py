@@ -30,8 +30,7 @@ from lilgym_mp.learning.common.model_file import (
     select_device,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
-from lilgym_mp.learning.ppo.agent import describe
-from lilgym_mp.learning.ppo.models import make_model
+from lilgym_mp.learning.ppo.agent import describe, make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.scene.appearances import make_appearance
 

@@ -67,8 +67,8 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
         settings, recipe, own = resumed(directory, name, learner, environment, changes, given)
     else:
         settings = None if learner.config is None else learner.config(**environment)
-        own = learner.options(**given)
-        recipe = learner.recipe.of(args.configuration if environment else "", given.get("recipe_name"), **changes)
+        own: Any = learner.options(**given)
+        recipe = learner.recipe.of(environment.get("configuration", ""), given.get("recipe_name"), **changes)
     arguments = {option: getattr(own, option) for option in own.names()}
     unit, total = learner.budget({**recipe.to_json(), **arguments})
     module, function = learner.train.split(":")
@@ -102,7 +102,7 @@ def resumed(path: Path, name: str, learner: Learner, *given: dict[str, Any]) -> 
     """
     run = begin_run(path, {"learner": name}, resume=True)
     try:
-        saved = run.identity.get("environment") or run.identity.get("game")
+        saved = run.identity.get("environment", run.identity.get("game", {}))
         settings = None if learner.config is None else learner.config.from_json(saved)
         recipe = learner.recipe(**run.identity["recipe"])
         fixed = learner.options.remembered(run.identity)

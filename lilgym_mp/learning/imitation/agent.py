@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -118,26 +118,6 @@ def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]
             scenes.append(Scene.empty())
             unread.append(index)
     return scenes, unread
-
-
-def describe(
-    settings: Settings,
-    recipe: ImitationRecipe,
-    built: Mapping[str, Any],
-    rules: Mapping[str, StopRule],
-    statistics: Mapping[str, Any],
-    *,
-    is_taught: bool = False,
-) -> ModelDescription:
-    """`built`: the architecture; `statistics`: further details to save, such as the training time."""
-    supervision = f"programs of train statements (corpus {settings.corpus}): truth of scenes, optimal actions"
-    if is_taught:
-        supervision = f"rewards; search that knows the rules of editing, imitated (corpus {settings.corpus})"
-    elif recipe.pretraining:
-        supervision += "; their programs and those of generated statements (pretraining)"
-    stop_rules = {name: asdict(rule) for name, rule in rules.items()}
-    details = {"network": built, "stop_rules": stop_rules, "corpus": settings.corpus, **statistics}
-    return ModelDescription(KIND, VERSION, tuple(rules), supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -12,7 +12,7 @@ import torch
 import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
@@ -20,7 +20,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs, Outputs
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.scene.arrays import Float32Array, Int64Array
 
 BATCH_SIZE = 128  # scenes per forward pass
 
@@ -94,17 +94,7 @@ def choose_actions(
     log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
 ) -> Int64Array:
     """(B,) logit indices from (B, logits): sampled with `rng`, greedy without."""
-    stops = stop_mask(log_probabilities[:, STOP_INDEX], steps, horizon, rule, rng)
-    edits = log_probabilities[:, STOP_INDEX + 1 :]
-    best = (edits if rng is None else edits + rng.gumbel(size=edits.shape)).argmax(1)
-    return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
-
-
-def stop_mask(
-    log_stops: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
-) -> BoolArray:
-    """(B,) whether to stop, from the log-probabilities of STOP: sampled with `rng`, by the threshold without."""
-    stop = log_stops.astype(np.float64)
+    stop = log_probabilities[:, STOP_INDEX].astype(np.float64)
     if rng is None:
         stops = stop - np.log(-np.expm1(np.minimum(stop, -1e-12))) > rule.threshold  # the logit of STOP
     else:
@@ -113,7 +103,9 @@ def stop_mask(
         stops &= steps > 0
     if rule.always_last:
         stops |= steps >= horizon - 1
-    return stops
+    edits = log_probabilities[:, STOP_INDEX + 1 :]
+    best = (edits if rng is None else edits + rng.gumbel(size=edits.shape)).argmax(1)
+    return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
 
 
 class PlayedEpisode(NamedTuple):
@@ -122,20 +114,21 @@ class PlayedEpisode(NamedTuple):
     outcome: Outcome
 
 
-Choose = Callable[[Sequence[State]], Int64Array]
-
-
 def play_episodes(
-    policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], choose: Choose
+    policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], rule: StopRule, rng: np.random.Generator | None
 ) -> list[PlayedEpisode]:
-    """One episode of each task, in parallel; `choose` returns a logit index for each state."""
+    """One episode of each task, in parallel: sampled with `rng`, greedy without."""
     states = [dynamics.start(task) for task in tasks]
     visited: list[list[Scene]] = [[] for _ in states]
     outcomes = [Outcome.CONTINUES] * len(states)
     running = list(range(len(states)))
     while running:
-        chosen = choose([states[index] for index in running])
+        now = [states[index] for index in running]
+        boxes, targets = policy.table.indices([state.scene for state in now]), [state.task.target for state in now]
+        found = policy.log_probabilities([state.task.statement for state in now], boxes, np.array(targets, np.int64))
+        steps = np.array([state.steps for state in now])
         still_running: list[int] = []
+        chosen = choose_actions(found, steps, dynamics.horizon, rule, rng)
         for index, logit_index in zip(running, chosen.tolist(), strict=True):
             visited[index].append(states[index].scene)
             action = dynamics.appearance.decode(int(policy.heads.action_of[logit_index]))
@@ -150,19 +143,6 @@ def play_episodes(
     ]
 
 
-def action_chooser(policy: NetworkPolicy, horizon: int, rule: StopRule, rng: np.random.Generator | None) -> Choose:
-    """`choose` for `play_episodes`: sampled with `rng`, greedy without."""
-
-    def choose(states: Sequence[State]) -> Int64Array:
-        statements = [state.task.statement for state in states]
-        boxes = policy.table.indices([state.scene for state in states])
-        targets = np.array([state.task.target for state in states], np.int64)
-        steps = np.array([state.steps for state in states])
-        return choose_actions(policy.log_probabilities(statements, boxes, targets), steps, horizon, rule, rng)
-
-    return choose
-
-
 THRESHOLDS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
 
 
@@ -173,8 +153,7 @@ def tune_stop_rule(
     tried: list[tuple[float, StopRule]] = []
 
     def attempt(rule: StopRule) -> float:
-        choose = action_chooser(policy, dynamics.horizon, rule, rng if rule.sampled else None)
-        episodes = play_episodes(policy, dynamics, tasks, choose)
+        episodes = play_episodes(policy, dynamics, tasks, rule, rng if rule.sampled else None)
         accuracy = float(np.mean([episode.outcome is Outcome.SUCCESS for episode in episodes]))
         tried.append((accuracy, rule))
         return accuracy

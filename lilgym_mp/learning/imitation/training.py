@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
@@ -20,9 +20,10 @@ from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.learning.common.agents import scratch_tasks
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
-from lilgym_mp.learning.imitation.agent import KIND, ImitationAgent, architecture, describe, make_network
+from lilgym_mp.learning.imitation.agent import KIND, VERSION, ImitationAgent, architecture, make_network
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.policy import StopRule, tune_stop_rule
@@ -231,7 +232,11 @@ class _Run(TrainingRun[StepResult]):
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
                 rules[name], accuracies[name] = tune_stop_rule(imitation.policy, self._dynamics, chosen, imitation.rng)
-        statistics = {
+        corpus = self._settings.corpus
+        details = {
+            "network": self._architecture,
+            "stop_rules": {name: asdict(rule) for name, rule in rules.items()},
+            "corpus": corpus,
             "seed": self._seed,
             "updates": self.counters.updates,
             "states": self.counters.states,
@@ -239,12 +244,14 @@ class _Run(TrainingRun[StepResult]):
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
             "held_out_accuracy": accuracies,
         }
+        supervision = f"programs of train statements (corpus {corpus}): truth of scenes, optimal actions"
         if isinstance(imitation.collector, TaughtCollector):
             played = imitation.collector.played
-            statistics |= {"stops": played.stops, "steps": played.steps}
-        description = describe(
-            self._settings, self._recipe, self._architecture, rules, statistics, is_taught=self._teacher is not None
-        )
+            details |= {"stops": played.stops, "steps": played.steps}
+            supervision = f"rewards; search that knows the rules of editing, imitated (corpus {corpus})"
+        elif self._recipe.pretraining:
+            supervision += "; their programs and those of generated statements (pretraining)"
+        description = ModelDescription(KIND, VERSION, tuple(rules), supervision, self._recipe.to_json(), details)
         self.files.save_agent(description, imitation.network.state_dict())
         return ImitationAgent(imitation.network.eval(), rules, description)
 

@@ -21,7 +21,7 @@ from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.batches import Batch, BatchSampler
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Outputs
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, action_chooser, play_episodes, precision
+from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, play_episodes, precision
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene import Scene
 
@@ -113,8 +113,8 @@ class Imitation:
         """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
         tasks = [self.collector.task(entry) for entry in entries]
         rng = self.rng if self.rng.random() < 0.5 else None
-        choose = action_chooser(self.policy, self.dynamics.horizon, StopRule(never_first=self._is_flipit), rng)
-        for entry, episode in zip(entries, play_episodes(self.policy, self.dynamics, tasks, choose), strict=True):
+        played = play_episodes(self.policy, self.dynamics, tasks, StopRule(never_first=self._is_flipit), rng)
+        for entry, episode in zip(entries, played, strict=True):
             self.collector.add_last_scenes(entry, episode.task, episode.scenes, LAST_SCENES)
 
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:

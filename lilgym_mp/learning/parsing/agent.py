@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from lilgym_mp.corpus.records import FLIPIT
-from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
+from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, check_numbers, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
@@ -16,7 +14,6 @@ from lilgym_mp.learning.common.program_network import ParserNetwork
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
 
 KIND = "parse-and-plan"
 VERSION = 1
@@ -42,23 +39,6 @@ class ParseAndPlanAgent(Agent):
     def policy(self, settings: Settings, *, sampled: bool = False, objective: str | None = None) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""
         return PlanPolicy(self.planner(settings, objective=objective))
-
-
-def describe(
-    corpus: str,
-    recipe: ParserRecipe,
-    parser: Parser,
-    calibration: Calibration,
-    appearances: Collection[str],
-    statistics: Mapping[str, Any],
-    *,
-    generates: bool,
-) -> ModelDescription:
-    """`statistics`: further details to save; `generates`: whether it was also trained on generated statements."""
-    configurations = tuple(name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in appearances)
-    supervision = f"programs of train statements ({corpus}){', generated statements' if generates else ''}"
-    details = {**parser.to_details(), "calibration": asdict(calibration), **statistics}
-    return ModelDescription(KIND, VERSION, configurations, supervision, {"corpus": corpus, **recipe.to_json()}, details)
 
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:

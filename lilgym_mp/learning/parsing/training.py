@@ -7,6 +7,7 @@ import math
 import random
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import asdict
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -22,10 +23,11 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.learning.common import program_batches
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
 from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
-from lilgym_mp.learning.parsing.agent import KIND, ParseAndPlanAgent, describe
+from lilgym_mp.learning.parsing.agent import KIND, VERSION, ParseAndPlanAgent
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
@@ -206,13 +208,17 @@ class _Run(TrainingRun[float]):
         covered = [correct is not None for _, correct in predictions]
         parser.temperature = calibrated_temperature(predictions)
         calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
-        statistics = {
+        appearances = data.corpus.appearances
+        configurations = tuple(name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in appearances)
+        supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
+        details = {
+            **parser.to_details(),
             "coverage": sum(covered) / len(covered) if covered else 1.0,
+            "calibration": asdict(calibration),
             "cpu_seconds": round(self.seconds(), 1),
         }
-        appearances = data.corpus.appearances
-        generates = bool(data.generated)
-        description = describe(corpus, recipe, parser, calibration, appearances, statistics, generates=generates)
+        recorded = {"corpus": corpus, **recipe.to_json()}
+        description = ModelDescription(KIND, VERSION, configurations, supervision, recorded, details)
         self.files.save_agent(description, self._network.state_dict())
         return ParseAndPlanAgent(description, parser)
 

@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
+from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_configuration
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
-from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-from lilgym_mp.learning.common.model import Model, SeparateCritic
-from lilgym_mp.learning.common.model_file import ModelDescription, load_network, read_description
+from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS, FactoredPolicy
+from lilgym_mp.learning.common.model import Model, SeparateCritic, WeightsError
+from lilgym_mp.learning.common.model_file import ModelDescription, check_sizes, load_network, read_description
 from lilgym_mp.learning.common.states import BoxImageTable
-from lilgym_mp.learning.ppo.models import make_model
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
-from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.appearances import Appearance, make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 KIND = "ppo"
@@ -29,6 +30,49 @@ VERSION = 2
 MASKED = "illegal actions masked in training and in play"
 UNMASKED = "no mask of legal actions"
 MAX_CACHED_BOXES = 50_000
+
+
+PRETRAINED = "lilgym_mp.contrib.pretrained"  # module of the paper's models, imported when one is used
+Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
+
+
+def make_model(
+    recipe: PPORecipe,
+    appearance: Appearance,
+    *,
+    statements: Iterable[str] = (),
+    weights: Path | None = None,
+    details: Mapping[str, Any] | None = None,
+) -> Model:
+    """A new model with the vocabulary of `statements`, or with `details` the one described by a model file.
+
+    Raises WeightsError for an unusable directory of weights, ValueError for an appearance with too many actions.
+    """
+    if appearance.action_count > MAX_ACTIONS:
+        raise ValueError(
+            f"{appearance.action_count:,} actions are too many for a flat policy, which takes at most {MAX_ACTIONS:,};"
+            " choose a coarser grid"
+        )
+    if recipe.model in TRANSFORMERS:
+        make = import_module(PRETRAINED).model_maker(recipe.model, appearance, weights, details)
+    else:
+        if weights is not None:
+            raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
+        make = _box_transformer(recipe, appearance, statements, details)
+    if recipe.critic == "separate":
+        return SeparateCritic(make(True, False), make(False, True))
+    return make(True, True)
+
+
+def _box_transformer(
+    recipe: PPORecipe, appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None
+) -> Make:
+    words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
+    sizes = {} if details is None else dict(details["sizes"])
+    if details is not None:
+        check_sizes(sizes)
+    separators = recipe.model == "ours-separators"
+    return lambda has_actor, has_critic: BoxTransformer(appearance, words, separators=separators, **sizes)
 
 
 class ModelPolicy(Policy):

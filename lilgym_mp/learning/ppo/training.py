@@ -34,8 +34,7 @@ from lilgym_mp.learning.common.update import (
     schedule,
     update,
 )
-from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe
-from lilgym_mp.learning.ppo.models import make_model
+from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe, make_model
 from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState

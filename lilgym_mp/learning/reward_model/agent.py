@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 import torch
 from torch import nn
 
-from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.proposer_verifier import GameSettings, Partner, PartnerTurn, Role
@@ -32,7 +31,6 @@ from lilgym_mp.scene.arrays import Float64Array
 
 KIND = "reward-model"
 VERSION = 1
-SUPERVISION = "rewards; knows the rules of editing"
 
 
 class Networks(nn.ModuleList):
@@ -113,20 +111,6 @@ class RewardModelVerifier:
         if game.config.verdict_bins is None:
             return encode_answer(game, accepts=probability > 0.5)
         return game.encode_action(Role.VERIFIER, round(probability * (game.config.verdict_bins - 1)))
-
-
-def describe(
-    settings: Settings,
-    recipe: RewardModelRecipe,
-    configurations: tuple[str, ...],
-    vocabulary: Vocabulary,
-    statistics: Mapping[str, Any],
-) -> ModelDescription:
-    """`statistics`: further details to save, such as the training time."""
-    corpora = f"corpora {settings.corpus} and {BUILTIN}" if recipe.own_tasks else f"corpus {settings.corpus}"
-    supervision = f"{SUPERVISION} ({corpora})"
-    details = {"vocabulary": list(vocabulary.words), "corpus": settings.corpus, **statistics}
-    return ModelDescription(KIND, VERSION, configurations, supervision, recipe.to_json(), details)
 
 
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:

@@ -29,10 +29,11 @@ from lilgym_mp.learning.common.labelled_scenes import (
     stored,
     truths_of,
 )
+from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 from lilgym_mp.learning.common.words import vocabulary_of
-from lilgym_mp.learning.reward_model.agent import KIND, Networks, RewardModelAgent, describe
+from lilgym_mp.learning.reward_model.agent import KIND, VERSION, Networks, RewardModelAgent
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
@@ -309,7 +310,12 @@ class _Run(TrainingRun[tuple[float, float]]):
 
     def finish(self) -> RewardModelAgent:
         """Saves the averaged network as the agent."""
-        statistics = {
+        corpus, vocabulary = self._settings.corpus, self._reader.vocabulary
+        corpora = f"corpora {corpus} and {BUILTIN}" if self._recipe.own_tasks else f"corpus {corpus}"
+        supervision = f"rewards; knows the rules of editing ({corpora})"
+        details = {
+            "vocabulary": list(vocabulary.words),
+            "corpus": corpus,
             "seed": self._seed,
             "updates": self.counters.updates,
             "steps": self._collector.steps,
@@ -318,8 +324,8 @@ class _Run(TrainingRun[tuple[float, float]]):
             **self.statistics(),
             "held_out_accuracy": self._held_out_accuracy(),
         }
-        vocabulary = self._reader.vocabulary
-        description = describe(self._settings, self._recipe, self._configurations, vocabulary, statistics)
+        recipe = self._recipe.to_json()
+        description = ModelDescription(KIND, VERSION, self._configurations, supervision, recipe, details)
         self.files.save_agent(description, self._averaged.state_dict())
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
 

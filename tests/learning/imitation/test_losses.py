@@ -21,13 +21,6 @@ def random_outputs(appearance: Tower | Scatter) -> Outputs:
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter()])
-def test_log_policy__probabilities_sum_to_one(appearance: Tower | Scatter):
-    found = log_policy(random_outputs(appearance), torch.tensor([[0, 1], [1, 0]]))
-    assert found.shape == (2, 2, action_heads(appearance).size)
-    torch.testing.assert_close(found.exp().sum(-1), torch.ones(2, 2))
-
-
-@pytest.mark.parametrize("appearance", [Tower(), Scatter()])
 def test_set_log_probabilities__sums_over_the_actions_of_the_set(appearance: Tower | Scatter):
     heads = action_heads(appearance)
     outputs = random_outputs(appearance)

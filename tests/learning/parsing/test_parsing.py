@@ -14,14 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
-from lilgym_mp.evaluation.runs import EvaluationPlan
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import load_model
 from lilgym_mp.learning.common.planning import PlanPolicy
@@ -132,35 +130,9 @@ def test_variations__keep_pairs_whose_words_and_program_differ(pair: Pair):
     assert {Variations(1.0, 1.0).of(pair, rng) for _ in range(50)} == {pair}
 
 
-def test_slots__give_each_tokens_parent_and_argument_index():
-    tokens = [TOKENS.index(token) for token in ("==", "count(1)", "all_items", "#2")]
-    equals, count = tokens[:2]
-    assert [tuple(slot) for slot in slots_of(tokens)] == [(0, 0), (equals, 0), (count, 0), (equals, 1)]
-
-
 def small_network(seed: int = 0) -> ParserNetwork:
     torch.manual_seed(seed)
     return ParserNetwork(12, len(TOKENS), Sizes(width=16, hidden=32, layers=1, longest_program=10)).eval()
-
-
-def test_network__cached_decoding_equals_teacher_forcing():
-    network = small_network()
-    words = torch.tensor([[3, 4, 5, 0], [6, 7, 8, 9]])
-    tokens = torch.tensor([[TOKENS.index(token) for token in ("exist(1)", "filter_obj(2)", "all_items", "lambda")]] * 2)
-    rows = [list(slots_of(tokens[0].tolist()))] * 2
-    slots = Slots(
-        torch.tensor([[s.parent for s in row] for row in rows]),
-        torch.tensor([[s.argument for s in row] for row in rows]),
-    )
-    at_once = network(words, tokens, slots)
-    memories = network.encode(words)
-    caches: list[list[Tensor]] = [[memory.keys[:, :, :0], memory.values[:, :, :0]] for memory in memories]
-    before = torch.zeros(2, 1, dtype=torch.long)
-    for place in range(tokens.shape[1]):
-        here = Slots(slots.parents[:, place : place + 1], slots.arguments[:, place : place + 1])
-        step = network.decode(memories, before, here, first=place, caches=caches)
-        assert torch.allclose(step[:, 0], at_once[:, place], atol=1e-5)
-        before = tokens[:, place : place + 1]
 
 
 def test_beam__returns_complete_programs_sorted_by_probability():
@@ -489,13 +461,6 @@ def test_planner__plans_for_the_return_or_for_accuracy():
         plan("glory")
 
 
-def test_agent__supports_release_rules_and_other_grids(trained: Path):
-    agent = open_agent(trained, "cpu")
-    for settings in (Settings("ScatterScratch", rules="release"), Settings("ScatterScratch", grid=(38, 10))):
-        assert str(EvaluationPlan(settings, "dev"))
-        assert agent.policy(settings) is not None
-
-
 def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
     whole = write_own_corpus(tmp_path / "own.jsonl").read_text().splitlines(keepends=True)
     tower = tmp_path / "tower.jsonl"
@@ -516,10 +481,6 @@ def test_calibration__fits_the_success_rates():
     for probability in (0.6, 0.8, 0.9):
         assert found(probability) == pytest.approx(probability**0.5, abs=0.03)
     assert found(0.0) == 0.0
-
-
-def test_calibration__without_forecasts_is_the_identity():
-    assert fit_calibration([])(0.7) == pytest.approx(0.7)
 
 
 def test_parse_scores__count_exact_forms_and_equal_truth_by_form_and_level(tmp_path: Path):

@@ -16,10 +16,9 @@ from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
-from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import WeightsError
 from lilgym_mp.learning.common.states import BoxImageTable, States
-from lilgym_mp.learning.ppo.models import make_model
+from lilgym_mp.learning.ppo.agent import make_model
 from lilgym_mp.learning.ppo.recipe import make_recipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
@@ -97,17 +96,6 @@ def test_ours__every_parameter_has_a_gradient():
         (total + found.values.sum()).backward()
         lacking = [name for name, weight in model.named_parameters() if weight.grad is None]
         assert lacking == []
-
-
-def test_ours__acts_on_separators_only_if_asked_to():
-    states, _ = seen("ScatterFlipIt")
-    for separators, impossible in ((False, 560), (True, 0)):
-        model = BoxTransformer(Scatter(), Vocabulary.from_statements(STATEMENTS), separators=separators)
-        found = model(states)
-        probabilities = FactoredPolicy(model.factorisation, found.types, found.heads).probabilities()
-        torch.testing.assert_close(probabilities.sum(1), torch.ones(len(probabilities)))
-        assert (probabilities == 0).sum(1).unique().tolist() == [impossible]
-        assert bool(model.restriction) == (not separators)
 
 
 def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):

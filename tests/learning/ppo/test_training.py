@@ -298,7 +298,7 @@ def test_collect__forces_successful_stops_with_the_unforced_policys_probability(
     settings = Settings("TowerFlipIt", corpus=own)
     recipe = replace(SMALL, envs=16, rollout=256, stop_forcing=True)
     from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-    from lilgym_mp.learning.ppo.models import make_model
+    from lilgym_mp.learning.ppo.agent import make_model
     from lilgym_mp.scene.appearances import Tower
 
     tasks = training_tasks(settings, recipe)

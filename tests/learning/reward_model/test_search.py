@@ -16,14 +16,13 @@ from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
     exchanges,
-    scatter_item_features,
     standard_exchanges,
 )
 from lilgym_mp.learning.reward_model.inputs import InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
 from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Judge, Plan, SearchPlanner, mean_probabilities
-from lilgym_mp.scene import Box, Colour, Item, Shape
+from lilgym_mp.scene import Colour, Shape
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.appearances.tower import tower_tables
 
@@ -145,28 +144,3 @@ def test_network__ignores_the_order_of_boxes(appearance: str):
     logits = network(reading, features, scenes)[0].detach()
     assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
     assert abs(logits[0] - logits[2]) > 1e-4
-
-
-def test_box_table__gives_features_of_boxes_added_later():
-    table = BoxTable("scatter")
-    one = Box((Item(0, 0, Shape.CIRCLE, Colour.BLUE, 0),))  # type: ignore[arg-type]
-    many = Box(tuple(Item(20 * index, 50, Shape.SQUARE, Colour.BLACK, 0) for index in range(5)))  # type: ignore[arg-type]
-    first, _ = table.features(np.array([table.index(one)]))
-    features = table.item_features[first[0]]
-    later, _ = table.features(np.array([table.index(one), table.index(many)]))
-    assert np.array_equal(features, table.item_features[later[0, :1]])
-    assert (later > 0).sum(1).tolist() == [1, 5]
-
-
-@torch.no_grad()
-def test_item_sums__are_those_of_the_items_of_each_box_alone():
-    planner = new_planner("scatter")
-    reader, network = planner._reader, planner._networks[0]
-    scenes = [task.start for task in load_tasks("builtin", "scatter", "flipit", "dev")[:2]]
-    features = reader.boxes(np.array([reader.table.of(scene) for scene in scenes]))
-    sums = network.item_sums(network.read(*reader.statements([STATEMENT] * 2, [0, 1])), features)
-    for row, scene in enumerate(scenes):
-        reading = network.read(*reader.statements([STATEMENT], [row]))
-        for place, box in enumerate(scene.boxes):
-            items = torch.from_numpy(scatter_item_features(np.array(box.items, np.int64).reshape(-1, 5))).float()
-            assert torch.allclose(sums[row, place], network.item_units(reading, items[None]).sum(1), atol=1e-5)

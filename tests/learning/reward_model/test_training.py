@@ -142,14 +142,6 @@ def test_climb__stops_in_the_edits_that_the_model_likes_best_for_a_truth_value(s
     assert after <= liked | starts
 
 
-def test_collector__refuses_a_stop_beyond_the_horizon(statements: str):
-    settings = Settings("TowerScratch", corpus=statements, horizon=3)
-    entry, collector = labelled_entry(settings)
-    assert max(known.edits for known in entry.known) == 2
-    with pytest.raises(ValueError, match="no episode of 3 steps stops after 3 edits"):
-        collector.stop(Entry("new", entry.tasks), 0, three_blocks(), 3)
-
-
 def three_blocks() -> Scene:
     blocks = tower_tables().boxes
     return Scene((next(box for box in blocks if len(box.items) == 3), Box(), Box()))
