@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -22,17 +21,6 @@ API = "/api/annotate"
 STATEMENT_ID = "tower-dev-001"
 QUERY = {"appearance": "tower", "split": "dev", "statement_id": STATEMENT_ID}
 BLUE = "exist(filter_obj(all_items, lambda x: is_blue(x)))"
-
-
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[Any]:
-    with server(tmp_path) as made:
-        yield made
-
-
-@pytest.fixture
-def browser(app: Any) -> Browser:
-    return Browser(app)
 
 
 def scenes_of(statement_id: str = STATEMENT_ID) -> list[Task]:

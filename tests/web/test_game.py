@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +11,7 @@ import pytest
 
 from lilgym_mp.contrib.web import live_games
 from lilgym_mp.envs.proposer_verifier import GameSettings, Role
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser
 
 GAMES, SEATS = "/api/game/games", "/api/game/seats"
 FORBIDDEN = (
@@ -27,17 +26,6 @@ FORBIDDEN = (
     "label",
     "task",
 )
-
-
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[Any]:
-    with server(tmp_path) as made:
-        yield made
-
-
-@pytest.fixture
-def browser(app: Any) -> Browser:
-    return Browser(app)
 
 
 def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:

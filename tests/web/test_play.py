@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import sqlite3
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -18,17 +17,6 @@ from lilgym_mp.evaluation import Settings
 from tests.web.web_app import Browser, server
 
 EPISODES = "/api/play/episodes"
-
-
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[Any]:
-    with server(tmp_path) as made:
-        yield made
-
-
-@pytest.fixture
-def browser(app: Any) -> Browser:
-    return Browser(app)
 
 
 def begin(browser: Browser, **chosen: Any) -> dict[str, Any]:

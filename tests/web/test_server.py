@@ -7,7 +7,6 @@ import socket
 import sqlite3
 import subprocess
 import sys
-from collections.abc import Iterator
 from contextlib import closing, nullcontext
 from pathlib import Path
 from typing import Any
@@ -20,12 +19,6 @@ from lilgym_mp.corpus.extras import install
 from tests.web.web_app import Browser, server
 
 httpx = pytest.importorskip("httpx")
-
-
-@pytest.fixture
-def app(tmp_path: Path) -> Iterator[Any]:
-    with server(tmp_path) as made:
-        yield made
 
 
 def test_pages__set_a_strict_policy_and_an_http_only_cookie(app: Any):

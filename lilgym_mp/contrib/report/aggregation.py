@@ -50,7 +50,7 @@ class MeanStd(NamedTuple):
 
 
 def success(episode: Episode) -> float:
-    """In per cent."""
+    """100 for a success, 0 otherwise."""
     return 100.0 * episode.is_success
 
 

@@ -81,7 +81,7 @@ class ReportData:
 
     @property
     def metadata(self) -> list[RecordingMetadata]:
-        """Of the recordings that have any."""
+        """Metadata of the recordings that have any."""
         return [made for entry in self.entries for made in entry.metadata]
 
     @cached_property

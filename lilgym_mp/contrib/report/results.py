@@ -124,7 +124,7 @@ def training_runs(data: ReportData) -> Iterator[Item]:
 
 
 def provenance(data: ReportData) -> Iterator[Item]:
-    """When, where and with which commands and code the episodes were recorded."""
+    """Dates, machines, commands and commits of the recordings."""
     if not data.metadata:
         why = "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
         yield MissingItem("Basis", PROVENANCE_TITLE, why)

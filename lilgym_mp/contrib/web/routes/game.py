@@ -164,7 +164,7 @@ def _game_setup(corpus: str, configuration: str, protocol: str, rewards: str) ->
 
 @api.get("/seats/{key}")
 def seat(key: RandomId, services: Services) -> JSON:
-    """What the agent in this seat observes now."""
+    """The present observation of the agent in this seat."""
     game, role = services.games.find(key)
     with game.lock:
         return _seat_body(game, role)
@@ -220,7 +220,7 @@ def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> in
 
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:
-    """What the agent in this seat observes. Parts excluded from its view are null."""
+    """The observation of the agent in this seat. Parts excluded from its view are null."""
     game = live.engine.game
     observation = live.engine.observe(role)["observation"]
     legal = live.legal(role)
@@ -259,7 +259,7 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
 
 
 def _end_body(live: LiveGame) -> JSON:
-    """How the game ended, revealed to both seats: whether the statement got the target value, and what each knew."""
+    """The end of the game, revealed to both seats: the value reached, and what each knew."""
     state = live.engine.state
     task, value = state.mdp.task, state.mdp.task.truth(state.mdp.scene)
     return {

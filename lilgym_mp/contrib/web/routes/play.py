@@ -220,7 +220,7 @@ def _episode_body(loaded: LoadedEpisode) -> JSON:
 
 
 def _end_body(loaded: LoadedEpisode) -> JSON:
-    """Why the episode ended, with the value of each part of the program."""
+    """The rule that ended the episode, with the value of each part of the program."""
     task, scene, invalid = loaded.task, loaded.state.scene, loaded.last and loaded.last.invalid
     return {
         "rule": OUTCOME_EXPLANATIONS[Outcome(loaded.row.outcome)],
