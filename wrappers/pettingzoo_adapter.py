@@ -138,8 +138,8 @@ class GameWrapper:
             adapter.entries = {}
         self._games_started = self._engine.games_started
         if self.transformation.changes_rewards:
-            self._mdp = self._engine.state.mdp
-            self._potential = self.transformation.potentials([self._mdp])
+            mdp = self._engine.state.mdp
+            self._mdp, self._potential = mdp, self.transformation.potentials([mdp])
 
     def _changed_rewards(self, rewards: Sequence[float]) -> list[float]:
         """Both agents' rewards of the last turn, transformed if it changed the MDP or ended the game."""
