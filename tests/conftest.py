@@ -1,10 +1,11 @@
-"""Fixtures for the official data and golden recordings, and settings of all tests."""
+"""Fixtures for the official data and golden recordings, and a summary of which tests used them."""
 
 from __future__ import annotations
 
 import gc
 import os
 import signal
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ SOURCES = {  # fixture: (environment variable, contents)
     "official_data": ("LILGYM_DATA", "the official data"),
     "golden": ("LILGYM_GOLDEN", "the golden recordings"),
 }
+RAN = ("passed", "failed", "xfailed", "xpassed")
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # torch's threads would contend with the other test processes
 
@@ -56,5 +58,30 @@ def pytest_configure() -> None:
             )
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Records in each test's properties, and so in its reports, the sources it uses."""
+    for item in items:
+        used = SOURCES.keys() & set(getattr(item, "fixturenames", ()))
+        item.user_properties.extend(("source", fixture) for fixture in sorted(used))
+
+
 def pytest_collection_finish() -> None:
     gc.freeze()  # modules and tests stay to the end, so garbage collection need not visit them
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    stats = terminalreporter.stats
+    ran = Counter(source for outcome in RAN for report in stats.get(outcome, []) for source in _sources(report))
+    skipped = Counter(source for report in stats.get("skipped", []) for source in _sources(report))
+    terminalreporter.section("tests with external data")
+    for fixture, (variable, contents) in SOURCES.items():
+        reason = "" if os.environ.get(variable) else f" because {variable} is unset"
+        terminalreporter.line(f"{ran[fixture]} ran with {contents}, {skipped[fixture]} skipped{reason}")
+
+
+def _sources(report: object) -> set[str]:
+    """The sources that a test used or was skipped for, whichever code skipped it."""
+    properties: list[tuple[str, object]] = getattr(report, "user_properties", [])
+    used = {str(value) for name, value in properties if name == "source"}
+    reason = str(getattr(report, "longrepr", "")) if getattr(report, "skipped", False) else ""
+    return used | {fixture for fixture, (variable, _) in SOURCES.items() if variable in reason}
