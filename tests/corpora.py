@@ -92,7 +92,7 @@ def write_released(directory: Path) -> Path:
 def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Registers `write_released`'s files as official, one by digest and one by counts."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
-    records = ReleasedFile(directory / names[0], "scratch").records(FaultLog(stop_at_first=True))
+    records = ReleasedFile(directory / names[0], FaultLog(stop_at_first=True)).records("tower", "scratch", "test")
     facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
     monkeypatch.setattr("lilgym_mp.corpus.official.FILE_FACTS", facts)
 

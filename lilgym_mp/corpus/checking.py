@@ -18,8 +18,6 @@ from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
 
-NO_ENTRIES = "has no entries"
-
 
 class TaskCount(NamedTuple):
     """The number of valid tasks, and of distinct MDPs, of one configuration and split."""
@@ -63,16 +61,11 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
     with corpus_path(corpus) as path:
         faults = FaultLog(stop_at_first=False)
-        present = [name for name in ALL_FILE_NAMES if (path / name).exists()]
-        try:
-            counts = list(_counts(path, faults))
-        except CorpusError as fault:
-            faults.add(str(path), str(fault).removeprefix(f"{path}: "))
-            counts = []
-        absent = [name for name in ALL_FILE_NAMES if name not in present] if path.is_dir() else []
-        if path.is_dir() and not present:
+        absent = [name for name in ALL_FILE_NAMES if not (path / name).exists()] if path.is_dir() else []
+        if len(absent) == len(ALL_FILE_NAMES):
             faults.add(str(path), "has none of the released files")
-        return CorpusReport(str(path), tuple(faults.found), tuple(counts), tuple(absent))
+        counts = tuple(_counts(path, faults))
+        return CorpusReport(str(path), tuple(faults.found), counts, tuple(absent))
 
 
 def _count(tasks: TaskSet) -> TaskCount:
@@ -82,25 +75,26 @@ def _count(tasks: TaskSet) -> TaskCount:
 
 def _counts(path: Path, faults: FaultLog) -> Iterator[TaskCount]:
     """The counts of every configuration and split of a corpus file, or of those that a directory has."""
-    file = None if path.is_dir() else CorpusFile(path, faults)
-    if file is not None and not (file.entries or faults.found):
-        faults.add(str(path), NO_ENTRIES)
+    source = None if path.is_dir() else _opened(CorpusFile, path, faults)
     for appearance in APPEARANCES:
         reader = TaskReader(appearance, faults)
         for start, split in product(STARTS, SPLITS):
             released = path / file_name(appearance, start, split)
-            try:
-                if file is not None:
-                    records = file.records(appearance, start, split)
-                elif released.exists():
-                    source = ReleasedFile(released, start)
-                    records = source.records(faults)
-                    if not source.content:
-                        faults.add(str(released), NO_ENTRIES)
-                else:
-                    continue
-            except CorpusError as fault:
-                faults.add(str(released), str(fault).removeprefix(f"{released}: "))
-                continue
-            tasks = list(reader.tasks(records))
-            yield TaskCount(appearance, start, split, len(tasks), contexts(tasks))
+            if path.is_dir():
+                source = _opened(ReleasedFile, released, faults) if released.exists() else None
+            if source is not None:
+                tasks = [task for task, _ in reader.tasks(source.records(appearance, start, split))]
+                yield TaskCount(appearance, start, split, len(tasks), contexts(tasks))
+
+
+def _opened(reader: type[CorpusFile | ReleasedFile], path: Path, faults: FaultLog) -> CorpusFile | ReleasedFile | None:
+    """The file; None, with a fault in the log, if it cannot be read."""
+    found_before = len(faults.found)
+    try:
+        source = reader(path, faults)
+    except CorpusError as fault:
+        faults.add(str(path), str(fault).removeprefix(f"{path}: "))
+        return None
+    if not source.entries and len(faults.found) == found_before:
+        faults.add(str(path), "has no entries")
+    return source

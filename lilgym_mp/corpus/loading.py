@@ -22,8 +22,9 @@ from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
-# A string like a Gymnasium entry point: the generator depends on this package, so it is imported only when requested.
+# Strings like Gymnasium's entry points: most processes need neither, and the generator depends on this package.
 GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
+RELEASED_PATH, RELEASED_FILE = (f"lilgym_mp.corpus.released:{name}" for name in ("released_path", "ReleasedFile"))
 
 _LOADING = threading.Lock()
 Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split
@@ -48,9 +49,14 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     if is_split(corpus):
         return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
-        file = _released_path(path, appearance, start, split) if path.is_dir() else path
-        status = _status(file)
-        return _load(os.fspath(corpus), path.resolve(), status.st_mtime_ns, status.st_size, appearance, start, split)
+        file = resolve_name(RELEASED_PATH)(path, appearance, start, split) if path.is_dir() else path
+        try:
+            status = file.stat()
+        except OSError as fault:
+            raise CorpusError(f"{file}: cannot be read: {fault.strerror or fault}") from None
+        name = file.name if path.is_dir() else None
+        cache_key = status.st_mtime_ns, status.st_size
+        return _load(os.fspath(corpus), path.resolve(), name, cache_key, appearance, start, split)
 
 
 def load_all_tasks(
@@ -72,37 +78,21 @@ def load_all_tasks(
         raise NoTasksError(f"corpus {os.fspath(corpus)!r} has no tasks for the requested configurations and splits")
 
 
-def _released_path(directory: Path, appearance: str, start: str, split: str) -> Path:
-    from lilgym_mp.corpus.released import released_path
-
-    return released_path(directory, appearance, start, split)
-
-
-def _status(file: Path) -> os.stat_result:
-    try:
-        return file.stat()
-    except OSError as fault:
-        raise CorpusError(f"{file}: cannot be read: {fault.strerror or fault}") from None
-
-
 @lru_cache(maxsize=CACHED_SETS)
-def _load(corpus: str, path: Path, mtime_ns: int, size: int, appearance: str, start: str, split: str) -> TaskSet:
-    """`mtime_ns` and `size` are part of the cache key only."""
+def _load(
+    corpus: str, path: Path, released: str | None, cache_key: tuple[int, int], appearance: str, start: str, split: str
+) -> TaskSet:
+    """`released`: the name of the file if `path` is a directory of released files."""
     faults = FaultLog(stop_at_first=True)
     with _garbage_collection_paused(), note_after(f"loading corpus {corpus}"):
-        if path.is_dir():
-            from lilgym_mp.corpus.released import ReleasedFile
-
-            source = ReleasedFile(_released_path(path, appearance, start, split), start)
-            records, tags, trusted = source.records(faults), None, False
+        if released is not None:
+            source = resolve_name(RELEASED_FILE)(path / released, faults)
         else:
             source = CorpusFile(path, faults, trust_shipped=True)
-            section = source.section(appearance, split)
-            records = (record for entry in section for record in entry.records(start))
-            tags = {task_id: entry.tags for entry in section for task_id in entry.task_ids(start)}
-            trusted = source.is_prevalidated
         provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
-        tasks = TaskSet(TaskReader(appearance, faults, trusted=trusted).tasks(records), provenance, tags)
+        reader = TaskReader(appearance, faults, trusted=source.is_prevalidated)
+        found = list(reader.tasks(source.records(appearance, start, split)))
+        tasks = TaskSet((task for task, _ in found), provenance, {task.id: tags for task, tags in found})
     if not tasks:
         raise NoTasksError(f"{source.path}: has no tasks for {provenance}; it has {source.contents(start)}")
     return tasks

@@ -89,9 +89,9 @@ def check_official_file(path: Path) -> OfficialFile:
 
     Raises CorpusError naming the file and the fault: a fault that `load_tasks` would raise, or another version.
     """
-    appearance, start, _ = path.name.removesuffix(".json").split("_")
+    appearance, start, split = path.name.removesuffix(".json").split("_")
     facts, faults = FILE_FACTS[path.name], FaultLog(stop_at_first=True)
-    records = list(ReleasedFile(path, start).records(faults))
+    records = list(ReleasedFile(path, faults).records(appearance, start, split))
     if len(records) != facts.tasks:
         raise CorpusError(f"{path}: has {len(records)} entries; the file of release {RELEASE} has {facts.tasks}")
     if facts.content_sha256 not in (None, content_digest(records)):
@@ -99,7 +99,7 @@ def check_official_file(path: Path) -> OfficialFile:
             f"{path}: is not the file of release {RELEASE}: it has as many entries, but statements, programs, labels "
             f"or scenes differ (content digest {content_digest(records)}, not {facts.content_sha256})"
         )
-    tasks = list(TaskReader(appearance, faults).tasks(records))
+    tasks = [task for task, _ in TaskReader(appearance, faults).tasks(records)]
     verified_by = "numbers and labels" if facts.content_sha256 is None else "content digest"
     return OfficialFile(path.name, path.stat().st_size, len(tasks), contexts(tasks), verified_by)
 

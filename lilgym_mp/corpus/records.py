@@ -24,7 +24,6 @@ GZIP_MAGIC = b"\x1f\x8b"
 READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "O_CLOEXEC", "O_BINARY"))
 MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
 
-
 _OTHER_SPACES = re.compile(r"[^\S ]+")
 PROSE = frozenset({"statement", "program", "sentence", "lf"})  # keys of texts whose white space is normalised
 
@@ -40,6 +39,7 @@ class Record(NamedTuple):
     scene: object = None  # the released `structured_rep`
     is_flipit: bool = False
     is_valid: bool = True  # whether the rest of its entry is
+    tags: tuple[str, ...] = ()  # annotations of the statement by the corpus's authors
 
 
 def read_text(path: Path) -> tuple[str, str]:
@@ -50,7 +50,13 @@ def read_text(path: Path) -> tuple[str, str]:
     data = read_bytes(path)
     sha256 = hashlib.sha256(data).hexdigest()
     if path.suffix == ".gz" or data.startswith(GZIP_MAGIC):
-        data = _unzipped(path, data)
+        try:
+            with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+                data = file.read(MAX_BYTES + 1)
+        except (OSError, EOFError, zlib.error) as fault:
+            raise CorpusError(f"{path}: broken gzip file: {fault}") from None
+        if len(data) > MAX_BYTES:
+            raise CorpusError(f"{path}: a corpus file may have at most {MAX_BYTES} bytes when unpacked")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as fault:
@@ -77,17 +83,6 @@ def read_bytes(path: Path) -> bytes:
     if len(data) > MAX_BYTES:
         raise CorpusError(f"{path}: a corpus file may have at most {MAX_BYTES} bytes")
     return data
-
-
-def _unzipped(path: Path, data: bytes) -> bytes:
-    try:
-        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
-            unzipped = file.read(MAX_BYTES + 1)
-    except (OSError, EOFError, zlib.error) as fault:
-        raise CorpusError(f"{path}: broken gzip file: {fault}") from None
-    if len(unzipped) > MAX_BYTES:
-        raise CorpusError(f"{path}: a corpus file may have at most {MAX_BYTES} bytes when unpacked")
-    return unzipped
 
 
 class JSONFault(ValueError):

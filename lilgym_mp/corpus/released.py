@@ -54,11 +54,12 @@ class ReleasedFile:
     """A released JSON file."""
 
     name = NAME
+    is_prevalidated = False
 
-    def __init__(self, path: Path, start: str) -> None:
-        """Raises CorpusError when the file is not a JSON object of entries."""
+    def __init__(self, path: Path, faults: FaultLog) -> None:
+        """Raises CorpusError when the file is not a JSON object of entries; other faults go to `faults`."""
         self.path = path
-        self.start = start
+        self._faults = faults
         text, self.sha256 = read_text(path)
         try:
             content = as_object(parse_json(text))
@@ -66,20 +67,22 @@ class ReleasedFile:
             raise CorpusError(f"{path}: {fault}") from None
         if content is None:
             raise CorpusError(f"{path}: must be one JSON object, {{id: entry}}")
-        self.content = content
+        self.entries = content
 
     def contents(self, start: str) -> str:
         return "no valid task"
 
-    def records(self, faults: FaultLog) -> Iterator[Record]:
-        for name, value in self.content.items():
+    def records(self, _appearance: str, start: str, _split: str) -> Iterator[Record]:
+        """All records: the file has one configuration and split."""
+        faults = self._faults
+        for name, value in self.entries.items():
             where, entry = f"{self.path}, entry {name!r}", as_object(value)
             if entry is None:
                 faults.add(where, f"an entry must be a JSON object, not {shown(value)}")
                 continue
             statement, program = (faults.check(where, check_text, key, entry.get(key)) for key in ("sentence", "lf"))
             record = Record(where, faults.check(where, check_text, "an id", name), statement, program)
-            if self.start == FLIPIT:
+            if start == FLIPIT:
                 label = faults.check(where, _label, entry.get("label"))
                 record = record._replace(label=label, scene=entry.get("structured_rep"), is_flipit=True)
             yield record

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib.resources import files
+from typing import NamedTuple
 
 NUMBERS = {
     word: str(number)
@@ -21,50 +23,11 @@ CONTRACTIONS = (
     ("dont", "do not"),
 )
 LOST_FIRST_LETTER = {"ll": "all", "t": "at", "tleast": "atleast", "tmost": "atmost"}  # first words of statements
-_WORDS = """
-    a above adjacent against all almost also alternating altogether amount and another any anywhere are area areas
-    at attached base bases below beneath between big black block blocks blue border borders both bottom box boxes
-    brick bricks built ceiling center centre circle circles close closely color colored colors colour coloured
-    colours column columns completely connected consist consisting consists contact contain containing contains
-    corner corners couple cube cubes different directly does each edge edges either empty equal every everything
-    exactly except exist exists fewer figure figures floor from fully gray greater greatest grey ground half has
-    have having height here high higher highest hold holds image immediately in include includes including inside is
-    it item items itself just large last least left less level located lower lowest made majority many maximum
-    medium middle minimum more most multiple near nearly neither next none not nothing number numbers object objects
-    of on only other others outnumber over overall pair picture pile piles placed position precisely present resting
-    right same sandwiched second several shape shapes shown shows side sides single sitting size sized sizes small
-    smaller some something somewhere square squares stack stacked stacks tall taller tallest than that the their
-    them then there thing things third this to together top topmost topped total touch touches touching tower towers
-    triangle triangles under underneath upper uppermost very wall walls where which while with without yellow
-"""
-_OTHER_WORDS = """
-    am an anyone arena aria as aside atone atop attacked back bake bare baseless bash basis bath be biases blacks
-    blank blues blur botch boxer boxers brig buses by chose clone closer colon colons colorless contract cues cure
-    cute dies do docs dogs dose dots early edgy eighth eights eighty elevens enter etch ever everyone excerpt exit
-    exits file filly fine fire fiver fives flood flour for form foul fours frog full fur go grab grad gram gravy
-    grew hall halt halve hare hash hasten hate hats he her hero hive hole holes hood if incompletely indirectly
-    larger lase lasts lease lefty legs lens lesson let lets lift list locks loft lofty loser loss lost lowers make
-    male man mare mast mate may maze me meddle mere mist mode moist mole moot mount move muddle multiply must my
-    nearby neat neatly nest net nice nines nite no node non nose note noting often once ones or order orders paid
-    pail pain pale par pie pies pine pipe pipes played pole poles preset prevent resent round sack sacks safe sage
-    sake sale sane save seconds seen seize setting sever shack shade shades shake shall shame share shares shave
-    shaves shops shots sided sifting sine site sites slack slide slides slows smell snack snide so sole someone
-    squire stall stick sticks stock stuck tail tale talk tally tan teen tell tend tens tent thank thaw theme these
-    thin think threes threw thus till toll torch torches touchy tough tow towel towels tree twelves twos tying up us
-    vary verb walk walks we well wells were whine white whole width will wish wit yellows zeros
-"""
-# Corrections give one of these words and no other: vocabularies also hold what people mistyped more than once.
-WELL_SPELT = frozenset(_WORDS.split()) | NUMBERS.keys()
-OTHER_WORDS = frozenset(_OTHER_WORDS.split())  # English words that would be taken for errors in those, and are kept
 MIN_LENGTH = 3  # shortest word that a correction gives
 MIN_REPLACED = 4  # letters; in shorter words no letter is replaced
-MIN_VARIED = 5  # letters; a shorter word of WELL_SPELT is kept, a longer one can become a variant ("colours": "colors")
+MIN_VARIED = 5  # letters; a shorter well-spelt word is kept, a longer one can become a variant ("colours": "colors")
 MIN_BEHEADED = 5  # letters; shorter words do not get a first letter
 CACHED_WORDS = 20_000
-_INTERJECTIONS = """
-    ah alright actually clearly hello hey hi hm hmm listen look no now oh ok okay please see so sure well wow yes
-"""
-INTERJECTIONS = frozenset(_INTERJECTIONS.split())  # first words before a comma that mean nothing
 _WORD = re.compile(r"""[^\W\d_]+|[0-9]+|[^\w\s.,;:!?'"()/*…“”‘’–—-]+""")  # letters, digits or signs such as ">"
 _INTERJECTION = re.compile(r"\W*[^\W\d_]+\W*,")
 _NOT = re.compile(r"n't\b")
@@ -72,12 +35,27 @@ _IS = re.compile(r"\b(there|it|that|which|here)'s\b")
 _POSSESSIVE = re.compile(r"'s\b|'")
 
 
+class WordLists(NamedTuple):
+    """The lists of `data/spelling.txt`, which says what they are for; number words are well spelt, too."""
+
+    well_spelt: frozenset[str]
+    others: frozenset[str]
+    interjections: frozenset[str]
+
+
+@cache
+def word_lists() -> WordLists:
+    _, *lists = (files("lilgym_mp.data") / "spelling.txt").read_text(encoding="ascii").split("#")
+    well_spelt, *others = (frozenset(text.split("\n", 1)[1].split()) for text in lists)
+    return WordLists(well_spelt | NUMBERS.keys(), *others)
+
+
 def normalised_words(statement: str, known: Collection[str]) -> list[str]:
     """The words of the statement in lower case: no punctuation, "3" for "three", "is not" for "isn't".
 
     A word not in `known` (lower case) is corrected if it is two words typed as one, or one error away from a single
-    word: a letter left out, added or replaced, or two swapped. Corrections give words in `known` and WELL_SPELT, or
-    number words; words in OTHER_WORDS are kept, as are words that could be several. A first word such as "ll", common
+    word: a letter left out, added or replaced, or two swapped. Corrections give well-spelt words in `known`, or number
+    words; other English words are kept, as are words that could be several. A first word such as "ll", common
     in the official statements, gets its missing "a" back; an unknown one before a comma ("Look, ...") is left out.
     """
     return [NUMBERS.get(part, part) for _, parts in _read(statement, known) for part in parts]
@@ -93,7 +71,9 @@ def corrections(statement: str, known: Collection[str]) -> dict[str, str]:
 
 def unread_words(statement: str, known: Collection[str]) -> list[str]:
     """What `normalised_words` leaves out and may mean something: a first word, or a text without words."""
-    left_out = [typed for typed, parts in _read(statement, known) if not parts and typed not in INTERJECTIONS]
+    left_out = [
+        typed for typed, parts in _read(statement, known) if not parts and typed not in word_lists().interjections
+    ]
     return left_out if _typed_words(statement) else [statement.strip()]
 
 
@@ -118,22 +98,24 @@ def _with_first_letter(words: list[str]) -> list[str]:
 def _read(statement: str, known: Collection[str]) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Each word as typed, and the words it is read as."""
     known = known if isinstance(known, frozenset) else frozenset(known)
+    well_spelt, others, _ = word_lists()
     words = _typed_words(statement)
     may_leave_out = _INTERJECTION.match(statement.lower()) is not None
     for typed, word in zip(words, _with_first_letter(words), strict=True):
-        is_kept = word in known or word in NUMBERS or word in OTHER_WORDS
+        is_kept = word in known or word in NUMBERS or word in others
         parts = (word,) if is_kept else _corrected(word, known)
-        yield typed, () if may_leave_out and parts == (word,) and not {word} & (known | WELL_SPELT) else parts
+        yield typed, () if may_leave_out and parts == (word,) and not {word} & (known | well_spelt) else parts
         may_leave_out = False
 
 
 @lru_cache(maxsize=CACHED_WORDS)
 def _corrected(word: str, known: frozenset[str]) -> tuple[str, ...]:
-    choices = WELL_SPELT & (known | NUMBERS.keys())
+    well_spelt = word_lists().well_spelt
+    choices = well_spelt & (known | NUMBERS.keys())
     cuts = ((word[:at], word[at:]) for at in range(1, len(word)))
     splits = [cut for cut in cuts if choices.issuperset(cut)]
     near = [other for other in choices if len(other) >= MIN_LENGTH and _is_error(word, other)]
-    if word in WELL_SPELT:
+    if word in well_spelt:
         near = [other for other in near if len(word) >= MIN_VARIED and len(other) != len(word)]
     elif len(splits) == 1:
         return splits[0]

@@ -116,12 +116,9 @@ class TaskReader:
         self._boxes: dict[tuple[Item, ...], Box] = {}
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
-    def tasks(self, records: Iterable[Record]) -> Iterator[Task]:
-        """The tasks of the valid records; faults go to the log."""
-        for record in records:
-            task = self._task(record)
-            if task is not None:
-                yield task
+    def tasks(self, records: Iterable[Record]) -> Iterator[tuple[Task, tuple[str, ...]]]:
+        """The tasks of the valid records, with their tags; faults go to the log."""
+        return ((task, record.tags) for record in records if (task := self._task(record)) is not None)
 
     def _task(self, record: Record) -> Task | None:
         _, name, statement, source, label, *_ = cast("tuple[Any, ...]", record)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.corpus import TaskSet, Vocabulary, check_corpus, contexts, load_tasks
+from lilgym_mp.corpus import TaskSet, check_corpus, contexts, load_tasks
 from lilgym_mp.corpus.tokens import normalised, statement_form
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -22,7 +22,6 @@ SOURCE = ROOT / "data" / "builtin_source.toml"
 SHIPPED = ROOT / "data" / "builtin.jsonl.gz"
 SIZES = {"train": 1000, "dev": 150, "test": 300}
 ALL_SPLITS = [(appearance, split) for appearance in APPEARANCES for split in SIZES]
-LEAST_FORMS = 300
 MOST_BYTES = 3_000_000
 
 
@@ -89,27 +88,10 @@ def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_va
         assert all(items_apart(one.start, other.start) <= 2 for one, other in pairs), statement
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__most_statements_have_a_pair_with_equally_many_items(appearance: str):
-    tasks = list(starts(appearance, "train").values())
-    with_equal_counts = sum(any(item_count(a) == item_count(b) for a, b in ((m[0], m[1]), (m[2], m[3]))) for m in tasks)
-    assert with_equal_counts > 0.9 * len(tasks)
-
-
-def item_count(task: Any) -> int:
-    return sum(1 for _ in task.start.items())
-
-
 def items_apart(one: Scene, other: Scene) -> int:
     """The number of items that are in only one of the scenes."""
     pairs = zip(one.boxes, other.boxes, strict=True)
     return sum(len(set(a.items) ^ set(b.items)) for a, b in pairs)
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__statements_have_many_forms(appearance: str):
-    forms = {statement_form(task.statement) for tasks in scratch(appearance) for task in tasks}
-    assert len(forms) >= LEAST_FORMS
 
 
 @pytest.mark.parametrize("split", ["dev", "test"])
@@ -126,25 +108,9 @@ def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance: str, spli
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__few_statements_are_true_in_the_empty_scene(appearance: str):
-    tasks = [task for split in scratch(appearance) for task in split]
-    true_in_empty = [task.statement for task in tasks if task.truth(Scene.empty())]
-    assert len(true_in_empty) < 0.05 * len(tasks)
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
 def test_builtin__statements_are_distinct(appearance: str):
     statements = [normalised(task.statement) for split in scratch(appearance) for task in split]
     assert len(set(statements)) == len(statements)
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_builtin__dev_and_test_have_few_words_unseen_in_train(appearance: str):
-    train, dev, test = scratch(appearance)
-    known = set(Vocabulary.from_statements(task.statement for task in train).words)
-    correct = [task.statement for tasks in (dev, test) for task in tasks if "mistyped" not in tasks.tags(task.id)]
-    used = set(Vocabulary.from_statements(correct).words)
-    assert len(used - known) <= 0.05 * len(used)
 
 
 @pytest.mark.usefixtures("official_data")

@@ -209,5 +209,6 @@ def test_content_digest__ignores_whitespace_and_key_order(tmp_path: Path):
     digests = []
     for text in (compact, spread, other):
         (tmp_path / "file").write_text(text)
-        digests.append(content_digest(ReleasedFile(tmp_path / "file", "flipit").records(FaultLog(stop_at_first=True))))
+        file = ReleasedFile(tmp_path / "file", FaultLog(stop_at_first=True))
+        digests.append(content_digest(file.records("tower", "flipit", "dev")))
     assert digests[0] == digests[1] != digests[2]

@@ -6,14 +6,12 @@ import gzip
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from lilgym_mp.corpus import CorpusError, load_tasks
-from lilgym_mp.corpus.official import import_official
-from lilgym_mp.corpus.records import JSONFault, parse_json, read_bytes, read_text
+from lilgym_mp.corpus.records import read_bytes, read_text
 
 READ = """
 import resource, sys
@@ -75,20 +73,6 @@ def test_read__a_byte_order_mark_is_skipped(tmp_path: Path) -> None:
     path = tmp_path / "marked.json"
     path.write_bytes(b"\xef\xbb\xbf{}")
     assert read_text(path)[0] == "{}"
-
-
-def test_parse_json__many_keys_take_linear_time() -> None:
-    keys = ",".join(f'"{key}":0' for key in range(200_000))
-    begin = time.process_time()
-    with pytest.raises(JSONFault, match="duplicate key '199999' in one object"):
-        parse_json(f'{{{keys},"199999":1}}')
-    assert time.process_time() - begin < 3
-
-
-def test_import__a_pipe_is_an_error(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "tower_scratch_dev.json")
-    with pytest.raises(CorpusError, match="not a regular file"):
-        import_official(tmp_path, tmp_path / "target")
 
 
 def test_errors__escape_control_characters(tmp_path: Path) -> None:

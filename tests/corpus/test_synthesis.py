@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
-from lilgym_mp.corpus.faults import NoTasksError
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.programs import compile_program
@@ -95,8 +94,3 @@ def test_synthesize__scenes_depend_on_seed_and_statement_only(entries: Entries, 
 def test_synthesize__duplicate_ids_are_made_unique(released: Path):
     (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
     assert [entry.id for entry in synthesize(released)] == ["tower-dev-7", "tower-test-7"]
-
-
-def test_synthesize__a_split_without_statements_is_an_error(entries: Entries, written: Writer):
-    with pytest.raises(NoTasksError, match=r"own\.jsonl' has no tasks for the requested configurations"):
-        list(synthesize(written(entries), splits=["test"]))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from concurrent.futures import ThreadPoolExecutor
 
-import gymnasium as gym
 import pytest
 
 import lilgym_mp  # noqa: F401  (registers the environments)
@@ -100,14 +99,6 @@ def test_split_of__equivalent_programs_share_a_split():
 def test_load__rejects_malformed_names(corpus: str, message: str):
     with pytest.raises(CorpusError, match=message):
         load_tasks(corpus, "tower", "scratch", "train")
-
-
-def test_environment__accepts_a_generated_corpus():
-    env = gym.make("lilgym_mp/TowerFlipIt-v0", corpus="generated:1", split="dev")
-    observation, info = env.reset(seed=0)
-    assert observation["statement"]
-    assert info["task"].startswith("tower-dev-1-0-")
-    env.close()
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import ast
+import hashlib
 import random
 import re
 import subprocess
@@ -18,22 +18,10 @@ from lilgym_mp.programs import compile_program
 from lilgym_mp.scene import Scene
 
 APPEARANCES = ("tower", "scatter")
-PROGRAM_WORDS = {
-    "tower": {
-        "exist", "count", "filter_obj", "filter_color", "combinations", "is_yellow", "is_blue", "is_black", "is_top",
-        "is_bottom", "is_second", "is_third", "is_touching_wall", "get_touching", "get_above", "get_below",
-        "get_box_all_above", "get_box_all_below", "query_color", "get_set_colors", "all_same_color",
-        "all_same_attribute", "ge", "le", "NOT", "All",
-    },
-    "scatter": {
-        "exist", "count", "filter_obj", "filter_color", "filter_shape", "combinations", "is_yellow", "is_blue",
-        "is_black", "is_circle", "is_square", "is_triangle", "is_big", "is_medium", "is_small", "is_touching_wall",
-        "is_closely_touching_wall", "is_touching_corner", "is_closely_touching_corner",
-        "is_closely_touching_specific_corner", "get_touching", "get_closely_touching", "get_box_all_above",
-        "get_box_all_below", "get_box_exclusive", "get_set_colors", "get_set_shapes", "get_set_sizes",
-        "all_same_color", "all_same_shape", "all_same_size", "ge", "le", "NOT", "All",
-    },
-}  # fmt: skip
+DIGESTS = {
+    "tower": "32aa2aa521c7155f53bee3135bc41cd0bcd7931a813ae5831e0c897688b9c9c2",
+    "scatter": "5d99669d6cc4912792b4b9907594dd96b6c7d55d247cfa1c7ec167f5058c55cf",
+}
 
 
 def pairs(appearance: str, number: int, seed: int = 3, *, noise: bool = False) -> list[TrainingPair]:
@@ -45,20 +33,15 @@ def scenes(appearance: str, number: int) -> list[Scene]:
     return rng.sample(ScenePool.sample(appearance, rng, 60).scenes, number)
 
 
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__are_deterministic_in_the_arguments(appearance: str) -> None:
-    assert pairs(appearance, 200, noise=True) == pairs(appearance, 200, noise=True)
-    assert pairs(appearance, 200) != pairs(appearance, 200, seed=4)
+@pytest.mark.parametrize(("appearance", "digest"), DIGESTS.items())
+def test_training_pairs__stay_the_same(appearance: str, digest: str) -> None:
+    found = repr([tuple(pair) for pair in islice(training_pairs(appearance, 0), 6_000)])
+    assert hashlib.sha256(found.encode()).hexdigest() == digest, "trained parsers depend on the stream of pairs"
 
 
 def test_training_pairs__rejects_an_unknown_appearance() -> None:
     with pytest.raises(ValueError, match="unknown appearance 'towers'; choose from scatter, tower"):
         next(training_pairs("towers", 0))
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__rarely_repeat_a_statement(appearance: str) -> None:
-    assert len({pair.statement for pair in pairs(appearance, 2000)}) > 1800
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
@@ -68,14 +51,6 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str)
         program = compile_program(pair.program)
         for scene in pool:
             assert program.evaluate(scene) in (True, False), pair
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_training_pairs__cover_the_documented_program_words(appearance: str) -> None:
-    used: set[str] = set()
-    for pair in pairs(appearance, 4000):
-        used |= {node.id for node in ast.walk(ast.parse(pair.program)) if isinstance(node, ast.Name)}
-    assert used >= PROGRAM_WORDS[appearance]
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
@@ -107,15 +82,6 @@ def test_training_pairs__bare_numbers_are_sometimes_lower_bounds() -> None:
 def programs_of_bare_numbers(share: float) -> list[str]:
     pairs = islice(training_pairs("tower", 8, noise=False, bound_share=share), 4_000)
     return [program for text, program in pairs if re.fullmatch(r"there are (\w+) (black|blue|yellow) blocks", text)]
-
-
-def test_with_noise__is_deterministic_and_keeps_most_words() -> None:
-    statement = "there is a box with exactly two yellow triangles"
-    noisy = [with_noise(statement, random.Random(seed)) for seed in range(300)]
-    assert noisy == [with_noise(statement, random.Random(seed)) for seed in range(300)]
-    assert len(set(noisy)) > 40
-    kept = [len(set(statement.split()) & set(text.lower().strip(" .").split())) for text in noisy]
-    assert min(kept) >= len(statement.split()) - 4
 
 
 def test_with_noise__adds_no_second_full_stop() -> None:
