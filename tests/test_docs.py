@@ -17,7 +17,7 @@ from tests.documents import run_document
 ROOT = Path(__file__).parent.parent
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception", "questions"),
-    *("training", "troubleshooting", "vectorised", "wrappers"),
+    *("troubleshooting", "vectorised", "wrappers"),
 )
 LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
