@@ -49,11 +49,12 @@ class LazyTable:
         """`value_of`: gives the value of a key; `default`: fills the value of key -1."""
         self._values = np.full((count + 1, *(space.shape or ())), default, space.dtype)
         self._is_known = np.arange(count + 1) == count
+        self._unknown = count
         self._value_of = value_of
 
     def take(self, keys: Any) -> Any:
         """(..., *shape) a new array: the values of keys (...)."""
-        is_known = self._is_known[keys]
+        is_known = self._is_known[keys] if self._unknown else np.True_
         if not (is_known.all() if is_known.ndim else is_known):
             for key in np.unique(keys).tolist():
                 if not self._is_known[key]:
@@ -61,6 +62,7 @@ class LazyTable:
         return self._values.take(keys, axis=0)
 
     def set(self, key: int, value: Any) -> None:
+        self._unknown -= not self._is_known[key]
         self._values[key], self._is_known[key] = value, True
 
 
