@@ -37,7 +37,7 @@ MAX_CANDIDATES = 12
 PROBE_SCENES = 160  # candidates that agree on all of these count as equivalent
 MIN_ILL_TYPED = 0.1  # fraction of the beam's probability below which ill-typed programs, slow to evaluate, are dropped
 MAX_CACHED_STATEMENTS = 4096
-UNKNOWN_FACTOR = 1 / 3  # on the candidates' probabilities for each unknown word; docs/agents.md, "Unknown words"
+UNKNOWN_FACTOR = 1 / 3  # on the candidates' probabilities for each unknown word; docs/agents.md, "Invalid input"
 
 
 class Candidate(NamedTuple):
