@@ -2,7 +2,7 @@
 
 Under the protocol "joint" the proposer edits while the verifier says when to stop, and both get the reward of the MDP:
 one must learn to make the statement true, the other to recognise when it is. Each side has a network of its own, which
-reads the statement's words and the blocks of each box. docs/game_experiments.md shows the curve.
+reads the statement's words and the blocks of each box. docs/game_experiments.md has its results.
 Needs the extra `train`. Run: python examples/game_ppo.py --minutes 5
 """
 
