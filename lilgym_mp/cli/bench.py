@@ -25,12 +25,11 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-import lilgym_mp.wrappers as wrappers
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.machine import usable_cores
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
-from lilgym_mp.evaluation.options import INTERRUPTED, CommandError, add_configuration, add_corpus, argument_type
+from lilgym_mp.evaluation.options import CommandError, add_configuration, add_corpus, argument_type
 from lilgym_mp.evaluation.recording_metadata import cpu_model
 from lilgym_mp.evaluation.report import markdown_table
 from lilgym_mp.evaluation.terminal import Progress
@@ -137,9 +136,8 @@ def single(workload: Workload, num_envs: int, masks: bool = False) -> Iterator[P
 
 
 @contextmanager
-def vector(make: Any, workload: Workload, num_envs: int, masks: bool = False, wrap: Any = None) -> Iterator[Player]:
-    env = make(workload.id, num_envs, **workload.arguments)
-    with closing(wrap(env) if wrap else env) as env:
+def vector(make: Any, workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
+    with closing(make(workload.id, num_envs, **workload.arguments)) as env:
         rows, steps = workload.rows(num_envs, env.metadata["autoreset_mode"])
         before: list[Call] = [(env.action_masks,)] if masks else []
         yield Player(steps, lambda: env.reset(seed=0), [call for row in rows for call in (*before, (env.step, row))])
@@ -206,13 +204,9 @@ def cases(counts: Sequence[int]) -> Iterator[Case]:
     yield Case("single", "single, masks", 1, partial(single, masks=True))
     for count in counts:
         for group, make in (("batched", gym.make_vec), ("workers", workers)):
-            for workload in (FIXED, RANDOM):
-                yield Case(group, group, count, partial(vector, make), workload)
+            yield Case(group, group, count, partial(vector, make))
             yield Case(group, f"{group}, no copy", count, partial(vector, partial(make, copy=False)))
             yield Case(group, f"{group}, masks", count, partial(vector, make, masks=True))
-        for wrapper in ("stop_forcing", "action_mask", "tokenized_statement", "structured_observation", "grid_planes"):
-            wrapped = partial(vector, gym.make_vec, wrap=getattr(wrappers, f"{wrapper}_v0"))
-            yield Case("wrappers", f"batched, {wrapper}_v0", count, wrapped)
         for backend in ("batched", "workers", "dummy", "subproc"):
             yield Case("sb3", f"SB3, {backend}", count, partial(sb3, backend))
         yield Case("sb3", "SB3, batched, masks", count, partial(sb3, "batched", masks=True))
@@ -239,22 +233,17 @@ def run(args: argparse.Namespace) -> int:
     if min(args.num_envs) < 1:
         raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")
     rounds, seconds, actions = (3, 0.01, 550) if args.quick else (9, 0.1, 4_400)
-    results = {name: [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)] for name in names}
-    code = 0
+    machine = f"{cpu_model()}, {usable_cores()} cores, {PROCESSES} worker processes, {rounds} rounds"
+    print(f"{strftime('%Y-%m-%d %H:%M')}, {machine}\n\n{LEGEND}")
     # A thread that redraws the bar would disturb the measurements.
     with Progress(len(names) * rounds, "rounds", redraws_by_itself=False) as progress:
-        try:
-            for name, found in results.items():
-                settings = EnvConfig(name, args.corpus)
-                workloads = {kind: Workload(settings, kind, actions) for kind in (FIXED, RANDOM)}
-                _measure(found, workloads, rounds, seconds, partial(progress.advance, note=name))
-        except KeyboardInterrupt:
-            print("interrupted: not everything was measured", file=sys.stderr)
-            code = INTERRUPTED
-    machine = f"{cpu_model()}, {usable_cores()} cores, {PROCESSES} worker processes, {rounds} rounds"
-    tables = [f"### {name}\n\n{markdown_table(_table(found))}" for name, found in results.items() if found[0].rates]
-    print("\n\n".join([f"{strftime('%Y-%m-%d %H:%M')}, {machine}", LEGEND, *tables]))
-    return code
+        for name in names:
+            settings = EnvConfig(name, args.corpus)
+            workloads = {kind: Workload(settings, kind, actions) for kind in (FIXED, RANDOM)}
+            found = [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)]
+            _measure(found, workloads, rounds, seconds, partial(progress.advance, note=name))
+            print(f"\n### {name}\n\n{markdown_table(_table(found))}", flush=True)
+    return 0
 
 
 def _measure(found: list[Case], workloads: dict[str, Workload], rounds: int, seconds: float, on_round: Any) -> None:

@@ -7,9 +7,7 @@ compares them with an untrained network, random policies and the expert, and wri
 from __future__ import annotations
 
 import argparse
-import io
 from collections.abc import Sequence
-from contextlib import redirect_stdout
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
@@ -111,33 +109,21 @@ def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
 def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
     """Writes and prints the results."""
     parser = directory / RUNS / PARSE_AND_PLAN
-    explanation = _explanation(parser, plan.settings)
     write_json(directory / "results.json", results_json(results, with_episodes=True))
     write_text(directory / "results.md", f"{plan}\n\n{results_markdown(results)}\n")
-    write_text(directory / "explanation.txt", f"{explanation}\n")
     films = {name: directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)}
     for name, film in films.items():
         (result,) = (result for result in results if result.name == name)
         evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
         film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
     print(
-        f"\n{plan}\n\n{shown_results(results)}\n\n{explanation}\n\n"
+        f"\n{plan}\n\n{shown_results(results)}\n\n"
         f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"
         f"films:   {', '.join(map(str, films.values()))}\n"
-        f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate them on other tasks, such as:\n"
-        f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test"
+        f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate and explain them on other tasks, such as:\n"
+        f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test\n"
+        f"         lilgym-mp explain 'There is a blue block.' --agent {parser}"
     )
-
-
-def _explanation(parser: Path, settings: EnvConfig) -> str:
-    """Returns the output of `lilgym-mp explain` for one of the split's longer statements."""
-    from lilgym_mp.cli import parse_args
-
-    tasks = sorted(settings.tasks(SPLIT), key=lambda task: (len(task.statement), task.id))
-    args = parse_args(["explain", "--task", tasks[len(tasks) * 3 // 4].id, "--agent", str(parser)])
-    with redirect_stdout(io.StringIO()) as printed:
-        args.run(args)
-    return "\n".join([f"lilgym-mp {' '.join(args.argv)}", "", printed.getvalue().rstrip()])
 
 
 def first_free_path(path: Path) -> Path:

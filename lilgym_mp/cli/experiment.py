@@ -86,12 +86,12 @@ def display(attempts: Sequence[Attempt]) -> Iterator[Callable[[], None]]:
     """Prints a line for each change of a run's status, above a bar on a terminal; yields what updates it."""
     from lilgym_mp.cli.experiment_runs import RunStatus
 
-    printed = {attempt.planned.name: str(RunStatus.WAITING) for attempt in attempts}
+    printed = {attempt.planned.name: RunStatus.WAITING for attempt in attempts}
     with Progress(len(attempts), "runs", lines=0) as bar:
 
         def update() -> None:
             for attempt in attempts:
-                name, status = attempt.planned.name, f"{attempt.status} {attempt.location}".strip()
+                name, status = attempt.planned.name, attempt.status
                 if printed[name] != status:
                     print(f"{name}: {status}", flush=True)
                 printed[name] = status

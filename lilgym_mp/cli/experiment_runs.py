@@ -58,8 +58,6 @@ class Attempt:
         self.marker = self.directory / FINISHED / (split or "") / f"{planned.name}.json"
         self.threads = threads
         self.status = RunStatus.WAITING
-        self.location = ""  # node of a run on a cluster
-        self.remote_fraction_done: float | None = None  # progress reported by that node
         self.seconds = 0.0
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
@@ -164,15 +162,8 @@ class Attempt:
             self._process.send_signal(signal.SIGTERM)
 
     @property
-    def files(self) -> tuple[Path, ...]:
-        """The run's own files and directories."""
-        return self.run, self.episodes, self.log
-
-    @property
     def fraction_done(self) -> float | None:
         """Fraction of the training budget used, None if unknown."""
-        if self.remote_fraction_done is not None:
-            return self.remote_fraction_done
         if self.status is not RunStatus.TRAINING or self.planned.budget is None:
             return None
         key, budget = self.planned.budget

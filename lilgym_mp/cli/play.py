@@ -77,24 +77,15 @@ def run(args: argparse.Namespace) -> int:
 
 
 def input_lines() -> Iterator[str]:
-    """Lines of standard input until it ends; on a terminal with line editing and a history."""
-    interactive = sys.stdin.isatty()
-    if interactive:
-        with suppress(ImportError):  # importing it adds editing and a history to `input`
-            import_module("readline")
+    """Lines of standard input until it ends, echoed unless it is a terminal, which gets line editing and a history."""
+    with suppress(ImportError):  # importing it adds editing and a history to `input`
+        import_module("readline")
     while True:
         try:
-            yield input("> ") if interactive else _read_line()
+            line = input("> ")
         except EOFError:
             print()
             return
-
-
-def _read_line() -> str:
-    """The next line of input that is not a terminal, echoed. Raises EOFError at the end."""
-    print("> ", end="", flush=True)
-    line = sys.stdin.readline()
-    if not line:
-        raise EOFError
-    print(line.rstrip("\n"))
-    return line
+        if not sys.stdin.isatty():
+            print(line)
+        yield line

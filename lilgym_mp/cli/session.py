@@ -9,17 +9,13 @@ import numpy as np
 
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.scene.actions import BOX_NAMES, STOP, ActionError, AddItem, RemoveItem, describe
+from lilgym_mp.scene import Shape, Size
+from lilgym_mp.scene.actions import STOP, ActionError, AddItem, RemoveItem, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.characters import ruled, text
 from lilgym_mp.scene.render.frames import frame
 from lilgym_mp.wrappers.replies import action_on
-
-PUNCTUATION = str.maketrans("(),", "   ")  # of "ADD(LEFT, BLUE)"
-VERBS = ("add", "remove", "stop")
-NAMES = {True: [*BOX_NAMES, *Colour.__members__], False: [*Shape.__members__, *Colour.__members__, *Size.__members__]}
 
 
 class Session:
@@ -54,18 +50,12 @@ class Session:
 
     def answer(self, line: str) -> None:
         """Executes a line of input and shows the result, or an error message."""
-        words = line.lower().translate(PUNCTUATION).split()
-        if not words:
-            return
-        known = [*VERBS, *self._commands]
-        names = [word for word in known if word == words[0]] or [word for word in known if word.startswith(words[0])]
+        line = line.strip().lower()
         try:
-            if len(names) != 1:
-                raise ActionError(f"unknown command {words[0]!r}; choose from {', '.join(known)}")
-            if names[0] in self._commands:
-                self._commands[names[0]]()
-            else:
-                self._act(f"{names[0]} {' '.join(words[1:])}")
+            if line in self._commands:
+                self._commands[line]()
+            elif line:
+                self._act(line)
         except ActionError as error:
             self._say(str(error))
 
@@ -134,19 +124,11 @@ class Session:
 
 
 def read_action(line: str, appearance: Appearance) -> int:
-    """The index of an action as it is shown, or in words, which may be abbreviated. Raises ActionError."""
-    names = NAMES[appearance.grid is None]
-    words = [_completed(word, names) for word in line.translate(PUNCTUATION).split()]
-    action = action_on(" ".join(words), appearance)
+    """The index of an action as it is shown, or in words. Raises ActionError."""
+    action = action_on(line, appearance)
     if action is None or action < 0:
-        raise ActionError(f"{' '.join(words)!r} is not an action; {usage(appearance)}")
+        raise ActionError(f"{line!r} is not an action; {usage(appearance)}; help lists the commands")
     return action
-
-
-def _completed(word: str, names: Sequence[str]) -> str:
-    """The name that alone begins with this word, otherwise the word."""
-    matches = [name for name in names if name.startswith(word.upper())]
-    return matches[0].lower() if len(matches) == 1 else word
 
 
 def usage(appearance: Appearance) -> str:
@@ -186,5 +168,5 @@ HELP = (
     "next             go to another task",
     "back             restart this task",
     "quit             leave (as do the end of input and Ctrl-C)",
-    "Words may be abbreviated, brackets and commas left out: a l bla is ADD(LEFT, BLACK).",
+    "Brackets and commas may be left out: add left black is ADD(LEFT, BLACK).",
 )

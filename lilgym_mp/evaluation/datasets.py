@@ -14,10 +14,8 @@ import sqlite3
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing, contextmanager
-from functools import partial
+from contextlib import closing
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -39,10 +37,7 @@ from lilgym_mp.wrappers import StructuredObservation, TextObservation
 
 IMAGE, STRUCTURED, TOKENS = "image", "structured", "tokens"
 FORMS = (IMAGE, STRUCTURED, TEXT, TOKENS)  # of observations
-MINARI = 0, 5, 4  # oldest version that can be written
 EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data set names
-HDF5_FORMAT = ("v110", "v110")  # oldest and newest version written; headers take a third of the space of older ones
-DECIMALS = 6  # of returns, which sums of rewards have not exactly
 SQLITE_MAGIC = b"SQLite format 3\0"
 
 
@@ -153,25 +148,21 @@ def rollouts(
     envs: Mapping[str, gym.Env[Any, Any]],
     on_episode: Callable[[], object] = lambda: None,
     *,
-    returns_to_go: bool = False,
     optimal: bool = False,
 ) -> Iterator[Rollout]:
     """The episodes, played again in the environment of their split, in order.
 
-    `on_episode` is called after each. `returns_to_go`: adds "return_to_go", the sum of the rewards from an action on.
-    `optimal`: adds "optimal", the expert's first actions of shortest solutions. Raises DatasetError for an episode that
-    ends differently.
+    `on_episode` is called after each. `optimal`: adds "optimal", the expert's first actions of shortest solutions.
+    Raises DatasetError for an episode that ends differently.
     """
     solver = Solver(sources[0].settings.dynamics()) if optimal else None
     for source in sources:
         for episode in source.episodes:
-            yield _rollout(source, episode, envs[source.split], solver, returns_to_go=returns_to_go)
+            yield _rollout(source, episode, envs[source.split], solver)
             on_episode()
 
 
-def _rollout(
-    source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
-) -> Rollout:
+def _rollout(source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None) -> Rollout:
     base: Any = env.unwrapped
     observations, legal, states, results = [env.reset(options={"task": episode.task})[0]], [], [], []
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
@@ -192,8 +183,6 @@ def _rollout(
         "truncated": np.array(truncated),
         "legal": np.stack(legal),
     }
-    if returns_to_go:
-        steps["return_to_go"] = np.cumsum(rewards[::-1])[::-1].round(DECIMALS)
     if solver is not None:
         steps["optimal"] = np.zeros_like(steps["legal"])
         for row, found in zip(steps["optimal"], solver.optimal_sets(states), strict=True):
@@ -228,19 +217,9 @@ def _suffix(path: Path) -> str:
 def write_file(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
     """Writes a file of the format that its suffix names, one of WRITERS. If writing fails, no file remains.
 
-    `about` is stored as JSON in npz and Parquet. Equal rollouts give equal bytes. Raises DatasetError as `check_file`
-    does, and for no rollouts.
+    `about` is stored as JSON in npz and Parquet. Equal rollouts, at least one, give equal bytes.
     """
-    check_file(path)
-    write_atomically(path, lambda unfinished: WRITERS[_suffix(path)](unfinished, _nonempty(played), about))
-
-
-def _nonempty(played: Iterable[Rollout]) -> Iterator[Rollout]:
-    rollout = None
-    for rollout in played:
-        yield rollout
-    if rollout is None:
-        raise DatasetError("there are no episodes to write")
+    write_atomically(path, lambda unfinished: WRITERS[_suffix(path)](unfinished, played, about))
 
 
 def _write_npz(path: Path, played: Iterable[Rollout], about: Mapping[str, Any]) -> None:
@@ -299,13 +278,8 @@ WRITERS: Mapping[str, Callable[[Path, Iterable[Rollout], Mapping[str, Any]], Non
 
 def check_minari(dataset_id: str) -> Path:
     """The directory that a data set of this name will have. Raises DatasetError if it cannot be written."""
-    try:
-        found = version("minari")
-    except PackageNotFoundError:
-        raise DatasetError(f"a Minari data set needs Minari: {install('minari')}") from None
-    if tuple(int(part) for part in found.split(".")[:3]) < MINARI:
-        oldest = ".".join(map(str, MINARI))
-        raise DatasetError(f"Minari {found} is too old; {oldest} or newer is needed: {install('minari')}")
+    if find_spec("minari") is None:
+        raise DatasetError(f"a Minari data set needs Minari: {install('minari')}")
     path: Path = import_module("minari.storage").get_dataset_path(dataset_id)
     if path.exists():
         raise DatasetError(f"the Minari data set {dataset_id!r} exists already; choose another name, or delete it")
@@ -322,9 +296,8 @@ def write_minari(
 ) -> None:
     """Writes a data set to Minari's directory.
 
-    The infos contain the fields of a file. `eval_env` is what `recover_environment(eval_env=True)` makes again. The
-    HDF5 file is compressed without loss; Minari reads and extends it as usual. If writing fails, no files remain.
-    Raises DatasetError as `check_minari` does.
+    The infos contain the fields of a file. `eval_env` is what `recover_environment(eval_env=True)` makes again. If
+    writing fails, no files remain. Raises DatasetError as `check_minari` does.
     """
     path = check_minari(dataset_id)
     minari, variable = import_module("minari"), "MINARI_DATASETS_PATH"
@@ -333,19 +306,18 @@ def write_minari(
         warnings.simplefilter("ignore", UserWarning)  # about missing authors and links
         os.environ[variable] = unfinished
         try:
-            with _compressing():
-                minari.create_dataset_from_buffers(
-                    dataset_id,
-                    map(_buffer, _nonempty(played)),
-                    env=env.spec,
-                    eval_env=eval_env.spec,
-                    observation_space=env.observation_space,
-                    action_space=env.action_space,
-                    algorithm_name=agent,
-                    description=", ".join(f"{name} {value}" for name, value in about.items() if value is not None),
-                    jpeg_encoding=False,
-                    data_format="hdf5",
-                )
+            minari.create_dataset_from_buffers(
+                dataset_id,
+                map(_buffer, played),
+                env=env.spec,
+                eval_env=eval_env.spec,
+                observation_space=env.observation_space,
+                action_space=env.action_space,
+                algorithm_name=agent,
+                description=", ".join(f"{name} {value}" for name, value in about.items() if value is not None),
+                jpeg_encoding=False,
+                data_format="hdf5",
+            )
         finally:
             os.environ.pop(variable)
             os.environ |= {} if named is None else {variable: named}
@@ -360,7 +332,7 @@ def _buffer(rollout: Rollout) -> Any:
     observed, steps = rollout.observations, rollout.steps
     observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
     infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
-    for name in {"legal", "optimal", "return_to_go"} & steps.keys():
+    for name in {"legal", "optimal"} & steps.keys():
         infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
     return import_module("minari.data_collector").EpisodeBuffer(
         options={"task": rollout.episode["task"]},
@@ -371,22 +343,3 @@ def _buffer(rollout: Rollout) -> Any:
         truncations=steps["truncated"],
         infos=infos,
     )
-
-
-@contextmanager
-def _compressing() -> Iterator[None]:
-    """Within it, h5py compresses each array as one chunk, which stays extensible; Minari pads and does not compress."""
-    h5py: Any = import_module("h5py")
-    create, file = h5py.Group.create_dataset, h5py.File
-
-    def compressed(self: Any, name: str, data: Any, dtype: Any = None, **settings: Any) -> Any:
-        if dtype is None and settings.get("chunks"):
-            data = np.asarray(data)
-            settings |= {"chunks": data.shape, "compression": "gzip", "shuffle": True}
-        return create(self, name, data=data, dtype=dtype, **settings)
-
-    h5py.Group.create_dataset, h5py.File = compressed, partial(file, libver=HDF5_FORMAT)
-    try:
-        yield
-    finally:
-        h5py.Group.create_dataset, h5py.File = create, file

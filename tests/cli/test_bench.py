@@ -54,12 +54,12 @@ def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in printed.splitlines() if line.startswith("| ")]
     megabytes = {(way, workload, envs): float(cell) for way, workload, envs, *_, cell in rows[1:] if cell != "-"}
     assert megabytes["batched", FIXED, "16"] > 16 * 28_500 / 1e6, "an image each"
-    assert megabytes["batched", RANDOM, "2"] < megabytes["batched", RANDOM, "16"]
+    assert megabytes["batched", FIXED, "2"] < megabytes["batched", FIXED, "16"]
     assert {"single", "single, masks", "batched, no copy", "games, batched"} <= {way for way, *_ in megabytes}
 
 
-def test_bench__ctrl_c_prints_results_so_far(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
-    rates = iter([1.0] * 6)
+def test_bench__ctrl_c_keeps_results_so_far(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
+    rates = iter([1.0] * 20)
 
     def rate(player: Player, seconds: float) -> float:
         try:
@@ -72,7 +72,6 @@ def test_bench__ctrl_c_prints_results_so_far(capsys: pytest.CaptureFixture[str],
     printed = capsys.readouterr()
     assert "### TowerFlipIt" in printed.out
     assert "### ScatterFlipIt" not in printed.out
-    assert "interrupted: not everything was measured" in printed.err
 
 
 def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):

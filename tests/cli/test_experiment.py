@@ -307,11 +307,11 @@ def test_display__prints_changes_of_status_and_a_bar_on_a_terminal(
     monkeypatch.setenv("TERM", "xterm")
     monkeypatch.setattr("sys.stderr", terminal := Terminal())
     with display(attempts) as update:
-        attempts[0].status, attempts[0].location = RunStatus.TRAINING, "on 10.0.0.7"
+        attempts[0].status = RunStatus.TRAINING
         attempts[1].status = RunStatus.FINISHED
         update()
         update()
-    assert capsys.readouterr().out == "one: training on 10.0.0.7\ntwo: finished\n"
+    assert capsys.readouterr().out == "one: training\ntwo: finished\n"
     assert "1/2" in terminal.getvalue()
     assert "one 25 %" in terminal.getvalue()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,9 @@ import pytest
 from lilgym_mp.cli import USAGE_ERROR, main
 from lilgym_mp.cli.experiment_plan import PlannedRun, read_plan
 from lilgym_mp.cli.experiment_ray import pack, run_on_ray, unpack
-from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts
+from lilgym_mp.cli.experiment_runs import RunStatus, make_attempts
 from lilgym_mp.evaluation.episodes import read_header
 from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.options import CommandError
 
 NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'
 TWO_RUNS = """
@@ -42,28 +41,27 @@ def cluster(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ray__run_of_a_killed_node_is_retried_and_results_are_copied_back(
+def test_ray__run_of_a_killed_node_is_retried_and_a_failed_one_is_not(
     cluster: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     doomed = cluster.add_node(num_cpus=1)
     monkeypatch.chdir(tmp_path)
     Path("two.toml").write_text(TWO_RUNS)
-    attempts = make_attempts(read_plan(Path("two.toml")), Path("results"), 1)
-    seen: set[str] = set()
+    bad = PlannedRun("bad", (), (("no-such-command",),))
+    attempts = make_attempts([bad, *read_plan(Path("two.toml"))], Path("results"), 1)
 
     def watch() -> None:
         nonlocal doomed
-        seen.update(attempt.location for attempt in attempts)
-        training = [a.status is RunStatus.TRAINING and a.fraction_done is not None for a in attempts]
-        if doomed is not None and all(training):
+        training = Path(tempfile.gettempdir()).glob("lilgym-mp-*/results/runs/*/progress.jsonl")  # on both nodes
+        if doomed is not None and len(list(training)) == 2:
             cluster.remove_node(doomed, allow_graceful=False)
             doomed = None
 
     run_on_ray(attempts, cluster.address, 1, watch, 0.2)
     assert doomed is None
-    assert [attempt.status for attempt in attempts] == [RunStatus.FINISHED] * 2, [attempt.error for attempt in attempts]
-    assert any(location.startswith("on ") for location in seen)
-    for attempt in attempts:
+    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, *[RunStatus.FINISHED] * 2]
+    assert "no-such-command" in attempts[0].error
+    for attempt in attempts[1:]:
         assert json.loads(attempt.marker.read_text())["commands"] == attempt.planned.commands
         assert (attempt.run / "agent.safetensors").exists()
         (recording,) = attempt.episodes.glob(f"*{SUFFIX}")
@@ -72,27 +70,6 @@ def test_ray__run_of_a_killed_node_is_retried_and_results_are_copied_back(
         assert header.run == f"results/runs/{attempt.planned.name}"
         assert "$ lilgym-mp evaluate" in attempt.log.read_text()
     assert main(["experiment", "two.toml", "--out", "results"]) == 0  # the runs are already finished
-
-
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_ray__ctrl_c_copies_checkpoints_back_and_failure_does_not_stop_other_runs(cluster: Any, tmp_path: Path):
-    file = tmp_path / "long.toml"
-    file.write_text(TWO_RUNS.replace("4096", "10_000_000"))
-    bad = PlannedRun("bad", (), (("no-such-command",),))
-    attempts = make_attempts([bad, *read_plan(file)[:1]], tmp_path / "results", 1)
-
-    presses = iter([KeyboardInterrupt])
-
-    def interrupt() -> None:
-        if attempts[1].fraction_done and (press := next(presses, None)):
-            raise press
-
-    with pytest.raises(KeyboardInterrupt):
-        run_on_ray(attempts, cluster.address, 1, interrupt, 0.2)
-    assert [attempt.status for attempt in attempts] == [RunStatus.FAILED, RunStatus.INTERRUPTED]
-    assert "no-such-command" in attempts[0].error
-    assert (attempts[1].run / "checkpoint.pt").exists()
-    assert not attempts[1].marker.exists()
 
 
 def test_pack__contains_one_run_and_unpacks_elsewhere(tmp_path: Path):
@@ -122,12 +99,6 @@ def test_experiment__rejects_invalid_options(
     assert main(["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), *words]) == USAGE_ERROR
     assert message in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_ray__rejects_a_corpus_at_a_relative_path(tmp_path: Path):
-    attempt = Attempt(PlannedRun("a", ("train", "ppo", "--corpus", "own.jsonl"), ()), tmp_path, 1)
-    with pytest.raises(CommandError, match=r"own\.jsonl is a relative path; --ray needs an absolute path"):
-        run_on_ray([attempt], "auto", 1, time.sleep, 1.0)
 
 
 def test_ray__missing_cluster_is_reported_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

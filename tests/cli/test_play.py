@@ -15,7 +15,7 @@ from PIL import Image
 from lilgym_mp.cli import main
 from lilgym_mp.cli.session import read_action
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.scene.actions import ActionError, AddBlock, AddItem, RemoveBlock, describe
+from lilgym_mp.scene.actions import ActionError, AddItem, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
 from lilgym_mp.scene.render.characters import ruled, text
 from tests.scenes import B, scene, square, tower
@@ -52,11 +52,10 @@ def test_play__hint_is_an_action(play: Play):
 
 def test_play__invalid_commands_are_explained_and_take_no_step(play: Play):
     output = play(BLUE_TASK, "dance", "add", "add up blue", "add left bl", "remove 3", "", "show")
-    assert "unknown command 'dance'; choose from add, remove, stop, hint" in output
     assert (
         "'add up blue' is not an action; write stop, remove BOX or add BOX COLOUR, such as: ADD(LEFT, BLUE)" in output
     )
-    assert output.count("is not an action") == 4
+    assert output.count("is not an action") == 5
     assert output.count("Actions left: 12.") == 2
     assert output.endswith("no episode completed, reward +0.0\n")
 
@@ -121,12 +120,9 @@ def test_read_action__accepts_every_action_as_it_is_shown(appearance: Tower | Sc
         assert read_action(describe(appearance.decode(index)), appearance) == index
 
 
-def test_read_action__accepts_abbreviations_and_attributes_in_any_order():
-    assert Tower().decode(read_action("add l bla", Tower())) == AddBlock(0, Colour.BLACK)
-    assert Tower().decode(read_action("remove m", Tower())) == RemoveBlock(1)
-    for line in ("add 3 4 tri lar y", "add 3 4 large yellow triangle"):
-        item = AddItem(3, 4, Shape.TRIANGLE, Colour.YELLOW, Size.LARGE)
-        assert Scatter().decode(read_action(line, Scatter())) == item
+def test_read_action__accepts_attributes_in_any_order():
+    item = AddItem(3, 4, Shape.TRIANGLE, Colour.YELLOW, Size.LARGE)
+    assert Scatter().decode(read_action("add 3 4 large yellow triangle", Scatter())) == item
 
 
 @pytest.mark.parametrize("line", ["stop now", "add 3 4 small large circle", "add 3 5 small blue circle", "remove a b"])
