@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import gzip
 import importlib.util
+import json
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -131,3 +133,22 @@ def test_repository__contains_no_official_statement(official_data: Path):
     long = {words for words in official if len(words) >= LONG_STATEMENT}
     found = {path.name: words for path in _project_files() for words in long.intersection(_phrases(path))}
     assert not found
+
+
+@pytest.mark.long
+def test_editable_install__lets_type_checkers_find_the_wrappers(tmp_path: Path):
+    for name in ("setuptools", "pyright"):
+        _needs(name)
+    for name in ("lilgym_mp", "wrappers", "data", "scripts"):
+        shutil.copytree(ROOT / name, tmp_path / name)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, tmp_path)
+    program = "import sys; sys.path.insert(0, 'scripts'); import build_backend; build_backend.build_editable('.')"
+    _passes(sys.executable, "-c", program, cwd=tmp_path)
+    (tree,) = (tmp_path / "build").glob("__editable__.*")
+    shutil.copy(ROOT / "wrappers" / "__init__.py", tmp_path / "wrappers" / "added.py")
+    user = tmp_path / "user"
+    user.mkdir()
+    (user / "script.py").write_text("from lilgym_mp.wrappers.added import stop_forcing_v0\nimport lilgym_mp.data\n")
+    (user / "pyrightconfig.json").write_text(json.dumps({"extraPaths": [str(tree)]}))
+    _passes(sys.executable, "-m", "pyright", "--project", str(user), cwd=user)
