@@ -1,7 +1,7 @@
 """Make the paper's tables and figures for recorded episodes.
 
 Writes a page, DIR/index.html, with the paper's tables and figures and more for all recorded episodes; tables also as
-CSV, Markdown and LaTeX, figures also as SVG, PNG and PDF. `lilgym-mp evaluate --record` and `experiment` record them.
+CSV and LaTeX, figures also as PDF. `lilgym-mp evaluate --record` and `experiment` record them.
 """
 
 from __future__ import annotations
@@ -24,12 +24,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the report")
     parser.add_argument(
-        "--document",
-        type=Path,
-        metavar="FILE.md",
-        help="also write the main tables and figures, without statements, as a Markdown page with pictures next to it",
-    )
-    parser.add_argument(
         "--check",
         action="store_true",
         help="first play all recorded actions and compute the tasks' facts again; end at the first difference",
@@ -41,18 +35,15 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.report.writing import check_output
     from lilgym_mp.evaluation.recording import check_recording
 
-    check_output(args.out, args.document)
+    check_output(args.out)
     if args.check:
         files = [file for path in args.paths for file in (path.rglob(f"*{SUFFIX}") if path.is_dir() else [path])]
         for file in sorted(files):
             check_recording(read_episodes(file))
         print(f"checked: {len(files)} recordings, every action played again")
-    command = " ".join(["lilgym-mp", *args.argv])
     try:
-        page = make_report(args.paths, args.out, document=args.document, command=command)
+        page = make_report(args.paths, args.out)
     except ImportError as error:
         raise CommandError(str(error)) from None
     print(f"report: {page}")
-    if args.document is not None:
-        print(f"page:   {args.document}")
     return 0

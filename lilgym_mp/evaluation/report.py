@@ -17,7 +17,6 @@ from lilgym_mp.evaluation.terminal import table as aligned
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
-LONG_BLOCK = 24
 FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
 SEEN_LEGEND = (
     " seen, unseen: accuracy and number of episodes with statements that occur, or do not occur, verbatim in the"
@@ -122,19 +121,6 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
         head, *rest = (f" {cell.rjust(width) if right else cell.ljust(width)} " for cell in cells)
         columns.append([head, rule, *rest])
     return "\n".join(f"|{'|'.join(line)}|" for line in zip(*columns, strict=True))
-
-
-def fold_long_blocks(text: str) -> str:
-    """A Markdown page whose tables and listings of more than LONG_BLOCK lines open on a click."""
-    return "\n\n".join(map(_folded, text.split("\n\n")))
-
-
-def _folded(block: str) -> str:
-    rows = block.count("\n") - 1  # without head and rule, or the fences
-    if rows <= LONG_BLOCK or not block.startswith(("|", "```")):
-        return block
-    summary = f"<summary>{rows} {'rows' if block.startswith('|') else 'lines'}</summary>"
-    return f'<details markdown="1">\n{summary}\n\n{block}\n\n</details>'
 
 
 def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:

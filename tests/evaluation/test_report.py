@@ -10,7 +10,6 @@ import pytest
 from lilgym_mp.evaluation import CONFIGURATIONS, Episode, Settings, random_legal, summarise
 from lilgym_mp.evaluation.policies import BASELINES, NamedPolicy, built_in_policy
 from lilgym_mp.evaluation.report import (
-    fold_long_blocks,
     legend,
     markdown_table,
     results_json,
@@ -136,12 +135,6 @@ def test_expert__completes_every_task(configuration: str):
     (found,) = play_all([built_in_policy("expert")], plan, set())
     assert found.summary.accuracy == 1.0
     assert found.named.supervision != "none"
-
-
-def test_markdown_pages__long_tables_and_listings_open_on_a_click():
-    long, short = (markdown_table([("a", "b"), *[("1", "2")] * count]) for count in (25, 24))
-    folded = f'<details markdown="1">\n<summary>25 rows</summary>\n\n{long}\n\n</details>'
-    assert fold_long_blocks(f"# Title\n\n{long}\n\nA note.\n\n{short}") == f"# Title\n\n{folded}\n\nA note.\n\n{short}"
 
 
 def test_play_all__skips_policies_that_cannot_play_the_configuration():

@@ -13,8 +13,6 @@ import pytest
 
 from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
-from lilgym_mp.contrib.report.learning_curves import progress_curves
-from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
@@ -45,7 +43,7 @@ def guessing(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[dict[str, Any]]]:
     agent: Any = ModuleType(f"{PACKAGE}.agent")
     agent.load_agent = lambda path, device: f"agent of {path.name} on {device}"
     agent.train = lambda settings, **arguments: given.append({"settings": settings, **arguments})
-    module.LEARNER = Learner(Guesses, Options, f"{PACKAGE}.agent:train", progress=("luck", "mean luck"))
+    module.LEARNER = Learner(Guesses, Options, f"{PACKAGE}.agent:train")
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.learner", module)
     monkeypatch.setitem(sys.modules, f"{PACKAGE}.agent", agent)
     monkeypatch.setitem(PACKAGES, "guessing", PACKAGE)
@@ -89,13 +87,6 @@ def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> N
     assert open_agent(Path("imitation-tower"), "cpu").description.kind == "imitation"
     with pytest.raises(AgentError, match=r"no trained agent at imitation-towers: .*imitation-tower, parse-and-plan"):
         open_agent(Path("imitation-towers"), "cpu")
-
-
-def test_new_learner__has_a_training_curve() -> None:
-    curve = TrainingCurve(Path("run"), "guessing", "TowerScratch", ({"steps": 1, "luck": 0.5},))
-    (chart,) = progress_curves(ReportData((), (curve,)))
-    (axes,) = chart.figure.axes
-    assert (axes.get_title("left"), axes.get_ylabel()) == ("guessing TowerScratch", "mean luck")
 
 
 @pytest.mark.parametrize("name", [name for name in PACKAGES if name != "guessing"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -34,7 +33,6 @@ from lilgym_mp.contrib.report.results import paired_tests
 from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation.episodes import Episode, Recording
 from lilgym_mp.evaluation.files import OutputError
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from tests.report.recordings import (
     EPISODES,
     GOLDEN,
@@ -143,7 +141,7 @@ def test_chapters__missing_items_say_why(tmp_path: Path):
         if isinstance(item, MissingItem)
     }
     assert {
-        "Figure 1",
+        "Figure 1, Figure 2 and Figure 7",
         "Figure 4",
         "Edits needed",
         "Regret",
@@ -167,7 +165,7 @@ def test_report__is_reproducible_and_writes_every_item_as_files(tmp_path: Path):
     make_report([tmp_path / "kept"], tmp_path / "one")  # replaces the existing report
     assert digests(tmp_path) == before
     assert "http" not in page.replace("http://www.w3.org", "")  # no external resources
-    suffixes = {Table: ("tables", "csv", "md", "tex"), Chart: ("figures", "svg", "png", "pdf"), MissingItem: ("",)}
+    suffixes = {Table: ("tables", "csv", "tex"), Chart: ("figures", "pdf"), MissingItem: ("",)}
     for items in chapters(load_report_data([tmp_path / "kept"])).values():
         for item in items:
             assert f'id="{item.name}"' in page
@@ -309,41 +307,8 @@ def test_report__damaged_evaluations_are_named(tmp_path: Path):
     written(tmp_path)
     trained(tmp_path / "a", 0, [(0.5, None, None)])
     (tmp_path / "a" / "evaluations.jsonl").write_text('{"steps"')
-    with pytest.raises(ReportError, match="damaged, or not the progress"):
+    with pytest.raises(ReportError, match="damaged, or not a training run"):
         load_report_data([tmp_path])
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_document__has_tables_pictures_and_provenance_but_no_statement(tmp_path: Path):
-    recording = written(tmp_path / "kept" / "episodes")
-    RecordingMetadata("2026-01-01 10:00", "lilgym-mp evaluate x", "abc", "a processor", {}).write(recording)
-    (tmp_path / "kept" / "finished").mkdir()
-    finished = {"commands": [["train", "ppo", "TowerScratch"], ["evaluate"]], "seconds": 1}
-    (tmp_path / "kept" / "finished" / "a.json").write_text(json.dumps(finished))
-    page = tmp_path / "docs" / "results.md"
-    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document", str(page)]
-    assert main(command) == 0
-    text, pictures = page.read_text(), list((tmp_path / "docs" / "pictures").iterdir())
-    assert "Episodes recorded 2026-01-01 10:00 UTC; commit abc; machine: a processor." in text
-    assert "Trained by:\n\n```\nlilgym-mp train ppo TowerScratch\n```" in text
-    assert "Recorded by:\n\n```\nlilgym-mp evaluate x\n```" in text
-    assert f"`lilgym-mp {' '.join(command)}`" in text
-    assert "| mine " in text
-    assert {"csv", "md", "tex"} == {path.name.rpartition(".")[2] for path in (tmp_path / "out" / "tables").iterdir()}
-    assert {path.name for path in pictures} == set(re.findall(r"\(pictures/(.*?)\)", text))
-    assert any("figure-3" in path.name for path in pictures)
-    assert not [kept.statement for kept in EPISODES[:2] if kept.statement in text]
-
-
-def test_document__another_page_is_not_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    written(tmp_path / "kept")
-    (tmp_path / "mine.md").write_text("# Mine")
-    command = ["report", str(tmp_path / "kept"), "--out", str(tmp_path / "out"), "--document"]
-    assert main([*command, str(tmp_path / "mine.md")]) == USAGE_ERROR
-    assert "was not made by a report; choose a new file" in capsys.readouterr().err
-    assert main([*command, str(tmp_path)]) == USAGE_ERROR
-    assert (tmp_path / "mine.md").read_text() == "# Mine"
-    assert not (tmp_path / "out").exists()
 
 
 def test_labels__distinguish_runs_that_differ_in_more_than_the_seed(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""Film strips of recorded episodes: example tasks, trajectories, programs and failures."""
+"""Film strips of recorded episodes: examples of successes and of failures."""
 
 from __future__ import annotations
 
@@ -19,22 +19,17 @@ EXAMPLE_LENGTH = 4  # preferred number of actions of an example
 
 
 def tasks_and_programs(data: ReportData) -> Iterator[Item]:
-    """Figures 1, 2 and 7."""
+    """The trajectory of a success in each configuration."""
     entries = [data.find(EXPERT, name) or data.of(name)[0] for name in data.configurations if data.of(name)]
     chosen = [(e.runs[0], episode) for e in entries if (episode := example_episode(e.runs[0])) is not None]
+    item, title = "Figure 1, Figure 2 and Figure 7", "Tasks, trajectories and programs, one per configuration"
     if not chosen:
-        for item, title in (("Figure 1", "A task"), ("Figure 2", "Trajectories"), ("Figure 7", "Programs")):
-            yield MissingItem(item, title, "no recorded episode succeeds")
+        yield MissingItem(item, title, "no recorded episode succeeds")
         return
-    run, episode = max(chosen, key=lambda pair: len(pair[1].actions))
-    notes = [f"Played by {of.header.agent}, corpus {of.header.corpus}." for of in (run, chosen[0][0])]
-    strip = film_strip(run, episode)
-    yield Chart("Figure 1", "A task and a way to complete it", film_strips([strip]), notes[0], raster=True)
-    films = [film_strip(run, episode) for run, episode in chosen]
-    yield Chart("Figure 2", "Trajectories, one per configuration", film_strips(films), notes[1], raster=True)
-    programs = [_program(run, episode) for run, episode in chosen[:2]]
-    note = "Before the first and after the last edit: the program is false in one scene and true in the other."
-    yield Chart("Figure 7", "Programs with true and false scenes", film_strips(programs), note, raster=True)
+    films = [film_strip(run, episode, *wrap(episode.program, 150, break_on_hyphens=False)) for run, episode in chosen]
+    players = dict.fromkeys(run.header.agent for run, _ in chosen)
+    note = f"Played by {', '.join(players)}, corpus {data.header.corpus}."
+    yield Chart(item, title, film_strips(films), note, raster=True)
 
 
 def example_episode(run: Recording) -> Episode | None:
@@ -66,15 +61,6 @@ def _frames(settings: Settings, episode: Episode) -> list:
         image, caption = frames[-half]
         frames = [*frames[:half], (image, f"(… {omitted} omitted) {caption}"), *frames[-half + 1 :]]
     return frames
-
-
-def _program(run: Recording, episode: Episode) -> FilmStrip:
-    settings = run.header.settings
-    visited = scenes(settings.dynamics(), episode.start, episode.actions)
-    before = f"start: {str(not episode.target).lower()}" if len(episode.actions) > 1 else "start"
-    captions = before, f"at STOP: {str(episode.target).lower()}"
-    frames = [(draw(visited[index], "half"), caption) for index, caption in zip((0, -1), captions, strict=True)]
-    return FilmStrip([f"“{episode.statement}”", *wrap(episode.program, 150, break_on_hyphens=False)], frames)
 
 
 def failures(data: ReportData) -> Iterator[Item]:

@@ -1,4 +1,4 @@
-"""Learning curves: accuracy on dev during training, for runs that were evaluated, and training progress of all runs."""
+"""Learning curves: accuracy on dev during training, of runs that were evaluated."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from lilgym_mp.contrib.report.charts import Line, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import ReportData, TrainingCurve, differing_keys, format_setting
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.learning.common.learners import find_learner
 
-ITEM, TITLE, ON_DEV = "Figure 4", "Learning curves", "Accuracy on dev while training"
+ITEM, TITLE = "Figure 4", "Accuracy on dev while training"
 REWARD_KEY = "nlvr_reward"  # recipe key: whether only STOP in a scene of the corpus was rewarded
 NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
@@ -36,19 +35,18 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
         drawn: list[Line] = []
         for name, runs in _group_by_recipe(of_panel, keys).items():
             for suffix, key in _metrics(runs):
-                line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key, 100)
-                assert line is not None
+                line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key)
                 drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
                 last = mean_std([100 * run.evaluations[-1][key] for run in runs])
                 rows.append([line.name, configuration, len(runs), int(line.xs[-1]), last])
         if drawn:
             panels.append((configuration, "actions of training", "accuracy on dev, %", drawn))
     if not panels:
-        yield MissingItem(ITEM, ON_DEV, NOT_EVALUATED)
+        yield MissingItem(ITEM, TITLE, NOT_EVALUATED)
         return
-    yield Chart(ITEM, ON_DEV, line_chart(panels, data.looks), caption(evaluated))
+    yield Chart(ITEM, TITLE, line_chart(panels, data.looks), caption(evaluated))
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
-    yield table(ITEM, f"{ON_DEV}, at the end", columns, rows)
+    yield table(ITEM, f"{TITLE}, at the end", columns, rows)
 
 
 def caption(evaluated: Sequence[TrainingCurve]) -> str:
@@ -104,38 +102,9 @@ def _metrics(runs: Sequence[TrainingCurve]) -> list[tuple[str, str]]:
     return [("", PROGRAM_ACCURACY)]
 
 
-def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str, scale: float = 1) -> Line | None:
-    """Mean and deviation over runs up to where the first of them ends, at its steps; None without such records."""
-    series: list[tuple[list[float], list[float]]] = []
-    for run in runs:
-        records = [record for record in run if record.get(key) is not None]
-        if records:
-            steps = [record.get("steps", record.get("updates")) for record in records]
-            series.append((steps, [scale * record[key] for record in records]))
-    if not series:
-        return None
+def mean_line(name: str, runs: Sequence[Sequence[Mapping[str, Any]]], key: str) -> Line:
+    """Mean and deviation over runs, in per cent, up to where the first of them ends, at its steps."""
+    series = [([record["steps"] for record in run], [100 * record[key] for record in run]) for run in runs]
     xs = min((steps for steps, _ in series), key=max)
     ys = np.array([np.interp(xs, *points) for points in series])
     return Line(name, xs, ys.mean(0).tolist(), ys.std(0, ddof=1).tolist() if len(ys) > 1 else None)
-
-
-def progress_curves(data: ReportData) -> Iterator[Item]:
-    """One panel per learner and configuration, one line per recipe, with the mean and deviation over runs."""
-    groups: dict[tuple[str, str], list[TrainingCurve]] = {}
-    for curve in data.curves:
-        groups.setdefault((curve.learner, curve.configuration), []).append(curve)
-    panels: list[tuple[str, str, str, list[Line]]] = []
-    for (learner, configuration), curves in groups.items():
-        key, label = find_learner(learner).progress
-        lines = [
-            line._replace(agent=data.agent_of(runs[0].run))
-            for name, runs in _group_by_recipe(curves, _differing_settings(curves)).items()
-            if (line := mean_line(name, [run.progress for run in runs], key)) is not None
-        ]
-        if lines:
-            counted = "steps" if "steps" in curves[0].progress[0] else "updates"
-            panels.append((f"{learner} {configuration}".strip(), counted, label, lines))
-    if panels:
-        yield Chart(ITEM, TITLE, line_chart(panels, data.looks), f"Training progress, on training tasks. {MEANS}")
-    else:
-        yield MissingItem(ITEM, TITLE, "the directories contain no training run with progress; add one")

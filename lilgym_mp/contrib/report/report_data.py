@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import groupby, product
@@ -17,13 +17,10 @@ from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episodes
 from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.learning.common.learners import find_learner
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 
-FINISHED = "finished"  # directory in an experiment's results with a JSON file per run
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
-STEPS = ("steps", "updates")  # keys of a progress record, of which it has one
 CHECKSUM_DIGITS = 10
 ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
@@ -54,12 +51,11 @@ class AgentResults:
 
 @dataclass(frozen=True)
 class TrainingCurve:
-    """Progress records and evaluations of a training run."""
+    """Evaluations of a training run and what it was trained with."""
 
     run: Path
     learner: str
     configuration: str  # "" for a run on all configurations
-    progress: tuple[dict[str, Any], ...]
     evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
     corpus: str | None = None  # trained on
@@ -73,7 +69,6 @@ class ReportData:
 
     entries: tuple[AgentResults, ...]
     curves: tuple[TrainingCurve, ...]
-    training_commands: tuple[str, ...] = ()  # commands of experiments, sorted by run name
 
     @property
     def header(self) -> Header:
@@ -93,7 +88,7 @@ class ReportData:
 
     @cached_property
     def looks(self) -> Looks:
-        """The agents' colours and hatches in all charts."""
+        """The agents' colours in all charts."""
         return Looks(self.agents)
 
     def agent_of(self, run: Path) -> str | None:
@@ -153,12 +148,9 @@ def load_report_data(paths: Sequence[Path]) -> ReportData:
         if not any((recording.header, recording.episodes) == (other.header, other.episodes) for other in recordings):
             recordings.append(recording)
     _check_comparable(recordings)
-    progress = _search(paths, PROGRESS_FILE)
-    return ReportData(
-        tuple(_entries(recordings)),
-        tuple(_curve(file) for file in progress if file.with_name(RUN_FILE).exists()),
-        tuple(_training_commands(paths)),
-    )
+    progress = (file for path in paths if path.is_dir() for file in sorted(path.rglob(PROGRESS_FILE)))
+    curves = tuple(_curve(file.parent) for file in progress if file.with_name(RUN_FILE).exists())
+    return ReportData(tuple(_entries(recordings)), curves)
 
 
 def _files(path: Path) -> list[Path]:
@@ -256,10 +248,10 @@ def format_setting(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else "unset" if value is None else str(value)
 
 
-def _curve(progress: Path) -> TrainingCurve:
-    """The curve of the run with this file. Raises ReportError if one of its files is damaged."""
+def _curve(directory: Path) -> TrainingCurve:
+    """The curve of the run in this directory. Raises ReportError if one of its files is damaged."""
     try:
-        run = begin_run(progress.parent, {}, resume=True)
+        run = begin_run(directory, {}, resume=True)
         identity, environment = run.identity, run.identity.get("environment", {})
         learner, configuration = str(identity.get("learner")), environment.get("configuration", "")
         if configuration not in ("", *CONFIGURATIONS):
@@ -274,44 +266,26 @@ def _curve(progress: Path) -> TrainingCurve:
             run.path,
             learner,
             configuration,
-            _records(progress, find_learner(learner).progress[0]),
-            _records(run.path / EVALUATIONS_FILE, *ACCURACIES),
+            _evaluations(run.path / EVALUATIONS_FILE),
             dict(identity.get("recipe", {})),
             corpus,
             checksum and checksum[:CHECKSUM_DIGITS],
             commit,
         )
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as fault:
-        raise ReportError(f"{progress}: damaged, or not the progress of a training run: {fault}") from None
+        raise ReportError(f"{directory}: damaged, or not a training run: {fault}") from None
 
 
-def _records(file: Path, *keys: str) -> tuple[dict[str, Any], ...]:
-    """The records of a JSON Lines file; empty if there is no such file. Raises ValueError for an invalid number."""
+def _evaluations(file: Path) -> tuple[dict[str, Any], ...]:
+    """The evaluations in a JSON Lines file; none if there is no such file. Raises ValueError for an invalid number."""
     if not file.exists():
         return ()
     records = [dict(json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
     for record in records:
-        if not any(record.get(key) is not None for key in STEPS):
-            raise ValueError(f"a record has none of {', '.join(STEPS)}")
-        for key in (*STEPS, *keys):
-            value = record.get(key, 0)
-            if value is not None and (not isinstance(value, int | float) or not abs(value) < MAX_NUMBER):
+        for key in ("steps", *ACCURACIES):
+            value = record.get(key)
+            if (value is not None or key == "steps") and not (
+                isinstance(value, int | float) and abs(value) < MAX_NUMBER
+            ):
                 raise ValueError(f"{key} must be a number, not {shown(value)}")
     return tuple(records)
-
-
-def _training_commands(paths: Iterable[Path]) -> Iterator[str]:
-    """The commands that trained the runs of the experiments in the paths."""
-    for file in _search(paths, f"{FINISHED}/*.json"):
-        try:
-            words = json.loads(file.read_text(encoding="utf-8"))["commands"][0]
-            command = " ".join(["lilgym-mp", *words])
-        except (OSError, ValueError, KeyError, IndexError, TypeError) as fault:
-            raise ReportError(f"{file}: damaged, or not of a finished run: {fault!r}") from None
-        if words:
-            yield command
-
-
-def _search(paths: Iterable[Path], pattern: str) -> Iterator[Path]:
-    """The files in the directories that match, sorted within each."""
-    return (file for path in paths if path.is_dir() for file in sorted(path.rglob(pattern)))

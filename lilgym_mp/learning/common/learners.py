@@ -35,7 +35,6 @@ class Learner:
     recipe: type[Recipe]
     options: type[RunOptions]
     train: str  # "module:function" of the configuration, recipe, run directory and options; returns the agent
-    progress: tuple[str, str]  # for training curves: key of progress.jsonl, axis label
     config: type[EnvConfig] | None = EnvConfig  # None: one agent plays all configurations of the option `corpus`
     directory: str = "{learner}-{configuration}"  # default name of a run's
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested

@@ -56,6 +56,5 @@ LEARNER = Learner(
     GameRecipe,
     GameOptions,
     "lilgym_mp.learning.game.population:train",
-    progress=("success", "success rate of training games"),
     config=GameSettings,
 )

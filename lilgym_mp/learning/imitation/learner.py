@@ -28,5 +28,4 @@ LEARNER = Learner(
     ImitationRecipe,
     ImitationOptions,
     "lilgym_mp.learning.imitation.training:train_imitation",
-    progress=("truth_accuracy", "accuracy of predicted truth values"),
 )

@@ -26,7 +26,6 @@ LEARNER = Learner(
     ParserRecipe,
     ParserOptions,
     "lilgym_mp.learning.parsing.training:train_parser",
-    progress=("loss", "loss of the parser"),
     config=None,
     directory="{learner}",
 )

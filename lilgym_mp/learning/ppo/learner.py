@@ -35,7 +35,6 @@ LEARNER = Learner(
     PPORecipe,
     PPOOptions,
     "lilgym_mp.learning.ppo.training:train_ppo",
-    progress=("accuracy", "success rate of training episodes"),
     directory="{configuration}",
     action_modes=(GREEDY, SAMPLED),  # the most probable first action may be STOP
 )

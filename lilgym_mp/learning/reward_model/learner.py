@@ -24,5 +24,4 @@ LEARNER = Learner(
     RewardModelRecipe,
     RewardModelOptions,
     "lilgym_mp.learning.reward_model.training:train_reward_model",
-    progress=("held_out_accuracy", "accuracy of predicted truth values on held-out statements"),
 )
