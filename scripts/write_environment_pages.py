@@ -35,7 +35,7 @@ ABOUT = {
 STARTS = {
     "scratch": "Every episode starts with three empty boxes, and the target is always `True`.",
     "flipit": "Every episode starts with a scene from the corpus, and the target is the opposite of the statement's "
-    "truth value there, so STOP is never right as the first action.",
+    "truth value there.",
 }
 PARTS = {
     "image": "the scene, RGB",
@@ -124,14 +124,16 @@ def index() -> str:
 def _introduction(table: str) -> Iterator[str]:
     yield "# The environments"
     yield (
-        "Four configurations: two appearances (Tower, Scatter), each with two kinds of start (Scratch, FlipIt). This "
-        "page holds for all four; [Tower](tower.md) and [Scatter](scatter.md) describe observations and actions. "
-        "`reset` draws a start scene uniformly, so a statement with four scenes comes up four times as often as one "
-        'with one scene. With `observation="arrays"`, the statement is token ids in the vocabulary of the train split, '
-        "padded with 0. `env.unwrapped.encode_action(array)` converts the released array form to an action index, "
-        "`decode_action(index)` does the reverse, and `lilgym_mp.action_masks(env)` says which actions are legal now."
+        "Two appearances (Tower, Scatter), each with two kinds of start (Scratch, FlipIt), make four configurations. "
+        "[Tower](tower.md) and [Scatter](scatter.md) describe observations and actions. `reset` draws a start scene "
+        "uniformly, so a statement with four scenes comes up four times as often as one with one scene."
     )
     yield table
+    yield (
+        "`lilgym_mp.action_masks(env)` says which actions are legal now. `env.unwrapped.encode_action(array)` converts "
+        "the released array form to an action index, and `decode_action(index)` the reverse. With "
+        '`observation="arrays"`, the statement is token ids in the vocabulary of the train split, padded with 0.'
+    )
 
 
 def _film(configuration: str) -> str:
@@ -144,8 +146,8 @@ def _opening(settings: Sequence[Settings]) -> Iterator[str]:
     for one in settings:
         yield _film(one.configuration)
     yield (
-        "The included agent `parse-and-plan` plays tasks that it was not trained on. "
-        'With `render_mode="rgb_array", render_cells=True`, frames show the grid:'
+        "The included agent `parse-and-plan` plays tasks that it was not trained on. With "
+        "`render_cells=True`, frames show the grid:"
     )
     for one in settings:
         yield f"![A start scene of {one.configuration} with the grid](../pictures/{one.configuration}.png)"
@@ -202,21 +204,15 @@ def _action_rows(appearance: Appearance, indices: Iterable[int]) -> list[Sequenc
 def _tower_actions(appearance: Appearance) -> Iterator[str]:
     header = ("index", "action", "array form [type, box, colour]")
     yield _table(header, _action_rows(appearance, range(appearance.action_count)))
-    yield (
-        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. Positions in the native "
-        "image, 380 x 100 pixels:"
-    )
     blocks = _full_tower()
-    x, side = blocks[0].x, blocks[0].side
-    yield _table(
-        ("box", "box pixels", "block pixels"),
-        [
-            (name, f"x {left} .. {left + BOX_SIDE - 1}", f"x {left + x} .. {left + x + side - 1}")
-            for name, left in zip(BOX_NAMES, range(0, BOX_COUNT * BOX_PITCH, BOX_PITCH), strict=True)
-        ],
-    )
+    side = blocks[0].side
+    lefts = ", ".join(str(box * BOX_PITCH) for box in range(BOX_COUNT))
     tops = ", ".join(str(block.y) for block in blocks)
-    yield f"Blocks are {side} x {side} pixels; from the bottom up, their top edges are at y = {tops}."
+    yield (
+        "ADD puts a block on top of the tower in a box, REMOVE takes the top block away. In the native image, 380 x "
+        f"100 pixels, boxes begin at x = {lefts}; blocks are {side} x {side} pixels, {blocks[0].x} from the left of "
+        f"their box, and their top edges are at y = {tops} from the bottom up."
+    )
 
 
 def _full_tower() -> Sequence[Item]:
@@ -237,19 +233,7 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
         ("index", "action", "array form [type, x, y, shape, colour, size]"),
         _action_rows(
             appearance,
-            (
-                0,
-                1,
-                2,
-                4,
-                10,
-                item_types,
-                item_types + 1,
-                first_remove - 1,
-                first_remove,
-                first_remove + 1,
-                first_remove + cells - 1,
-            ),
+            (0, 1, item_types, item_types + 1, first_remove - 1, first_remove, first_remove + cells - 1),
         ),
     )
     sizes = ", ".join(str(SIZE_PIXELS[size]) for size in Size)
@@ -258,29 +242,25 @@ def _scatter_actions(appearance: Scatter) -> Iterator[str]:
         f"`1 + {item_types} * cell + item_type` and that of REMOVE `{first_remove} + cell`. shape: 0 circle, 1 square, "
         f"2 triangle; colour: 0 yellow, 1 black, 2 blue; size: 0 small, 1 medium, 2 large ({sizes} pixels)."
     )
-    yield f"Cells are {width} x {height} pixels of the native image, which is 380 x 100:"
-    yield _table(("columns", "place", "pixels"), _column_rows(width))
     yield (
-        f"Row r covers y = {height} r .. {height} r + {height - 1}, from the top down. ADD puts the item's upper left "
-        "corner at that of the cell or, if it does not fit there, at a free pixel of the cell such that half of the "
-        "item lies in the cell or half of the cell is covered (a condition of this package, not of the paper). Then "
-        "the item snaps to a neighbour up to 4 pixels away. REMOVE takes the item that covers the largest part of the "
-        "cell. Choose another grid with `grid=(columns, rows)`."
+        f"Cells are {width} x {height} pixels of the native image, which is 380 x 100. The columns of the boxes are "
+        f"{', '.join(_columns(width))}; all actions on the others, the separators, are illegal. Rows count from the "
+        "top. Choose another grid with `grid=(columns, rows)`."
+    )
+    yield (
+        "ADD puts the item's upper left corner at that of the cell or, if it overlaps an item there, at a free pixel "
+        "of the cell such that half of the item lies in the cell or half of the cell is covered (a condition of this "
+        "package, not of the paper). Then the item snaps to a neighbour up to 4 pixels away. REMOVE takes the item "
+        "that covers the largest part of the cell."
     )
 
 
 ACTION_TEXTS: Mapping[str, Callable[[Any], Iterator[str]]] = {"tower": _tower_actions, "scatter": _scatter_actions}
 
 
-def _column_rows(width: int) -> Iterator[Sequence[object]]:
-    side, gap = BOX_SIDE // width, (BOX_PITCH - BOX_SIDE) // width
-    for box, name in enumerate(BOX_NAMES):
-        first = box * (side + gap)
-        left = box * BOX_PITCH
-        yield f"{first} .. {first + side - 1}", f"{name} box", f"x {left} .. {left + BOX_SIDE - 1}"
-        if box + 1 < BOX_COUNT:
-            between = f"x {left + BOX_SIDE} .. {left + BOX_PITCH - 1}"
-            yield f"{first + side} .. {first + side + gap - 1}", "a separator: every action is illegal", between
+def _columns(width: int) -> Iterator[str]:
+    for name, left in zip(BOX_NAMES, range(0, BOX_COUNT * BOX_PITCH, BOX_PITCH), strict=True):
+        yield f"{left // width} to {(left + BOX_SIDE) // width - 1} ({name})"
 
 
 def _illegal(appearance: str) -> Iterator[str]:
@@ -296,7 +276,7 @@ def _rewards() -> Iterator[str]:
         rows.append((f"`{outcome}`", when, *(_signal(*signal) for signal in signals)))
     horizons = " or ".join(f"{rules.horizon} under `{rules.name}`" for rules in RULE_SETS.values())
     yield _table(("outcome", "when", *(f'`rules="{name}"`' for name in RULE_SETS)), rows)
-    yield f"The horizon is {horizons}, unless `horizon=` is given. A STOP as the last action counts as any other."
+    yield f"The horizon is {horizons}, unless `horizon=` is given."
 
 
 def _signal(reward: float, terminated: bool, truncated: bool) -> str:
@@ -311,7 +291,7 @@ def _infos() -> Iterator[str]:
         [
             ("after `reset`", "`task`", 'the id of the task, as accepted by `reset(options={"task": id})`'),
             ("at the end", "`outcome`", ", ".join(f"`{o}`" for o in OUTCOMES if o is not Outcome.CONTINUES)),
-            ("at the end", "`is_success`", "`True` or `False`"),
+            ("at the end", "`is_success`", "bool"),
             (
                 "at the end, if `invalid_action`",
                 "`invalid_reason`",
@@ -322,7 +302,7 @@ def _infos() -> Iterator[str]:
     yield (
         "`env.unwrapped` has `task` (statement, program, target, start scene), `scene`, `goal_reached()` (whether STOP "
         "would be rewarded +1 now), `action_masks()`, `evaluation_tasks()` (every task id of the split) and `horizon` "
-        "(`spec.max_episode_steps` is None, because the environment ends episodes itself, without a TimeLimit)."
+        "(`spec.max_episode_steps` is None: there is no TimeLimit)."
     )
 
 
@@ -335,7 +315,6 @@ def _keywords() -> Iterator[str]:
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
     yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"
     yield _table(("argument", "default", "meaning"), _keyword_rows(more))
-    yield "When you publish results, state the corpus, split and rule set."
 
 
 def _parameters(*makers: Any) -> dict[str, Any]:

@@ -22,7 +22,7 @@ PAGES = (
 LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
     "stable_baselines3.md": ("stable_baselines3",),
-    "troubleshooting.md": ("stable_baselines3", "pettingzoo"),
+    "troubleshooting.md": ("stable_baselines3",),
     "wrappers.md": ("pettingzoo",),
 }
 

@@ -85,7 +85,7 @@ def _wall_gaps(item: Item) -> tuple[int, int, int, int]:
 
 
 def _gap(one: Item, other: Item) -> int:
-    """Pixels between the bounding squares of two items, as the programs measure it (docs/spec.md, "Two items")."""
+    """Pixels between the bounding squares of two items, as the programs measure it (docs/programs.md, "Two items")."""
     along_x = max(one.x - other.x - other.side, other.x - one.x - one.side)
     along_y = max(one.y - other.y - other.side, other.y - one.y - one.side)
     return max(along_x, along_y)

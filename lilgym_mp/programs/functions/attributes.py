@@ -1,4 +1,4 @@
-"""Words about the colours, shapes and sizes of items (docs/spec.md, "Attributes")."""
+"""Words about the colours, shapes and sizes of items (docs/programs.md, "Attributes")."""
 
 from __future__ import annotations
 

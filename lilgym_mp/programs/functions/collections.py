@@ -1,4 +1,4 @@
-"""Words about collections, and the built-ins of Python that programs may use (docs/spec.md, "Sets")."""
+"""Words about collections, and the Python built-ins that programs may use (docs/programs.md, "Sets", "Built-ins")."""
 
 from __future__ import annotations
 

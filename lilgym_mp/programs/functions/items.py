@@ -1,6 +1,6 @@
 """Tests of one item (attributes, position in the box, walls, corners) and of the distance between two items.
 
-Source: docs/spec.md, "Item tests", "Walls", "Two items".
+Source: docs/programs.md, "Item tests", "Walls", "Two items".
 """
 
 from __future__ import annotations

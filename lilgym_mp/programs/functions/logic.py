@@ -1,4 +1,4 @@
-"""Comparison and Boolean logic (docs/spec.md, "Comparison", "Logic")."""
+"""Comparison and Boolean logic (docs/programs.md, "Comparison", "Logic")."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Words that return the items related to an item, or to any of several items (docs/spec.md, "Related items")."""
+"""Words that return the items related to an item, or to any of several items (docs/programs.md, "Related items")."""
 
 from __future__ import annotations
 
