@@ -32,11 +32,6 @@ ABOUT = {
     ("scatter", "scratch"): "Put items anywhere in three empty boxes until the statement is true, then STOP.",
     ("scatter", "flipit"): "Add and remove items of a start scene until the statement's truth has flipped, then STOP.",
 }
-STARTS = {
-    "scratch": "Every episode starts with three empty boxes, and the target is always `True`.",
-    "flipit": "Every episode starts with a scene from the corpus, and the target is the opposite of the statement's "
-    "truth value there.",
-}
 PARTS = {
     "image": "the scene, RGB",
     "statement": "the statement, in English",
@@ -57,10 +52,6 @@ KEYWORDS = {
     "length": 'with `observation="arrays"`: number of token ids; `None`: that of the longest statement',
     "sampler": "chooses the tasks ([choosing tasks](../vectorised.md#choosing-tasks)); `None`: uniform draws",
     "render_cells": "rendered frames show the grid with column and row numbers; in Tower, box names",
-    "num_envs": "number of environments",
-    "copy": "`False`: images are not copied, and valid only until the next call",
-    "autoreset_mode": "Gymnasium's `NEXT_STEP`, `SAME_STEP` or `DISABLED`",
-    "evaluation": "`True`: every task of the split once, in file order, instead of random tasks",
 }
 NOT_KEYWORDS = ("self", "configuration", "settings")  # or fixed by the id
 OUTCOMES = {
@@ -92,13 +83,7 @@ REASONS_OF = {
 def page(appearance: str) -> str:
     """The Markdown page of both configurations of an appearance."""
     settings = [Settings(name) for name in CONFIGURATIONS if CONFIGURATIONS[name][0] == appearance]
-    sections = (
-        _opening(settings),
-        _tasks(settings),
-        _observations(settings),
-        _actions(settings[0]),
-        _illegal(appearance),
-    )
+    sections = (_opening(settings), _actions(settings[0]), _illegal(appearance))
     return "\n\n".join(part for section in sections for part in section) + "\n"
 
 
@@ -107,13 +92,14 @@ def index() -> str:
     rows = [
         (
             f"[{name}]({appearance}.md)",
-            ABOUT[appearance, start],
             f"{Settings(name).dynamics().appearance.action_count:,}",
+            *(f"{len(load_tasks('builtin', appearance, start, split)):,}" for split in SPLITS),
         )
         for name, (appearance, start) in CONFIGURATIONS.items()
     ]
     sections = (
-        _introduction(_table(("configuration", "task", "actions"), rows)),
+        _introduction(_table(("configuration", "actions", *(f"{split} tasks" for split in SPLITS)), rows)),
+        _observations([Settings(name) for name, (_, start) in CONFIGURATIONS.items() if start == "scratch"]),
         _rewards(),
         _infos(),
         _keywords(),
@@ -124,15 +110,16 @@ def index() -> str:
 def _introduction(table: str) -> Iterator[str]:
     yield "# The environments"
     yield (
-        "Two appearances (Tower, Scatter), each with two kinds of start (Scratch, FlipIt), make four configurations. "
-        "[Tower](tower.md) and [Scatter](scatter.md) describe observations and actions. `reset` draws a start scene "
-        "uniformly, so a statement with four scenes comes up four times as often as one with one scene."
+        "Two appearances, Tower and Scatter, each with two kinds of start, make four configurations. In Scratch, every "
+        "episode starts with three empty boxes, and the target is `True`. In FlipIt, it starts with a scene from the "
+        "corpus, and the target is the opposite of the statement's truth value there. `reset` draws a start scene "
+        "uniformly, so a statement with four scenes comes up four times as often as one with one scene. With the "
+        "builtin corpus:"
     )
     yield table
     yield (
         "`lilgym_mp.action_masks(env)` says which actions are legal now. `env.unwrapped.encode_action(array)` converts "
-        "the released array form to an action index, and `decode_action(index)` the reverse. With "
-        '`observation="arrays"`, the statement is token ids in the vocabulary of the train split, padded with 0.'
+        "the released array form to an action index, and `decode_action(index)` the reverse."
     )
 
 
@@ -153,24 +140,26 @@ def _opening(settings: Sequence[Settings]) -> Iterator[str]:
         yield f"![A start scene of {one.configuration} with the grid](../pictures/{one.configuration}.png)"
 
 
-def _tasks(settings: Sequence[Settings]) -> Iterator[str]:
-    yield "## Tasks"
-    for one in settings:
-        counts = [len(load_tasks("builtin", one.appearance, one.start, split)) for split in SPLITS]
-        listed = ", ".join(f"{count:,} {split}" for split, count in zip(SPLITS, counts, strict=True))
-        yield f"**{one.configuration}**: {STARTS[one.start]} Tasks in the builtin corpus: {listed}."
-
-
 def _observations(settings: Sequence[Settings]) -> Iterator[str]:
     yield "## Observations"
-    text, (arrays, other) = _space(settings[0]), (_space(one, observation="arrays") for one in settings)
-    assert arrays == other
+    text, arrays = _space(settings[0]), [_space(one, observation="arrays") for one in settings]
     native = _space(settings[0], image_size="native")["image"]
+    rows = [
+        (
+            f"`{key}`",
+            PARTS[key],
+            _space_text(text[key]),
+            " or ".join(dict.fromkeys(_space_text(one[key]) for one in arrays)),
+        )
+        for key in text
+    ]
     yield _table(
-        ("key", "contents", '`observation="text"` (default)', '`observation="arrays"`'),
-        [(f"`{key}`", PARTS[key], _space_text(text[key]), _space_text(arrays[key])) for key in text],
+        ("key", "contents", '`observation="text"` (default)', '`observation="arrays"` (Tower or Scatter)'), rows
     )
-    yield f'With `image_size="native"`, images are {_space_text(native)}.'
+    yield (
+        f'With `image_size="native"`, images are {_space_text(native)}. With `observation="arrays"`, statements are '
+        "token ids in the vocabulary of the train split, padded with 0."
+    )
 
 
 def _space(settings: Settings, **keywords: Any) -> spaces.Dict:
@@ -311,10 +300,9 @@ def _keywords() -> Iterator[str]:
     single = _parameters(SingleConfig, LilGymEnv)
     yield _table(("argument", "default", "meaning"), _keyword_rows(single))
     batch = _parameters(BatchSettings, BatchedEnv)
-    more = {name: default for name, default in batch.items() if name not in single}
     missing = ", ".join(f"`{name}`" for name in single if name not in batch)
-    yield f"`gym.make_vec` accepts these too, except {missing}, and adds ([vectorised environments](../vectorised.md)):"
-    yield _table(("argument", "default", "meaning"), _keyword_rows(more))
+    more = ", ".join(f"`{name}`" for name in batch if name not in single)
+    yield f"`gym.make_vec` accepts these too, except {missing}, and [also](../vectorised.md#batched) {more}."
 
 
 def _parameters(*makers: Any) -> dict[str, Any]:

@@ -23,7 +23,6 @@ LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
     "stable_baselines3.md": ("stable_baselines3",),
     "troubleshooting.md": ("stable_baselines3",),
-    "wrappers.md": ("pettingzoo",),
 }
 
 
