@@ -41,7 +41,7 @@ KEYWORDS = {
     "corpus": '`"builtin"`; `"lilgym"`, the official data ([how to get it](../official_data.md)); or the path of '
     "[a corpus](../corpus.md)",
     "split": '`"train"`, `"dev"` or `"test"`: the tasks to draw from',
-    "rules": '`"paper"` or `"release"` ([where they differ](../fidelity.md))',
+    "rules": '`"paper"` or `"release"` ([where they differ](../spec.md#rule-sets))',
     "horizon": "maximum number of actions per episode; `None`: the rule set's",
     "grid": 'columns and rows of Scatter, or `"native"`, one cell per pixel; ignored in Tower',
     "image_size": '`"half"` or `"native"`',
