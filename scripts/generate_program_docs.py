@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from lilgym_mp.envs.fast import box_functions
 from lilgym_mp.programs import costs, syntax
 from lilgym_mp.programs.values import ENUMS, BoxView
-from lilgym_mp.programs.words import GROUPS, WORDS
+from lilgym_mp.programs.words import GROUPS, WORDS, Word
 
 TARGET = Path(__file__).resolve().parent.parent / "docs" / "programs.md"
 
 INTRODUCTION = """# The program language
 
 A program is the meaning of a statement: one expression in a small subset of Python that is true or false of a scene.
-This page is generated from the code by `scripts/generate_program_docs.py`; edit it there.
+`scripts/generate_program_docs.py` writes this page.
 
 ```python
 from lilgym_mp.programs import compile_program
@@ -32,8 +34,8 @@ program.errors  # Counter of the error messages; program(scene) is False on an e
 ## Scenes
 
 `all_boxes` is the list of the three boxes, left to right; `all_items` the list of all items, box by box.
-A box can be used as the list of its items, and is falsy when empty. Items and boxes are compared by identity: two items
-with the same attributes and coordinates in two boxes are different, and count twice.
+A box can be used as the list of its items, and is falsy when empty. Items and boxes are compared by identity: equal items in
+two boxes are different, and count twice.
 
 Members of a box `b` and of an item `x`:
 
@@ -72,8 +74,10 @@ conditional expressions, starred arguments, names that start with an underscore,
 
 ## Words
 
-In the signatures *collection* is a list, a set or a box. Sets are iterated in scene order (boxes left to right, items
-in the order of their box), so programs are deterministic.
+Where a row describes several words, slashes separate them and the terms in which they differ, in the same order. In
+signatures *collection* is a list, a set or a box, and *items* one item or a collection of items; words without `->`
+give a bool. Sets are iterated in scene order (boxes left to right, items in the order of their box), so programs are
+deterministic.
 """
 
 LIMITS = """
@@ -85,13 +89,13 @@ charged in advance, nested elements included. A collection has at most {size:,} 
 {nesting} deep, function calls at most {calls} deep, and the values held at once have at most {held:,} elements at all
 levels. A program that exceeds a limit has no value on that scene.
 
-On one core of current hardware, any text compiles or is rejected within 5 seconds and 100 MB, and evaluates to its
-value or a `ProgramRuntimeError` within 30 seconds and 200 MB, on any scene; official programs take microseconds.
+On one current core, any text compiles or is rejected within 5 seconds and 100 MB, and gives its value or a
+`ProgramRuntimeError` within 30 seconds and 200 MB, on any scene; official programs take microseconds.
 
-A lower limit suits programs of unknown origin, such as those written by a language model:
-`program.evaluate(scene, step_limit=100_000)` raises `StepLimitError` (a `ProgramRuntimeError`) after about 10
-milliseconds. `bounded_truths(source, scenes)` gives a program's truth in each scene, `None` where it has no value; it
-raises `ProgramError` for an invalid one and `StepLimitError` after {bounded:,} steps on all scenes together.
+For untrusted programs, such as a language model's, set a lower limit: `program.evaluate(scene, step_limit=100_000)`
+raises `StepLimitError` (a `ProgramRuntimeError`) after about 10 milliseconds. `bounded_truths(source, scenes)` gives a
+program's truth in each scene, `None` where it has no value; it raises `ProgramError` for an invalid one and
+`StepLimitError` after {bounded:,} steps on all scenes together.
 
 Programs are evaluated by generated code while every box has at most {box} items, and by the slower reference evaluator,
 with the same results, otherwise.
@@ -153,8 +157,7 @@ def document() -> str:
     parts.append(SYNTAX.format(max_int=syntax.MAX_INT))
     for group in GROUPS:
         parts.append(f"\n### {group.capitalize()}\n\n| word | meaning |\n| --- | --- |\n")
-        words = (word for word in WORDS.values() if word.group == group)
-        parts.extend(f"| `{word.signature}` | {' '.join(word.meaning.split())} |\n" for word in words)
+        parts.extend(_rows(word for word in WORDS.values() if word.group == group))
     parts.append(
         LIMITS.format(
             max_length=syntax.MAX_LENGTH,
@@ -171,6 +174,29 @@ def document() -> str:
         )
     )
     return "".join(parts)
+
+
+def _rows(words: Iterable[Word]) -> Iterator[str]:
+    """The rows of a group's table; consecutive words whose rows differ in few terms share one."""
+    shared: list[list[str]] = []
+    for word in words:
+        signature = word.signature.replace("item or collection of items", "items").removesuffix(" -> bool")
+        terms = re.findall(r"\w+|\W+", f"| `{signature}` | {' '.join(word.meaning.split())} |\n")
+        if shared and not _alike(shared[0], terms):
+            yield _joined(shared)
+            shared = []
+        shared.append(terms)
+    yield _joined(shared)
+
+
+def _alike(row: list[str], other: list[str]) -> bool:
+    different = [pair for pair in zip(row, other, strict=False) if pair[0] != pair[1]]
+    words_only = all(term[0].isalpha() for pair in different for term in pair)
+    return len(row) == len(other) and words_only and len(different) <= len(row) / 4
+
+
+def _joined(rows: list[list[str]]) -> str:
+    return "".join("/".join(dict.fromkeys(terms)) for terms in zip(*rows, strict=True))
 
 
 def _example_error() -> str:
