@@ -1,6 +1,6 @@
 """Behaviour cloning: PPO's network learns the expert's actions from data sets, without playing.
 
-Write data sets with observations as items; docs/datasets.md shows the curve:
+Write data sets with observations as items; docs/datasets.md has the accuracy:
     lilgym-mp data collect TowerScratch --observation structured --out scratch.npz
     lilgym-mp data collect TowerFlipIt --observation structured --out flipit.npz
     python examples/behaviour_cloning.py scratch.npz flipit.npz --minutes 5

@@ -34,8 +34,8 @@ program.errors  # Counter of the error messages; program(scene) is False on an e
 ## Scenes
 
 `all_boxes` is the list of the three boxes, left to right; `all_items` the list of all items, box by box.
-A box can be used as the list of its items, and is falsy when empty. Items and boxes are compared by identity: equal items in
-two boxes are different, and count twice.
+A box can be used as the list of its items, and is falsy when empty. Items and boxes are compared by identity: equal
+items in two boxes are different, and count twice.
 
 Members of a box `b` and of an item `x`:
 
