@@ -146,7 +146,6 @@ def test_chapters__missing_items_say_why(tmp_path: Path):
         "Edits needed",
         "Regret",
         "Calibration of STOP",
-        "Horizon left at STOP",
     } <= missing.keys()
     assert "--optimal" in missing["Regret"].note
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -13,9 +12,10 @@ from lilgym_mp.corpus import load_tasks
 from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
+from lilgym_mp.programs.vocabulary import vocabulary
 from lilgym_mp.programs.words import WORDS
 from tests.stress.program_language import ATTACKS
-from tests.web.web_app import Browser, server
+from tests.web.web_app import Browser
 
 API = "/api/annotate"
 STATEMENT_ID = "tower-dev-001"
@@ -116,14 +116,6 @@ def test_program__failing_on_a_shown_scene_says_why(browser: Browser):
         assert "must be an item" in value["fault"]
 
 
-def test_annotations__survive_a_restart(tmp_path: Path):
-    program = scenes_of()[0].program
-    with server(tmp_path) as app:
-        submit(Browser(app), program)
-    with server(tmp_path) as app:
-        assert program in Browser(app).get(f"{API}/annotations").text
-
-
 @pytest.mark.parametrize("name", ["text of filters", "sorting seven boxes", "choices of all but one, as lists"])
 def test_program__that_takes_too_many_steps_has_no_value(browser: Browser, name: str):
     for value in browser.post(f"{API}/run", {"program": ATTACKS[name]}, params=QUERY).json():
@@ -132,11 +124,10 @@ def test_program__that_takes_too_many_steps_has_no_value(browser: Browser, name:
         assert len(value["parts"]) < 1_000
 
 
-def test_language__lists_every_word_with_signature_and_documentation(browser: Browser):
-    body = browser.get(f"{API}/language").json()
-    words = {word["name"]: word for word in body}
-    assert {name for name, word in words.items() if word["is_function"]} == set(WORDS)
-    assert all(word["signature"] and word["meaning"] for word in words.values())
+def test_vocabulary__has_every_word_with_signature_and_documentation():
+    words = {word.name: word for word in vocabulary()}
+    assert {name for name, word in words.items() if word.is_function} == set(WORDS)
+    assert all(word.signature and word.meaning for word in words.values())
     assert {"all_boxes", "Color.BLUE", ".is_tower()", "lambda"} <= set(words)
 
 

@@ -592,26 +592,6 @@ def test_watch__without_recordings_lets_a_shipped_agent_play(watched: Watched):
     _assert_clean(watched)
 
 
-@pytest.mark.parametrize("seats", [("person", "oracle"), ("helpful", "person")])
-def test_game__every_protocol_can_be_played_to_the_end(browser: Any, tmp_path: Path, seats: tuple[str, str]):
-    with served(tmp_path) as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/game")
-        page.select_option("[name=configuration]", "TowerScratch")
-        page.click("#more summary")
-        for seat, who in zip(("proposer", "verifier"), seats, strict=True):
-            page.select_option(f"[name={seat}]", who)
-        for protocol in ("veto", "joint", "audit", "critique"):
-            page.select_option("[name=protocol]", protocol)
-            page.click("#setup [type=submit]")
-            page.wait_for_selector(f"#task-line:text-matches('{protocol}, TowerScratch')")
-            if seats[0] == "person" and protocol == "veto":
-                page.click("#legal")
-            _play_out(page)
-            assert "Your reward: " in page.inner_text("#turn")
-        _assert_clean(watched)
-
-
 def _play_out(page: Any) -> None:
     """Plays a Tower game to its end: alternates ADD and REMOVE, then STOP, as proposer; cycles answers as verifier."""
     kinds = cycle(("ADD", "REMOVE"))

@@ -108,34 +108,24 @@ def keys_of(value: Any) -> set[str]:
 @pytest.mark.parametrize(
     ("protocol", "configuration"), list(zip(PROTOCOLS, ["TowerFlipIt", "ScatterFlipIt"] * 2, strict=True))
 )
-def test_responses__contain_no_truth_value_program_or_infos(browser: Browser, protocol: str, configuration: str):
+def test_responses__contain_only_what_the_seat_may_know(browser: Browser, protocol: str, configuration: str):
     made = begin(
         browser, protocol=protocol, configuration=configuration, proposer="person", verifier="person", rewards="hidden"
     )
     bodies = play_out(browser, people(made))
     task = live_game(browser.app, made["proposer"]).engine.state.mdp.task
+    assert json.loads(bodies[0])["intent"] in ("helpful", "deceptive")
     for text in bodies:
+        body = json.loads(text)
         assert task.program not in text
         assert task.id not in text
-        if json.loads(text).get("end"):
+        if body.get("end"):
             continue  # revealed once the game is over
-        found = keys_of(json.loads(text))
-        assert not {key for key in found if any(word in key for word in FORBIDDEN)}
-
-
-@pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_responses__the_intent_reaches_only_the_proposer(browser: Browser, protocol: str):
-    intents: set[str] = set()
-    for _ in range(2):
-        made = begin(browser, protocol=protocol, proposer="person", verifier="person", rewards="hidden")
-        intents.add(seat(browser, made["proposer"])["intent"])
-        for text in play_out(browser, people(made)):
-            body = json.loads(text)
-            if body.get("role") == "verifier" and not body["over"]:
-                assert body["intent"] is None
-                assert "helpful" not in text
-                assert "deceptive" not in text
-    assert intents <= {"helpful", "deceptive"}
+        assert not {key for key in keys_of(body) if any(word in key for word in FORBIDDEN)}
+        if body.get("role") == "verifier":
+            assert body["intent"] is None
+            assert "helpful" not in text
+            assert "deceptive" not in text
 
 
 def test_end__tells_both_seats_the_truth_and_what_each_knew(browser: Browser):

@@ -1,4 +1,4 @@
-"""Accuracy by target value, phenomenon, novelty of the statement, edits needed, and actions left at STOP."""
+"""Accuracy by target value, phenomenon, novelty of the statement, and edits needed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_p
 from lilgym_mp.contrib.report.report_data import ReportData
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, Recording
-from lilgym_mp.scene.actions import Stop
 
 Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
@@ -133,19 +132,3 @@ def by_edits(data: ReportData) -> Iterator[Item]:
         yield Chart("Edits needed", title, chart, "Edits in the expert's shortest solution.")
     else:
         yield MissingItem("Edits needed", title, NEEDS_EXPERT)
-
-
-def by_actions_left(data: ReportData) -> Iterator[Item]:
-    """How often STOP is right, by the number of actions left until the horizon."""
-    title = f"Accuracy of STOP by actions left on {data.main_split}"
-    horizon = data.header.settings.dynamics().horizon
-
-    def left(episode: Episode) -> str | None:
-        return str(horizon - len(episode.actions)) if isinstance(episode.actions[-1], Stop) else None
-
-    panels = _used_panels(data, [*map(str, range(horizon))], left)
-    if panels:
-        note = f"Episodes that end with STOP, by the number of actions left of the horizon of {horizon}."
-        yield Chart("Horizon left at STOP", title, bar_chart(panels, "right STOPs, %", data.looks, top=109), note)
-    else:
-        yield MissingItem("Horizon left at STOP", title, "no recorded episode ends with STOP")

@@ -27,9 +27,7 @@ CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Comparison of agents": (results.paired_tests,),
     "Behaviour": (behaviour.figures_6_and_9, behaviour.errors, behaviour.figure_10),
     "Language": (breakdowns.by_phenomenon, breakdowns.by_novelty),
-    "Difficulty and stopping": (
-        *(breakdowns.by_edits, breakdowns.by_actions_left, behaviour.calibration, behaviour.regret),
-    ),
+    "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration, behaviour.regret),
     "Tasks and programs": (examples.tasks_and_programs,),
     "Failures": (examples.failures,),
 }

@@ -101,7 +101,6 @@ attempt(async () => {
   const wanted = new URLSearchParams(location.search);
   for (const name of ["appearance", "split"]) if (wanted.has(name)) choice[name].value = wanted.get(name);
   choice.name.value = keep("annotator");
-  await editor.start();
   await list(wanted.get("statement_id"));
   await open();
 }, byId("work"));

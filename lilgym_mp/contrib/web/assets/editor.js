@@ -10,7 +10,7 @@ class Editor {
     this.list = byId("completions");
     this.onChange = onChange;
     this.onRun = onRun;
-    this.words = [];
+    this.words = JSON.parse(byId("editor").dataset.words);
     this.completions = [];
     this.chosen = 0;
     this.checkCount = 0; // identifies the latest syntax check
@@ -19,10 +19,6 @@ class Editor {
     this.text.addEventListener("click", () => this.close());
     this.text.addEventListener("blur", () => setTimeout(() => this.close(), 150));
     this.text.addEventListener("scroll", () => { this.marks.scrollTop = this.text.scrollTop; });
-  }
-
-  async start() {
-    this.words = await request("GET", "/api/annotate/language");
   }
 
   get value() { return this.text.value; }

@@ -67,13 +67,8 @@ Scenes = Annotated[LabelledScenes, Depends(get_scenes)]
 
 @router.get("/annotate", include_in_schema=False)
 def annotate_page(request: Request) -> Response:
-    return render_page(request, "annotate.html", appearances=list(APPEARANCES), words=vocabulary())
-
-
-@api.get("/language")
-def words() -> list[JSON]:
-    """All words of the program language, with signatures and documentation."""
-    return [word._asdict() for word in vocabulary()]
+    words = [word._asdict() for word in vocabulary()]
+    return render_page(request, "annotate.html", appearances=list(APPEARANCES), words=words)
 
 
 @api.post("/check")
