@@ -255,7 +255,7 @@ def _public(option: str) -> str:
     key, _, value = option.partition("=")
     if key == "url":
         return f"{key}={without_credentials(value)}"
-    return option if key in (*RECORDED_OPTIONS, "timeout_seconds", "retries") else f"{key}=..."
+    return option if key in (*RECORDED_OPTIONS, "timeout", "retries") else f"{key}=..."
 
 
 def _public_command(args: argparse.Namespace) -> list[str]:

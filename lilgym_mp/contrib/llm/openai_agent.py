@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import os
 import re
 from collections.abc import Sequence
@@ -12,6 +11,8 @@ from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message, described
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.wrappers.replies import reply_text
 
+KEY_VARIABLE = "OPENAI_API_KEY"
+TIMEOUT_SECONDS = 120.0
 DEFAULT_TOKENS = 512
 REFUSED = ("messages", "stream", "n")
 SHOWN = 300  # characters of a server's error
@@ -27,46 +28,39 @@ class OpenAIAgent:
         model: str,
         *,
         url: str | None = None,
-        key_variable: str = "OPENAI_API_KEY",
-        timeout_seconds: float = 120.0,
         retries: int = 5,
         temperature: float | None = 0.0,
         max_tokens: int | None = DEFAULT_TOKENS,
         **fields: Any,
     ) -> None:
-        """`url`: such as "http://localhost:8000/v1"; by default the package's. `key_variable`: the environment variable
-        with the API key; servers at a `url` may need none. `retries`: of a request to a busy or unreachable server.
-        `temperature`, `max_tokens`, `fields`: of the request; None leaves a field out, `max_completion_tokens` replaces
-        `max_tokens`, and what the package does not know goes into `extra_body`. Raises AgentError for invalid arguments
-        and without the package."""
+        """`url`: such as "http://localhost:8000/v1"; by default the package's. The environment variable OPENAI_API_KEY
+        has the API key; servers at a `url` may need none. `retries`: of a request to a busy or unreachable server.
+        `temperature`, `max_tokens`, `fields`: arguments of the package's `chat.completions.create`; None leaves one
+        out, `max_completion_tokens` replaces `max_tokens`. Raises AgentError for invalid arguments and without the
+        package."""
         try:
             import openai
         except ImportError:
             raise AgentError(f'the agent "openai" needs a package: {install("llm")}') from None
-        self._key = os.environ.get(key_variable, "").strip()
+        self._key = os.environ.get(KEY_VARIABLE, "").strip()
         if not (self._key.isascii() and (self._key.isprintable())):
-            raise AgentError(f"the key in {key_variable} must consist of printable ASCII characters")
+            raise AgentError(f"the key in {KEY_VARIABLE} must consist of printable ASCII characters")
         if not self._key and url is None:
-            raise AgentError(f"set {key_variable} to the API key, or give the url of a server that needs none")
+            raise AgentError(f"set {KEY_VARIABLE} to the API key, or give the url of a server that needs none")
         if url is not None and not url.startswith(("http://", "https://")):
             raise AgentError(f"url must begin with http:// or https://, not {without_credentials(url)!r}")
-        if not float(timeout_seconds) > 0 or int(retries) < 0:
-            raise AgentError(f"timeout_seconds must be positive, retries 0 or more, not {timeout_seconds}, {retries}")
+        if int(retries) < 0:
+            raise AgentError(f"retries must be 0 or more, not {retries}")
         for name in fields:
             if name in REFUSED or "key" in name:
-                raise AgentError(f"{name} cannot be set; keys are read from the variable that key_variable names")
+                raise AgentError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")
         self._client: Any = openai.OpenAI(
-            api_key=self._key or "none", base_url=url, timeout=float(timeout_seconds), max_retries=int(retries)
+            api_key=self._key or "none", base_url=url, timeout=TIMEOUT_SECONDS, max_retries=int(retries)
         )
         if "max_completion_tokens" in fields and max_tokens == DEFAULT_TOKENS:
             max_tokens = None
-        known = inspect.signature(self._client.chat.completions.create).parameters
-        fields |= {"temperature": temperature, "max_tokens": max_tokens}
-        given = {name: value for name, value in fields.items() if value is not None}
-        others = {name: given.pop(name) for name in list(given) if name not in known}
-        if others:
-            given["extra_body"] = {**given.get("extra_body", {}), **others}
-        self._fields = {**given, "model": str(model)}
+        fields |= {"model": str(model), "temperature": temperature, "max_tokens": max_tokens}
+        self._fields = {name: value for name, value in fields.items() if value is not None}
 
     def answer(self, messages: Sequence[Message]) -> Answer:
         """Raises AgentError when the server refuses, cannot be reached after all retries, or gives no reply."""

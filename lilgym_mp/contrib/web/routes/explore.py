@@ -8,14 +8,13 @@ from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request, Response
 
-from lilgym_mp.contrib.report.phenomena import phenomena, word_names
+from lilgym_mp.contrib.report.phenomena import phenomena
 from lilgym_mp.contrib.web.app_services import Catalogue, Services
 from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.programs.syntax import parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.solver.solution import ActionSet
@@ -38,28 +37,24 @@ def explore_page(
     split: SplitName = "dev",
     text: TextQuery = "",
     phenomenon: TextQuery = "",
-    word: TextQuery = "",
     first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
 ) -> Response:
     """Statements that contain the text (in statement or program, or as the whole id) and have the rest."""
     every, needle = list_statements(services.catalogue, appearance, split), text.lower()
     kinds = Counter(kind for statement in every for kind in statement.phenomena)
-    used = Counter(name for statement in every for name in statement.words)
-    phenomenon, word = phenomenon if phenomenon in kinds else "", word if word in used else ""  # of another appearance
+    phenomenon = phenomenon if phenomenon in kinds else ""  # of another appearance
     found = [
         statement
         for statement in every
         if needle in f"{statement.statement}\n{statement.program}".lower() or needle == statement.id.lower()
         if not phenomenon or phenomenon in statement.phenomena
-        if not word or word in statement.words
     ]
     return render_page(
         request,
         "explore.html",
         appearances=list(APPEARANCES),
-        query={"appearance": appearance, "split": split, "text": text, "phenomenon": phenomenon, "word": word},
+        query={"appearance": appearance, "split": split, "text": text, "phenomenon": phenomenon},
         phenomena={name: f"{name} ({count})" for name, count in sorted(kinds.items())},
-        words={name: f"{name} ({count})" for name, count in sorted(used.items())},
         found=found[first : first + PAGE_SIZE],
         total=len(found),
         first=first,
@@ -79,7 +74,6 @@ class CorpusStatement:
         self.tasks: list[tuple[str, Task]] = []  # (start, task)
         self.length = len(words(task.statement))
         self.phenomena = sorted(phenomena(task.program))
-        self.words = word_names(parse(task.program))
 
 
 def find_statement(
