@@ -14,19 +14,17 @@ import argparse
 import json
 import sys
 import time
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import evaluate
-from lilgym_mp.scene import Colour
 
 try:
     import torch
 
-    from lilgym_mp.learning.common.augmentation import Augmentation
+    from lilgym_mp.learning.common.augmentation import RECOLOURINGS
     from lilgym_mp.learning.common.factored_policy import FactoredPolicy
     from lilgym_mp.learning.common.model import Model
     from lilgym_mp.learning.common.states import BoxImageTable
@@ -37,7 +35,6 @@ except ImportError as missing:
 
 BATCH, LEARNING_RATE, WEIGHT_DECAY = 512, 1e-3, 1e-2
 COLOUR = 3  # index of an item's colour in `item_array`
-EXCHANGES = [Augmentation(colours=colours) for colours in permutations(Colour)]  # the first changes nothing
 
 
 class Data:
@@ -53,20 +50,20 @@ class Data:
             return np.concatenate([np.repeat(part[name], np.diff(part["starts"])) for part in parts])
 
         statements, self.statement = np.unique(column("statement"), return_inverse=True)
-        self.statements = [[exchange.statement(text) for text in statements.tolist()] for exchange in EXCHANGES]
+        self.statements = [[recolouring.text(text) for text in statements.tolist()] for recolouring in RECOLOURINGS]
         self.target = column("target").astype(np.int64)
         self.table = BoxImageTable()
         slots = max(part["item_array"].shape[2] for part in parts)
         items = np.concatenate([padded(part["item_array"], slots) for part in parts])
         one_hot = np.eye(appearance.action_count, dtype=bool)
         wanted = np.concatenate([part["optimal"] if "optimal" in part else one_hot[part["action"]] for part in parts])
-        self.boxes, self.wanted = [], []  # by exchange
-        for exchange in EXCHANGES:
+        self.boxes, self.wanted = [], []  # by recolouring
+        for recolouring in RECOLOURINGS:
             seen = items.copy()
-            seen[..., COLOUR] = np.array([*exchange.colours, -1])[items[..., COLOUR]]
+            seen[..., COLOUR] = np.array([*recolouring.colours, -1])[items[..., COLOUR]]
             self.boxes.append(self.table.item_indices(seen))
             actions = map(appearance.decode, range(appearance.action_count))
-            becomes = [appearance.encode(exchange.action(action)) for action in actions]
+            becomes = [appearance.encode(recolouring.action(action)) for action in actions]
             moved = np.zeros_like(wanted)
             moved[:, becomes] = wanted
             self.wanted.append(moved)
@@ -110,7 +107,7 @@ def main() -> None:
     while done < 1:
         for batch in data.batches(rng):
             begin = time.process_time()
-            which = int(rng.integers(len(EXCHANGES)))
+            which = int(rng.integers(len(RECOLOURINGS)))
             texts = [data.statements[which][index] for index in data.statement[batch].tolist()]
             prediction = model(data.table.states_of(texts, data.boxes[which][batch], data.target[batch]))
             log_probs = FactoredPolicy(model.factorisation, prediction.types, prediction.heads).joint_log_probs()

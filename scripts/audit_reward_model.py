@@ -1,10 +1,9 @@
-"""Audits reward models on a split: results by target, calibration, soundness against other seeds, and an ensemble.
+"""Audits reward models on a split: results by target, calibration, and soundness against other seeds.
 
     python scripts/audit_reward_model.py runs/Tower-0 runs/Tower-1 --corpus lilgym --split dev
 
 A proposer that optimises the verifier it is judged by finds its mistakes, so each run's scenes are judged by every run.
-The ensemble plays, of all runs' plans, the one whose scene has the highest mean probability. `--set` changes settings
-of the search for all runs.
+`--set` changes settings of the search for all runs.
 """
 
 from __future__ import annotations
@@ -68,10 +67,6 @@ def audit(claims: Claims, names: Sequence[str]) -> None:
     right, judged, targets = claims
     own = judged[np.arange(len(names)), np.arange(len(names))]
     rows = [(name, right[row], own[row]) for row, name in enumerate(names)]
-    if len(names) > 1:
-        mean = judged.mean(1)
-        chosen = mean.argmax(0), np.arange(len(targets))
-        rows.append(("ensemble", right[chosen], mean[chosen]))
     print_table(
         ("run", "solved, %", "target true", "target false", "mean P"),
         ((name, percent(got), percent(got[targets]), percent(got[~targets]), percent(p)) for name, got, p in rows),

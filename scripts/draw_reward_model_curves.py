@@ -28,8 +28,7 @@ def main() -> None:
         identity = json.loads((run / RUN_FILE).read_text(encoding="utf-8"))["identity"]
         lines = (run / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()
         name = identity["environment"]["configuration"].removesuffix("FlipIt")
-        members = identity["recipe"].get("members", 1)
-        curves[name if members == 1 else f"{name}, {members} networks"].append([*map(json.loads, lines)])
+        curves[name].append([*map(json.loads, lines)])
 
     def line(name: str, runs: list[list[dict[str, float]]], key: str, unit: float) -> Line:
         xs = [record[key] / unit for record in min(runs, key=lambda run: run[-1][key])]

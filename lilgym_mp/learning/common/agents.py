@@ -7,15 +7,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import replace
 from importlib import import_module
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from lilgym_mp.corpus import NoTasksError, TaskSet
-from lilgym_mp.corpus.records import SCRATCH
-from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.learners import PACKAGES, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, ModelFileError, read_description
@@ -113,14 +109,3 @@ def check_configuration(description: ModelDescription, settings: Settings) -> No
         raise AgentError(
             f"this agent does not play {settings.configuration}; it plays {', '.join(description.configurations)}"
         )
-
-
-def scratch_tasks(settings: Settings) -> dict[str, TaskSet]:
-    """By configuration: the Scratch tasks that an agent trained on FlipIt plays too; none for Scratch."""
-    if settings.start == SCRATCH:
-        return {}
-    scratch = configuration_name(settings.appearance, SCRATCH)
-    try:
-        return {scratch: replace(settings, configuration=scratch).make("train").tasks}
-    except NoTasksError:
-        return {}

@@ -118,11 +118,7 @@ class UpdateRecipe(Recipe):
     """Hyperparameters of tasks, rollouts and updates, also used by other learners; the defaults are those of `ours`."""
 
     seed: int = setting(0, "seed of the tasks, the network and the sampled actions", 0, 2**32 - 1)
-    permute_boxes: bool = setting(False, "augment start scenes by permuting their boxes (FlipIt)")
     recolour: bool = setting(True, "augment tasks by permuting colours in words and scenes alike")
-    exchange_shapes: bool = setting(
-        False, "also augment by permuting shapes and mirroring, which doubles the tasks (Scatter)"
-    )
     empty_starts: float = setting(
         0.25, "fraction of episodes from the empty scene in a FlipIt run; above 0 the agent also plays Scratch", 0, 0.9
     )

@@ -1,26 +1,47 @@
-"""Training tasks: the train split without held-out statements, plus augmented tasks."""
+"""Training tasks: the train split without held-out statements, plus recoloured tasks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from zlib import crc32
+from typing import TypeVar
 
 import numpy as np
 
-from lilgym_mp.corpus import NoTasksError, TaskSet, load_tasks
-from lilgym_mp.corpus.matching import solvable_matching_corpus, with_permuted_boxes
+from lilgym_mp.corpus import NoTasksError, TaskSet
+from lilgym_mp.corpus.matching import solvable_matching_corpus
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.augmentation import COLOUR_PERMUTATIONS, SHAPE_PERMUTATIONS, Augmentation
+from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.common.recipes import UpdateRecipe
 from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TRAINING_SPLIT = "train"
 MAX_VALIDATION_TASKS = 300  # about as many are played, evenly spaced
-_HELD_OUT_SEED = 0  # the same for every run, so that runs are comparable
+Choice = TypeVar("Choice")
+
+
+def train_tasks(settings: Settings, *, scratch: bool = True) -> dict[str, TaskSet]:
+    """The train tasks by configuration: its own first; with `scratch`, a FlipIt run plays those of Scratch too.
+
+    Raises CorpusError for unusable data, ValueError for settings that make no environment.
+    """
+    tasks = {settings.configuration: settings.make(TRAINING_SPLIT).tasks}
+    if scratch and settings.start == FLIPIT:
+        name = configuration_name(settings.appearance, SCRATCH)
+        with suppress(NoTasksError):
+            tasks[name] = replace(settings, configuration=name).tasks(TRAINING_SPLIT)
+    return tasks
+
+
+def choose_held_out(choices: Sequence[Choice], fraction: float) -> set[Choice]:
+    """The fraction of the choices held out of training, the same for every run, so that runs are comparable."""
+    order = np.random.default_rng(0).permutation(len(choices))
+    return {choices[index] for index in order[: round(fraction * len(choices))]}
 
 
 @dataclass(frozen=True)
@@ -47,22 +68,13 @@ def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool =
 
     Raises CorpusError for unusable data, ValueError when no training task is left.
     """
-    main = load_tasks(settings.corpus, settings.appearance, settings.start, TRAINING_SPLIT)
-    held_out = _held_out(main, recipe.held_out)
+    main, *empty = train_tasks(settings, scratch=recipe.empty_starts > 0).values()
+    held_out = choose_held_out(sorted({task.statement for task in main}), recipe.held_out)
     validation = [task.id for task in main if task.statement in held_out]
     base = solvable_matching_corpus(main) if matching else main
-    training = _without(base, held_out)
-    empty: TaskSet | None = None
-    if settings.start == FLIPIT and recipe.empty_starts:
-        with suppress(NoTasksError):
-            empty = _without(load_tasks(settings.corpus, settings.appearance, SCRATCH, TRAINING_SPLIT), held_out)
-    if recipe.permute_boxes:
-        training = with_permuted_boxes(training)
-    tasks = list(_augmented(training, "", settings.appearance, recipe))
-    if empty is not None:
-        tasks += _augmented(empty, "empty:", settings.appearance, recipe)
-    # Recoloured training statements may equal held-out ones.
-    tasks = [task for task in tasks if task.statement not in held_out]
+    tasks = list(_recoloured(base, held_out, "", recipe))
+    for some in empty:
+        tasks += _recoloured(some, held_out, "empty:", recipe)
     if not tasks:
         raise ValueError(f"{main.provenance}: no training task is left; lower held-out")
     from_empty = np.array([task.id.startswith("empty:") for task in tasks])
@@ -70,43 +82,24 @@ def training_tasks(settings: Settings, recipe: UpdateRecipe, *, matching: bool =
     return TrainingTasks(TaskSet(tasks, main.provenance), from_empty, tuple(validation[::step]), main.provenance.sha256)
 
 
-def _held_out(tasks: TaskSet, fraction: float) -> set[str]:
-    statements = sorted({task.statement for task in tasks})
-    order = np.random.default_rng(_HELD_OUT_SEED).permutation(len(statements))
-    return {statements[index] for index in order[: round(fraction * len(statements))]}
+def _recoloured(tasks: TaskSet, held_out: set[str], prefix: str, recipe: UpdateRecipe) -> Iterator[Task]:
+    """The tasks, recoloured too if the recipe says so, with `prefix` before and a suffix after each id.
 
-
-def _without(tasks: TaskSet, held_out: set[str]) -> TaskSet:
-    return TaskSet((task for task in tasks if task.statement not in held_out), tasks.provenance)
-
-
-def _augmented(tasks: TaskSet, prefix: str, appearance: str, recipe: UpdateRecipe) -> Iterator[Task]:
-    """The tasks and their augmentations, with `prefix` before and a suffix after each id."""
-    for suffix, exchange_for in _exchanges(recipe):
-        seen: set[tuple[object, ...]] = set()
-        for task in tasks:
-            new = exchange_for(task.statement).task(task, appearance) if suffix else task
-            if new is None or (suffix and (new.statement, new.start) == (task.statement, task.start)):
+    Tasks with held-out statements are left out, and recoloured ones that become such.
+    """
+    kept = [task for task in tasks if task.statement not in held_out]
+    for task in kept:
+        yield replace(task, id=f"{prefix}{task.id}")
+    for index, recolouring in enumerate(RECOLOURINGS[1:] if recipe.recolour else (), 1):
+        seen = set[tuple[str, bool, Scene]]()
+        for task in kept:
+            new = recolouring.task(task)
+            if new is None or (new.statement, new.start) == (task.statement, task.start):
                 continue
-            if (key := (new.statement, new.target, new.start)) in seen and suffix:
-                continue
-            seen.add(key)
-            yield replace(new, id=f"{prefix}{task.id}{suffix}")
-
-
-def _exchanges(recipe: UpdateRecipe) -> Iterator[tuple[str, Callable[[str], Augmentation]]]:
-    """Id suffixes and augmentations; the same augmentation for all tasks of a statement."""
-    for index, colours in enumerate(COLOUR_PERMUTATIONS if recipe.recolour else COLOUR_PERMUTATIONS[:1]):
-        yield (f"#{index}" if index else ""), lambda _, colours=colours: colours
-        if recipe.exchange_shapes:
-            yield f"#{index}s", lambda statement, colours=colours: _with_shapes(colours, statement)
-
-
-def _with_shapes(colours: Augmentation, statement: str) -> Augmentation:
-    rng = np.random.default_rng([*colours.colours, crc32(statement.encode())])
-    return replace(
-        colours, shapes=SHAPE_PERMUTATIONS[rng.integers(1, len(SHAPE_PERMUTATIONS))], mirrored=bool(rng.integers(2))
-    )
+            key = new.statement, new.target, new.start
+            if key not in seen and new.statement not in held_out:
+                seen.add(key)
+                yield replace(new, id=f"{prefix}{task.id}#{index}")
 
 
 class TaskSampler:

@@ -163,7 +163,7 @@ class BatchSampler:
             for index, mask in zip(row[:solved].tolist(), masks, strict=True):
                 actions = entry.actions[index]
                 assert actions is not None
-                mask[recoloured[actions[:1] if self._recipe.single_action else actions]] = True
+                mask[recoloured[actions]] = True
         return optimal
 
 

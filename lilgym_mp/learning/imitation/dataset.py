@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.learning.common.augmentation import symmetries
+from lilgym_mp.learning.common.augmentation import recolourable
+from lilgym_mp.learning.common.tasks import choose_held_out
 from lilgym_mp.learning.imitation.action_heads import ActionHeads, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.programs import Program, compile_program
@@ -53,19 +54,15 @@ def entries_from_tasks(tasks: Iterable[Task], *, reads_programs: bool = True) ->
             statement,
             compile_program(program),
             tuple(dict.fromkeys(task.start for task in group)),
-            exchanges_colours=not reads_programs or symmetries(statement, program).colours,
+            exchanges_colours=not reads_programs or recolourable(statement, program),
         )
         for (statement, program), group in groups.items()
     ]
 
 
-def split_held_out(
-    entries: Sequence[DatasetEntry], fraction: float, seed: int
-) -> tuple[list[DatasetEntry], list[DatasetEntry]]:
+def split_held_out(entries: Sequence[DatasetEntry], fraction: float) -> tuple[list[DatasetEntry], list[DatasetEntry]]:
     """Training and held-out entries, split by statement so that no statement is in both."""
-    statements = sorted({tuple(words(entry.statement)) for entry in entries})
-    order = np.random.default_rng(seed).permutation(len(statements))
-    held_out = {statements[index] for index in order[: round(fraction * len(statements))]}
+    held_out = choose_held_out(sorted({tuple(words(entry.statement)) for entry in entries}), fraction)
     training = [entry for entry in entries if tuple(words(entry.statement)) not in held_out]
     return training, [entry for entry in entries if tuple(words(entry.statement)) in held_out]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,13 +13,14 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics, Outcome
+from lilgym_mp.evaluation import Episode
 from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads
 from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs, Outputs
 from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action
 from lilgym_mp.scene.arrays import Float32Array, Int64Array
 
 BATCH_SIZE = 128  # scenes per forward pass
@@ -108,18 +109,12 @@ def choose_actions(
     return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
 
 
-class PlayedEpisode(NamedTuple):
-    task: Task
-    scenes: tuple[Scene, ...]  # the scene before each action
-    outcome: Outcome
-
-
 def play_episodes(
     policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], rule: StopRule, rng: np.random.Generator | None
-) -> list[PlayedEpisode]:
+) -> list[Episode]:
     """One episode of each task, in parallel: sampled with `rng`, greedy without."""
     states = [dynamics.start(task) for task in tasks]
-    visited: list[list[Scene]] = [[] for _ in states]
+    actions: list[list[Action]] = [[] for _ in states]
     outcomes = [Outcome.CONTINUES] * len(states)
     running = list(range(len(states)))
     while running:
@@ -130,16 +125,15 @@ def play_episodes(
         still_running: list[int] = []
         chosen = choose_actions(found, steps, dynamics.horizon, rule, rng)
         for index, logit_index in zip(running, chosen.tolist(), strict=True):
-            visited[index].append(states[index].scene)
-            action = dynamics.appearance.decode(int(policy.heads.action_of[logit_index]))
-            transition = dynamics.step(states[index], action)
+            actions[index].append(dynamics.appearance.decode(int(policy.heads.action_of[logit_index])))
+            transition = dynamics.step(states[index], actions[index][-1])
             states[index], outcomes[index] = transition.state, transition.outcome
             if transition.outcome is Outcome.CONTINUES:
                 still_running.append(index)
         running = still_running
     return [
-        PlayedEpisode(state.task, tuple(scenes), outcome)
-        for state, scenes, outcome in zip(states, visited, outcomes, strict=True)
+        Episode.of(state.task, played, outcome, dynamics)
+        for state, played, outcome in zip(states, actions, outcomes, strict=True)
     ]
 
 
@@ -154,7 +148,7 @@ def tune_stop_rule(
 
     def attempt(rule: StopRule) -> float:
         episodes = play_episodes(policy, dynamics, tasks, rule, rng if rule.sampled else None)
-        accuracy = float(np.mean([episode.outcome is Outcome.SUCCESS for episode in episodes]))
+        accuracy = float(np.mean([episode.is_success for episode in episodes]))
         tried.append((accuracy, rule))
         return accuracy
 

@@ -29,7 +29,6 @@ class ImitationRecipe(Recipe):
     truth: float = setting(3.0, "coefficient of the truth loss, which trains STOP")
     steps: float = setting(0.1, "coefficient of the steps-to-go loss")
     legal: float = setting(1.0, "coefficient of the legal-edits loss (Scatter)")
-    single_action: bool = setting(False, "imitate one optimal action instead of the set (ablation)")
     recolour: bool = setting(True, "permute colours at random in words and scenes where both name the same ones")
     unknown_words: float = setting(0.02, "word dropout: fraction of training words replaced by the unknown word", 0, 1)
     collect_every: int = setting(13, "updates between collections: visiting scenes and querying the expert", 1)

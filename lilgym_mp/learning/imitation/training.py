@@ -19,9 +19,9 @@ from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
-from lilgym_mp.learning.common.agents import scratch_tasks
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.tasks import train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import KIND, VERSION, ImitationAgent, architecture, make_network
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -102,7 +102,8 @@ class _Run(TrainingRun[StepResult]):
         super().__init__(out, budget, session)
         self.counters: ImitationCounters = ImitationCounters()
         self._settings, self._recipe, self._seed = settings, recipe, seed
-        tasks = settings.make("train").tasks
+        played = train_tasks(settings, scratch=recipe.empty_starts > 0)
+        tasks = played[settings.configuration]
         self._excluded = held_out_digests(settings.corpus)
         identity = {
             "learner": KIND,
@@ -118,10 +119,7 @@ class _Run(TrainingRun[StepResult]):
             self._teacher.planner(settings)  # raises AgentError before the run begins
         self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
-        entries, held_out = split_held_out(
-            entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out, seed=0
-        )
-        played = {settings.configuration: tasks, **(scratch_tasks(settings) if recipe.empty_starts else {})}
+        entries, held_out = split_held_out(entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out)
         self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)

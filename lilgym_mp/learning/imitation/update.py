@@ -16,6 +16,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 
 from lilgym_mp.envs.rules import Dynamics
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.batches import Batch, BatchSampler
@@ -114,8 +115,9 @@ class Imitation:
         tasks = [self.collector.task(entry) for entry in entries]
         rng = self.rng if self.rng.random() < 0.5 else None
         played = play_episodes(self.policy, self.dynamics, tasks, StopRule(never_first=self._is_flipit), rng)
-        for entry, episode in zip(entries, played, strict=True):
-            self.collector.add_last_scenes(entry, episode.task, episode.scenes, LAST_SCENES)
+        for entry, task, episode in zip(entries, tasks, played, strict=True):
+            visited = scenes(self.dynamics, task.start, episode.actions)[:-1]  # before each action
+            self.collector.add_last_scenes(entry, task, visited, LAST_SCENES)
 
     def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
         chosen = self.rng.choice(len(entries), count, replace=len(entries) < count)

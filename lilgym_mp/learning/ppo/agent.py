@@ -132,10 +132,7 @@ def describe(
     statistics: Mapping[str, Any],
 ) -> ModelDescription:
     """`statistics`: further details to save, such as the training time."""
-    exchanged = " and ".join(
-        name for name, used in (("colours", recipe.recolour), ("shapes", recipe.exchange_shapes)) if used
-    )
-    source = f"rewards, and programs to exchange {exchanged}" if exchanged else "rewards alone"
+    source = "rewards, and programs to exchange colours" if recipe.recolour else "rewards alone"
     notes = [MASKED if recipe.mask else UNMASKED, model.restriction, model.pretraining]
     supervision = f"{source} (corpus {settings.corpus}); {'; '.join(filter(None, notes))}"
     details = {

@@ -80,9 +80,7 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
     return {
         "critic": "separate",  # [P]
         "mask": False,  # [P]
-        "permute_boxes": False,  # [P] the start scenes are those of the corpus
         "recolour": False,  # [P]
-        "exchange_shapes": False,  # [P]
         "empty_starts": 0.0,  # [P] a model for each configuration
         "held_out": 0.05,  # [P] a part of train; the fraction is ours
         "validate_every": 40_960,  # [ours]

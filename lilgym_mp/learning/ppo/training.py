@@ -24,7 +24,7 @@ from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.model_file import DeviceError, weights_digest
 from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
-from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, training_tasks
+from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import (
     Experience,
     Losses,
@@ -121,7 +121,6 @@ class Run(TrainingRun[Progress]):
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
         appearance = make_appearance(settings.appearance, settings.grid)
-        settings.make(TRAINING_SPLIT)
         torch.manual_seed(recipe.seed)
         self.model = make_model(recipe, appearance, statements=self.tasks.statements, weights=weights)
         identity = {

@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, cast
+from typing import ClassVar
 
-import numpy as np
 import torch
-from torch import nn
 
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.tokens import Vocabulary
@@ -33,16 +31,11 @@ KIND = "reward-model"
 VERSION = 1
 
 
-class Networks(nn.ModuleList):
-    """The recipe's members."""
-
-    def __init__(self, recipe: RewardModelRecipe, vocabulary: Vocabulary, table: BoxTable) -> None:
-        sizes = {name: getattr(recipe, name) for name in ("width", "counts", "tokens", "dropout")}
-        shape = len(vocabulary), table.item_width, table.box_width
-        super().__init__(ModulatedNetwork(*shape, **sizes) for _ in range(recipe.members))
-
-    def members(self) -> list[ModulatedNetwork]:
-        return cast("list[ModulatedNetwork]", [*self])
+def make_network(recipe: RewardModelRecipe, vocabulary: Vocabulary, appearance: str) -> ModulatedNetwork:
+    """A new network of the recipe's sizes."""
+    sizes = {name: getattr(recipe, name) for name in ("width", "counts", "tokens", "dropout")}
+    table = BoxTable(appearance)
+    return ModulatedNetwork(len(vocabulary), table.item_width, table.box_width, **sizes)
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,7 @@ class RewardModelAgent(Agent):
 
     description: ModelDescription
     recipe: RewardModelRecipe
-    networks: Networks
+    network: ModulatedNetwork
     vocabulary: Vocabulary
     teaches: ClassVar[bool] = True
 
@@ -67,9 +60,7 @@ class RewardModelAgent(Agent):
         """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         is_flipit = settings.start == FLIPIT
-        return SearchPlanner(
-            self.networks.members(), self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit
-        )
+        return SearchPlanner(self.network, self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
 
     def verifier(self) -> Partner:
         """The model as the verifier of the two-agent game."""
@@ -82,10 +73,8 @@ class RewardModelAgent(Agent):
     @torch.inference_mode()
     def probabilities(self, statement: str, scenes: Sequence[Scene]) -> Float64Array:
         """(N,) that the statement is true in each scene, averaged as in the search."""
-        reader = self._reader()
-        exchanges = self.recipe.averaged_exchanges
-        judges = [Judge(one, reader, statement, exchanges, target=True) for one in self.networks.members()]
-        return np.mean([mean_probabilities(judge.scene_logits(scenes)) for judge in judges], axis=0)
+        judge = Judge(self.network, self._reader(), statement, self.recipe.averaged_exchanges, target=True)
+        return mean_probabilities(judge.scene_logits(scenes))
 
     def success_probability(self, state: State) -> float:
         """Estimates that the statement has its target value in the state's scene; reads no program."""
@@ -116,11 +105,13 @@ class RewardModelVerifier:
 def load_agent(path: Path, device: str = "auto") -> RewardModelAgent:
     """The agent in a model file; it plays on the CPU. Raises ModelFileError naming the file and what is wrong."""
 
-    def make(description: ModelDescription) -> Networks:
+    def parts(description: ModelDescription) -> tuple[RewardModelRecipe, Vocabulary]:
         vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
-        table = BoxTable(CONFIGURATIONS[description.configurations[0]][0])
-        return Networks(RewardModelRecipe.from_json(description.recipe), vocabulary, table)
+        return RewardModelRecipe.from_json(description.recipe), vocabulary
 
-    description, networks = load_network(KIND, VERSION, path, device, make)
-    vocabulary = Vocabulary(tuple(description.details["vocabulary"]))
-    return RewardModelAgent(description, RewardModelRecipe.from_json(description.recipe), networks.cpu(), vocabulary)
+    def make(description: ModelDescription) -> ModulatedNetwork:
+        return make_network(*parts(description), CONFIGURATIONS[description.configurations[0]][0])
+
+    description, network = load_network(KIND, VERSION, path, device, make)
+    recipe, vocabulary = parts(description)
+    return RewardModelAgent(description, recipe, network.cpu(), vocabulary)

@@ -16,7 +16,6 @@ class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
     width: int = setting(64, "network width; a multiple of 4", 4, multiple_of=4)
-    members: int = setting(1, "networks trained in turn on the same data; their mean probability decides", 1)
     counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")
     tokens: int = setting(6, "queries that read the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
@@ -32,7 +31,6 @@ class RewardModelRecipe(Recipe):
     searching: float = setting(
         0.5, "fraction of collections for scenes that a search finds, after a quarter of the run", 0, 1
     )
-    own_tasks: bool = setting(False, "play the train tasks of the builtin corpus too")
     held_out: float = setting(0.05, "fraction of training statements held out to measure accuracy", 0, 0.5)
     averaged_exchanges: int = setting(2, "exchanges of what a statement does not name that are averaged in play", 1, 6)
     beam: int = setting(16, "scenes kept by the search", 1)

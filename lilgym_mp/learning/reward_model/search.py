@@ -8,7 +8,6 @@ cause; the best are made by the rules. Progress is measured in logits, the choic
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple, cast
@@ -44,7 +43,6 @@ from lilgym_mp.solver.edit_tables import (
 TOWER_ROUNDS = 3
 FINALISTS = 200  # Tower scenes whose probability is averaged over exchanges
 SURE = 0.995  # mean probability with which a search in Scatter ends
-PROPOSED = 8  # plans of each of several networks
 MACRO_PARTS = 10  # best single edits of a scene that are combined to pairs
 
 
@@ -81,16 +79,16 @@ class SearchPlanner(Planner):
 
     def __init__(
         self,
-        networks: Sequence[ModulatedNetwork],
+        network: ModulatedNetwork,
         reader: InputReader,
         dynamics: Dynamics,
         recipe: RewardModelRecipe,
         *,
         is_flipit: bool,
     ) -> None:
-        """Each network proposes; their mean decides. `is_flipit`: a start is never solved: STOP is no plan there."""
+        """`is_flipit`: a start is never solved: STOP is no plan there."""
         self.dynamics, self.recipe = dynamics, recipe
-        self._networks, self._reader, self._is_flipit = networks, reader, is_flipit
+        self._network, self._reader, self._is_flipit = network, reader, is_flipit
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         return self.plans(scene, statement, target, steps)[0]
@@ -99,37 +97,18 @@ class SearchPlanner(Planner):
     def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
         """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
         is_tower = self._reader.renewed_table().appearance == "tower"
-        exchanges = self.recipe.averaged_exchanges
-        judges = [Judge(one, self._reader, statement, exchanges, target=target) for one in self._networks]
+        judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
         may_stop = not self._is_flipit or steps > 0
-        proposed = max(most, PROPOSED) if len(judges) > 1 else most
-
-        def proposals(judge: Judge) -> list[Plan]:
-            if is_tower:
-                return _plan_tower(judge, scene, most_edits, self.recipe, proposed, may_stop=may_stop)
+        if is_tower:
+            plans = _plan_tower(judge, scene, most_edits, self.recipe, most, may_stop=may_stop)
+        else:
             search = _ScatterSearch(judge, self.dynamics, self.recipe)
-            return search.plans(scene, most_edits, proposed, may_stop=may_stop)
-
-        plans = [plan for judge in judges for plan in proposals(judge)]
-        if len(judges) > 1:
-            plans = self._chosen(judges, scene, plans)[:most]
+            plans = search.plans(scene, most_edits, most, may_stop=may_stop)
         lowest = plans[0].success_probability - self.recipe.edit_cost
         return [
             plan for plan in plans if len(plan.actions) == len(plans[0].actions) and plan.success_probability >= lowest
         ]
-
-    def _chosen(self, judges: Sequence[Judge], scene: Scene, plans: Sequence[Plan]) -> list[Plan]:
-        """The plans with the judges' mean probability, best first."""
-        goals: list[Scene] = []
-        for plan in plans:
-            goal = scene
-            for action in plan.actions[:-1]:
-                goal, _ = self.dynamics.appearance.apply(goal, action, self.dynamics.rules.placement)
-            goals.append(goal)
-        means = np.mean([mean_probabilities(judge.scene_logits(goals)) for judge in judges], axis=0)
-        found = [replace(plan, success_probability=mean) for plan, mean in zip(plans, means.tolist(), strict=True)]
-        return sorted(found, key=lambda plan: self.recipe.edit_cost * len(plan.actions) - plan.success_probability)
 
 
 # Tower

@@ -15,11 +15,7 @@ import torch.nn.functional as F  # noqa: N812
 from torch import Tensor, nn
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
-from lilgym_mp.corpus.held_out import held_out_digests, statement_digest
-from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.locations import BUILTIN
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.agents import scratch_tasks
 from lilgym_mp.learning.common.labelled_scenes import (
     Collector,
     Entry,
@@ -32,8 +28,9 @@ from lilgym_mp.learning.common.labelled_scenes import (
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
 from lilgym_mp.learning.common.words import vocabulary_of
-from lilgym_mp.learning.reward_model.agent import KIND, VERSION, Networks, RewardModelAgent
+from lilgym_mp.learning.reward_model.agent import KIND, VERSION, RewardModelAgent, make_network
 from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
@@ -48,7 +45,7 @@ SEARCHES_PER_COLLECTION = 4
 SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
 HELD_OUT_STOPS = 150  # per held-out statement
 JUDGED = 60  # scenes per held-out statement in a measurement of accuracy
-WARM_UP = 100  # optimiser steps of linear warm-up of each network; cosine decay follows
+WARM_UP = 100  # optimiser steps of linear warm-up; cosine decay follows
 
 
 class Progress(NamedTuple):
@@ -110,20 +107,20 @@ class _Run(TrainingRun[tuple[float, float]]):
         super().__init__(out, budget, session)
         self.counters: RewardModelCounters = RewardModelCounters()
         self._settings, self._recipe, self._seed = settings, recipe, seed
-        tasks = settings.make("train").tasks
-        played = {settings.configuration: tasks, **scratch_tasks(settings)}
+        played = train_tasks(settings)
         self._configurations = tuple(played)
         identity = {
             "learner": KIND,
             "environment": settings.to_json(),
             "recipe": recipe.to_json(),
             "seed": seed,
-            "tasks_sha256": tasks.provenance.sha256,
+            "tasks_sha256": played[settings.configuration].provenance.sha256,
         }
         self.begin(identity)
-        self._entries, self._held_out = _split(entries_of(list(played.values())), recipe.held_out)
-        if recipe.own_tasks:
-            self._entries += _own_entries(settings, [*self._entries, *self._held_out])
+        entries = entries_of(list(played.values()))
+        held_out = choose_held_out([entry.statement for entry in entries], recipe.held_out)
+        self._entries = [entry for entry in entries if entry.statement not in held_out]
+        self._held_out = [entry for entry in entries if entry.statement in held_out]
         self._rng = np.random.default_rng(seed)
         self._table = BoxTable(settings.appearance)
         self._collector = Collector(settings.dynamics(), self._table, self._rng)
@@ -132,10 +129,10 @@ class _Run(TrainingRun[tuple[float, float]]):
         # the search begins new tables as it goes
         self._search_reader = InputReader(vocabulary, BoxTable(settings.appearance), self.device)
         torch.manual_seed(seed)
-        self._networks = Networks(recipe, vocabulary, self._table).to(self.device)
-        self._averaged = copy.deepcopy(self._networks).eval().requires_grad_(requires_grad=False)
+        self._network = make_network(recipe, vocabulary, settings.appearance).to(self.device)
+        self._averaged = copy.deepcopy(self._network).eval().requires_grad_(requires_grad=False)
         self._optimiser = torch.optim.AdamW(
-            self._networks.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+            self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         self.load()
 
@@ -162,8 +159,7 @@ class _Run(TrainingRun[tuple[float, float]]):
         kinds = [self._random_kind(entry.statement) for entry in entries]
         for group in self._optimiser.param_groups:
             group["lr"] = recipe.learning_rate * self._schedule()
-        turn, member = divmod(self.counters.updates, recipe.members)
-        network = self._networks.train().members()[member]
+        turn, network = self.counters.updates, self._network.train()
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
@@ -177,9 +173,9 @@ class _Run(TrainingRun[tuple[float, float]]):
         self.counters.updates += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
-        averaged: list[Any] = [*self._averaged.members()[member].parameters()]
+        averaged: list[Any] = [*self._averaged.parameters()]
         get_ema_multi_avg_fn(decay)(averaged, [*network.parameters()], turn)
-        return value, float(((logits > 0) == (truths > 0.5)).float().mean())
+        return value, _accuracy(logits, truths)
 
     def _judged(
         self, network: ModulatedNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
@@ -195,7 +191,7 @@ class _Run(TrainingRun[tuple[float, float]]):
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
-        warm_up = min(1.0, (self.counters.updates // self._recipe.members + 1) / WARM_UP)
+        warm_up = min(1.0, (self.counters.updates + 1) / WARM_UP)
         return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self.progress()))))
 
     @torch.inference_mode()
@@ -207,9 +203,8 @@ class _Run(TrainingRun[tuple[float, float]]):
         indices = [sample_scenes(entry, JUDGED, 1.0, rng) for entry in entries]
         kinds = [self._reader.kinds(entry.statement)[0] for entry in entries]
         columns = self._reader.statements([entry.statement for entry in entries], kinds)
-        judged = [self._judged(member, columns, entries, indices) for member in self._averaged.members()]
-        probabilities = torch.stack([torch.sigmoid(logits) for logits, _ in judged]).mean(0)
-        return float(((probabilities > 0.5) == (judged[0][1] > 0.5)).float().mean())
+        logits, truths = self._judged(self._averaged, columns, entries, indices)
+        return _accuracy(logits, truths)
 
     # Data collection
 
@@ -244,12 +239,11 @@ class _Run(TrainingRun[tuple[float, float]]):
         reader = self._search_reader
         table = reader.renewed_table()
         kinds = [self._random_kind(entry.statement) for entry in entries]
-        member = self._random_member()
-        reading = member.read(*reader.statements([entry.statement for entry in entries], kinds))
+        reading = self._averaged.read(*reader.statements([entry.statement for entry in entries], kinds))
 
         def judge(scenes: Sequence[Sequence[Scene]]) -> Float64Array:
             features, local = reader.scenes(np.array([[table.of(scene) for scene in row] for row in scenes]))
-            return member(reading, features, local).double().numpy()
+            return self._averaged(reading, features, local).double().numpy()
 
         self._collector.climb(entries, judge)
 
@@ -257,16 +251,11 @@ class _Run(TrainingRun[tuple[float, float]]):
         kinds = self._reader.kinds(statement)
         return kinds[self._rng.integers(len(kinds))]
 
-    def _random_member(self) -> ModulatedNetwork:
-        return self._averaged.members()[int(self._rng.integers(self._recipe.members))]
-
     def _search(self, entry: Entry) -> None:
         """Stops in the scene that the averaged model likes best for a random truth value, and in those on the way."""
         task_index = entry.random_task(self._rng)
         recipe = replace(self._recipe, averaged_exchanges=1)
-        planner = SearchPlanner(
-            [self._random_member()], self._search_reader, self._settings.dynamics(), recipe, is_flipit=False
-        )
+        planner = SearchPlanner(self._averaged, self._search_reader, self._settings.dynamics(), recipe, is_flipit=False)
         target = bool(self._rng.integers(2))
         start = entry.tasks[task_index].start
         index = self._collector.stop(entry, task_index, start, 0)
@@ -293,7 +282,7 @@ class _Run(TrainingRun[tuple[float, float]]):
 
     def state(self) -> dict[str, Any]:
         return {
-            "networks": self._networks.state_dict(),
+            "network": self._network.state_dict(),
             "averaged": self._averaged.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "played": [self._collector.stops, self._collector.steps],
@@ -301,7 +290,7 @@ class _Run(TrainingRun[tuple[float, float]]):
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._networks.load_state_dict(state["networks"])
+        self._network.load_state_dict(state["network"])
         self._averaged.load_state_dict(state["averaged"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._collector.stops, self._collector.steps = state["played"]
@@ -311,8 +300,7 @@ class _Run(TrainingRun[tuple[float, float]]):
     def finish(self) -> RewardModelAgent:
         """Saves the averaged network as the agent."""
         corpus, vocabulary = self._settings.corpus, self._reader.vocabulary
-        corpora = f"corpora {corpus} and {BUILTIN}" if self._recipe.own_tasks else f"corpus {corpus}"
-        supervision = f"rewards; knows the rules of editing ({corpora})"
+        supervision = f"rewards; knows the rules of editing (corpus {corpus})"
         details = {
             "vocabulary": list(vocabulary.words),
             "corpus": corpus,
@@ -330,18 +318,5 @@ class _Run(TrainingRun[tuple[float, float]]):
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
 
 
-def _own_entries(settings: Settings, known: Sequence[Entry]) -> list[Entry]:
-    """Entries of builtin train statements, except those known and those of dev and test splits."""
-    excluded = held_out_digests(settings.corpus) | {statement_digest(entry.statement) for entry in known}
-    own = entries_of(list(load_all_tasks(BUILTIN, [settings.appearance], splits=["train"])))
-    return [entry for entry in own if statement_digest(entry.statement) not in excluded]
-
-
-def _split(entries: Sequence[Entry], fraction: float) -> tuple[list[Entry], list[Entry]]:
-    """Training and held-out entries, the same for all seeds."""
-    order = np.random.default_rng(0).permutation(len(entries))
-    held_out = {*order[: round(fraction * len(entries))].tolist()}
-    parts: tuple[list[Entry], list[Entry]] = [], []
-    for index, entry in enumerate(entries):
-        parts[index in held_out].append(entry)
-    return parts
+def _accuracy(logits: Tensor, truths: Tensor) -> float:
+    return float(((logits > 0) == (truths > 0.5)).float().mean())

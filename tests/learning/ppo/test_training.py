@@ -29,7 +29,7 @@ from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
-from lilgym_mp.scene import Scene, Shape
+from lilgym_mp.scene import Scene
 from tests.corpora import write_own_corpus
 from tests.learning.conftest import equal, weights
 
@@ -231,36 +231,10 @@ def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
         assert tasks.from_empty[tasks.tasks.index_of(task.id)] or not task.solved_by(task.start)
 
 
-def test_tasks__of_the_paper_are_the_corpus_unless_boxes_are_permuted(own: str):
+def test_tasks__of_the_paper_are_the_corpus(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
     plain = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
     assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
-    more = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0, permute_boxes=True))
-    assert len(more.tasks) > len(plain.tasks)
-
-
-def test_tasks__exchanged_shapes_double_scatters_tasks_consistently_per_statement(own: str):
-    settings = Settings("ScatterFlipIt", corpus=own)
-    plain, more = (
-        training_tasks(settings, make_recipe("ours", "ScatterFlipIt", held_out=0, exchange_shapes=exchange)).tasks
-        for exchange in (False, True)
-    )
-    added = [task for task in more if task not in set(plain)]
-    assert set(plain) < set(more)
-    assert len(more) > 1.8 * len(plain)  # what has neither shapes nor items stays as it is
-    squares: dict[tuple[str, str], set[Shape]] = {}  # what the corpus's squares became, by statement and colours
-    for task in added:
-        assert task.start == EMPTY or not task.solved_by(task.start)
-        if task.id.startswith("empty:"):
-            continue
-        name, colours = task.id.split("#")
-        shapes = {item.shape for item in task.start.items()}
-        squares.setdefault((plain.by_id(name).statement, colours), set()).update(shapes)
-    assert set().union(*squares.values()) == set(Shape)
-    assert all(len(shapes) <= 1 for shapes in squares.values())
-    tower = Settings("TowerFlipIt", corpus=own)
-    tower_tasks = training_tasks(tower, make_recipe("ours", "TowerFlipIt", held_out=0, exchange_shapes=True)).tasks
-    assert {item.shape for task in tower_tasks for item in task.start.items()} == {Shape.SQUARE}
 
 
 def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):

@@ -12,7 +12,6 @@ __all__ = ["small_recipe", "statements"]
 
 SMALL: dict[str, Any] = {
     "width": 32,
-    "members": 1,
     "dropout": 0.0,
     "statements": 3,
     "scenes": 32,

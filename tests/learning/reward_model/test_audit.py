@@ -24,4 +24,3 @@ def test_audit__tells_calibration_and_soundness_of_each_verifier(capsys: pytest.
     assert ["0.7 to 0.9", "3", "80.0", "66.7"] in rows  # 0.8 and 0.8 of a, right and wrong, and 0.8 of b, right
     assert ["a", "a", "75.0", "100.0", "50.0", "66.7"] in rows
     assert ["a", "b", "50.0", "50.0", "50.0", "50.0"] in rows
-    assert ["ensemble", "75.0", "50.0", "100.0", "83.1"] in rows
