@@ -147,8 +147,7 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
     if not isinstance(kind, str) or kind not in PACKAGES:
         raise table.error("learner", f"unknown learner {kind!r}; choose from {', '.join(PACKAGES)}")
     learner = find_learner(kind)
-    recipe_keys = [name for name in learner.recipe.names() if name != "seed"]
-    table.check_keys((*LEARNER_KEYS, *learner.option_kinds(), *recipe_keys))
+    table.check_keys((*LEARNER_KEYS, *learner.option_names))
     name = table.values.get("name", kind)
     if not isinstance(name, str) or not name.replace("-", "").replace("_", "").replace("+", "").isalnum():
         raise table.error("name", f"must consist of letters, digits and -, _, +, not {name!r}")
@@ -167,13 +166,14 @@ def _learner_runs(table: _Table, experiment: _Experiment) -> Iterator[PlannedRun
         table.check_environment(["corpus"], configurations, "train", corpus=corpus)
     training = ["--corpus", corpus, *(() if learner.config is None else settings)]
     for configuration in (None,) if learner.config is None else configurations:
-        budget, recipe = _checked_options(table, learner, configuration, options)
+        own = [configuration] if configuration else []
+        command = (*own, *training, *_flags(options))
+        budget, recipe = _checked_options(table, kind, learner, command)
         played = _played_configurations(configuration, recipe, experiment.configurations)
         evaluate = ("evaluate", "--name", name, "--actions", *modes, "--configuration", *played)
         evaluate = (*evaluate, *experiment.evaluation, *(["--passes", str(passes)] if passes > 1 else []))
         if learner.plays_games:
             evaluate = ("evaluate", *experiment.environment[:2])
-        own = [configuration] if configuration else []
         for seed in seeds:
             yield PlannedRun(
                 "-".join([name, *own, str(seed)]),
@@ -198,25 +198,25 @@ def _played_configurations(configuration: str | None, recipe: Any, choices: Sequ
 
 
 def _checked_options(
-    table: _Table, learner: Learner, configuration: str | None, options: Mapping[str, Any]
+    table: _Table, name: str, learner: Learner, command: Sequence[str]
 ) -> tuple[tuple[str, float], Any]:
-    """The learner's budget, and the recipe that its options make."""
-    kinds = {**{each.name: type(each.default) for each in learner.recipe.settings()}, **learner.option_kinds()}
-    for key, value in options.items():
-        expected = kinds[key]
-        if type(value) is not expected and not (expected is float and type(value) is int):
-            raise table.error(key, f"must be of type {expected.__name__}, not {value!r}")
+    """The budget and the recipe of `train`'s command with these words."""
+    from lilgym_mp.cli import parse_args
+    from lilgym_mp.learning.common.commands import requested
+
     try:
-        recipe = learner.make_recipe(configuration or "", options)
-        budget = learner.budget(options)
-    except ValueError as error:
+        settings, recipe, own, _ = requested(parse_args(["train", name, *command]), name, learner)
+        if learner.plays_games:
+            settings.setup()
+    except (CommandError, ValueError) as error:
         raise CommandError(f"{table.path}: {table.prefix.rstrip('.')}: {error}") from None
-    return budget, recipe
+    return learner.budget(recipe, own), recipe
 
 
 def _flags(options: Mapping[str, Any]) -> Iterator[str]:
+    """The words of the command line for options, several for a list."""
     for key, value in options.items():
         if isinstance(value, bool):
             yield f"--{'' if value else 'no-'}{flag_name(key)}"
         else:
-            yield from (f"--{flag_name(key)}", str(value))
+            yield from (f"--{flag_name(key)}", *map(str, value if isinstance(value, list) else [value]))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, cast
 
@@ -24,12 +25,26 @@ CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
 GRID_HELP = f'columns and rows of Scatter (default: {"x".join(map(str, RELEASED_GRID))}), or "{NATIVE}" for pixels'
 
 
-def setting(default: Any, description: str, parse: Callable[[str], Any] = str, choices: Sequence[str] = ()) -> Any:
-    """A field that is also an option of commands, and in the JSON of recordings and runs.
+def setting(
+    default: Any,
+    description: str,
+    lowest: float = 0,
+    highest: float = math.inf,
+    *,
+    choices: Iterable[str] = (),
+    multiple_of: int = 0,
+    kind: Callable[[str], Any] | None = None,
+    **shown: Any,
+) -> Any:
+    """A field of an environment, a recipe or a run's options that is also an option of commands.
 
-    `description` is its help text; `parse` reads its value from the command line and raises ValueError.
+    `description` is its help text; recipes and options check `lowest` to `multiple_of`. `choices` are for strings.
+    `kind`: the type, or a function that reads the command line's text and raises ValueError; by default the type of the
+    default. `shown`: how the command line shows an option: its `metavar`, `nargs`, or another `flag`.
     """
-    return field(default=default, metadata={"description": description, "parse": parse, "choices": tuple(choices)})
+    metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
+    more = {"multiple_of": multiple_of, "kind": kind or type(default), "shown": shown}
+    return field(default=default, metadata={**metadata, **more})
 
 
 @dataclass(frozen=True)
@@ -40,8 +55,8 @@ class EnvConfig:
     corpus: str = setting("builtin", CORPUS_HELP)
     split: str = field(default="train", kw_only=True)
     rules: str = setting("paper", "rule set (default: paper)", choices=sorted(RULE_SETS))
-    horizon: int | None = setting(None, "actions per episode (default: the rule set's)", parse=int)
-    grid: tuple[int, int] | str = setting(RELEASED_GRID, GRID_HELP, parse=read_grid)
+    horizon: int | None = setting(None, "actions per episode (default: the rule set's)", kind=int)
+    grid: tuple[int, int] | str = setting(RELEASED_GRID, GRID_HELP, kind=read_grid)
     image_size: str = field(default="half", kw_only=True)  # "half" or "native"
 
     def __post_init__(self) -> None:

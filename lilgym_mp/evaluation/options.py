@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import Field
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
@@ -71,15 +72,26 @@ def add_commands(commands: Any, modules: Mapping[str, str], more: Mapping[str, S
 
 def add_settings(parser: argparse.ArgumentParser, config: type[EnvConfig] = EnvConfig) -> None:
     """An option for every field of the configuration that is a setting."""
-    options = parser.add_argument_group("environment")
-    for each in config.settings().values():
-        known = each.metadata
-        options.add_argument(
-            f"--{flag_name(each.name)}",
-            type=argument_type(known["parse"]),
-            choices=known["choices"] or None,
-            help=known["description"],
-        )
+    add_fields(parser.add_argument_group("environment"), config.settings().values())
+
+
+def add_fields(group: argparse._ActionsContainer, fields: Iterable[Field[Any]]) -> None:
+    """An option for each field made by `setting`; its help ends with its default unless it has told one."""
+    for each in fields:
+        default, known = each.default, each.metadata
+        shown = f"{default:g}" if isinstance(default, float) else str(default)
+        kind: dict[str, Any] = {"type": argument_type(known["kind"])}
+        if isinstance(default, bool):
+            shown, kind = "on" if default else "off", {"action": argparse.BooleanOptionalAction}
+        elif known["choices"]:
+            kind = {"choices": known["choices"]}
+        elif known["kind"] in (int, float):
+            kind["metavar"] = "N"
+        text = known["description"]
+        text += "" if default is None or "(default" in text else f" (default: {shown})"
+        details = dict(known["shown"])
+        flag = flag_name(details.pop("flag", each.name))
+        group.add_argument(f"--{flag}", dest=each.name, default=None, help=text, **{**kind, **details})
 
 
 def add_corpus(parser: argparse.ArgumentParser) -> None:

@@ -131,7 +131,7 @@ def test_plan__learner_with_another_corpus_and_evaluation_on_both_starts(tmp_pat
         ('policies = ["best"]\n' + SMALL, "policies: unknown value 'best'; choose from expert"),
         ('corpus = "/nowhere/at/all.jsonl"\n' + SMALL, "corpus: .*nowhere"),
         ('rules = "mine"\n' + SMALL, "rules: .*'mine'.*paper"),
-        (SMALL + "envs = true", r"learners\[0\]\.envs: must be of type int, not True"),
+        (SMALL + "envs = true", r"learners\[0\]: lilgym-mp train ppo: argument --envs: expected one argument"),
         (SMALL + "steps = 0", r"learners\[0\]: --steps must be at least 1, not 0"),
         (SMALL + "envs = 0", r"learners\[0\]: .*envs"),
         (SMALL + "passes = 0", r"learners\[0\]\.passes: must be a whole number above 0, not 0"),
@@ -198,7 +198,7 @@ def test_experiment__trains_the_game_and_measures_it(tmp_path: Path):
     results = json.loads((place / "episodes" / "audit-TowerScratch-0-dev.json").read_text())["results"]
     assert {(one["verifier"], one["protocol"]) for one in results} >= {("oracle", "audit"), ("target-only", "audit")}
     wrong = write_file(tmp_path / "wrong.toml", text.replace('protocol = "joint"', 'protocol = "poker"'))
-    with pytest.raises(CommandError, match=r"learners\[0\]: unknown protocol 'poker'; choose from"):
+    with pytest.raises(CommandError, match=r"learners\[0\]: .*--protocol: invalid choice: 'poker' \(choose from"):
         read_plan(wrong)
 
 

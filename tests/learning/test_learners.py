@@ -92,5 +92,4 @@ def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> N
 @pytest.mark.parametrize("name", [name for name in PACKAGES if name != "guessing"])
 def test_learners__have_a_recipe_and_a_budget(name: str) -> None:
     learner = find_learner(name)
-    assert isinstance(learner.make_recipe("TowerScratch", {}), learner.recipe)
-    assert learner.budget({})[1] > 0
+    assert learner.budget(learner.recipe.of("TowerScratch"), learner.options())[1] > 0

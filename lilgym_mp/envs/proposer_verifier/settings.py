@@ -98,17 +98,17 @@ class GameSettings(EnvConfig):
     protocol: str = setting("veto", "(default: veto)", choices=list(PROTOCOLS))
     ending: str | None = setting(None, "who may end the game (default: the protocol's)", choices=list(ENDINGS))
     # a name in PRESETS, {agent: term or {term: weight}}, or a RewardFunction
-    rewards: Rewards = setting("common", REWARDS_HELP, parse=read_rewards)
-    false_accept_cost: float = setting(1.0, "cost of a false accept in the reward `correctness` (default: 1)", float)
-    false_reject_cost: float = setting(1.0, "cost of a false reject in the reward `correctness` (default: 1)", float)
-    deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden (default: 0.5)", float)
+    rewards: Rewards = setting("common", REWARDS_HELP, kind=read_rewards)
+    false_accept_cost: float = setting(1.0, "cost of a false accept in the reward `correctness`")
+    false_reject_cost: float = setting(1.0, "cost of a false reject in the reward `correctness`")
+    deceptive_share: float = setting(0.5, "share of deceptive games, if intents are hidden")
     views: ViewSpec | Mapping[str, ViewSpec] = "image"  # for both, or {agent: view}
     message_size: int | Mapping[str, int] | None = setting(  # or {agent: number}
-        None, "messages besides silence, for both agents (default: the protocol's)", parse=int
+        None, "messages besides silence, for both agents (default: the protocol's)", kind=int
     )
-    message_cost: float = setting(0.0, "cost of a message to its sender (default: 0)", float)
-    verdict_bins: int | None = setting(None, "audit: probabilities to choose from (default: true or false)", int)
-    exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer (default: 3)", int)
+    message_cost: float = setting(0.0, "cost of a message to its sender")
+    verdict_bins: int | None = setting(None, "audit: probabilities to choose from (default: true or false)", kind=int)
+    exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer", int)
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
 

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.evaluation import CONFIGURATIONS, options
-from lilgym_mp.evaluation.options import CommandError, flag_name, given_options
+from lilgym_mp.evaluation.options import CommandError, given_options
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.learning.common.learners import Learner
-from lilgym_mp.learning.common.recipes import Recipe
 from lilgym_mp.learning.common.run_directory import RUN_FILE, TrainingRunError, begin_run, check_same
 from lilgym_mp.scene.choices import choose
 
@@ -22,55 +21,19 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
         options.add_configuration(parser, nargs="?")
     default = learner.directory.format(learner=name, configuration="CONFIGURATION")
     options.add_run_directory(parser, default)
-    _add_fields(parser, learner.options)
+    options.add_fields(parser, learner.options.settings())
     options.add_device(parser)
     if learner.config is not None:
         options.add_settings(parser, learner.config)
-    _add_fields(parser.add_argument_group("recipe"), learner.recipe)
-
-
-def _add_fields(group: argparse._ActionsContainer, recipe: type[Recipe]) -> None:
-    """An option for each field of a recipe or of a run's options."""
-    for each in recipe.settings():
-        default, known = each.default, each.metadata
-        shown = f"{default:g}" if isinstance(default, float) else str(default)
-        kind: dict[str, Any] = {"type": options.argument_type(known["kind"]), "metavar": "N"}
-        if isinstance(default, bool):
-            shown, kind = "on" if default else "off", {"action": argparse.BooleanOptionalAction}
-        elif known["choices"]:
-            kind = {"choices": known["choices"]}
-        description = known["description"] + ("" if default is None else f" (default: {shown})")
-        details = dict(known["shown"])
-        flag = flag_name(details.pop("flag", each.name))
-        group.add_argument(f"--{flag}", dest=each.name, default=None, help=description, **{**kind, **details})
+    options.add_fields(parser.add_argument_group("recipe"), learner.recipe.settings())
 
 
 def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     """Trains as the options say, and returns the exit code. Raises CommandError, ValueError."""
     options.check_at_least(args, 1, "threads")
-    given, changes = given_options(args, learner.options.names()), given_options(args, learner.recipe.names())
-    environment: dict[str, Any] = {}
-    directory = args.out
-    if learner.config is not None:
-        environment = given_options(args, ["configuration", *learner.config.settings()])
-        if args.configuration is not None:
-            choose("configuration", args.configuration, CONFIGURATIONS)
-        elif not args.resume:
-            raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
-        elif directory is None:
-            raise CommandError("name what to resume: --out DIR, or a configuration")
-    if directory is None:
-        directory = options.RUNS / learner.directory.format(
-            learner=name, configuration=environment.get("configuration")
-        )
-    if args.resume:
-        settings, recipe, own = resumed(directory, name, learner, environment, changes, given)
-    else:
-        settings = None if learner.config is None else learner.config(**environment)
-        own: Any = learner.options(**given)
-        recipe = learner.recipe.of(environment.get("configuration", ""), given.get("recipe_name"), **changes)
+    settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
-    unit, total = learner.budget({**recipe.to_json(), **arguments})
+    unit, total = learner.budget(recipe, own)
     module, function = learner.train.split(":")
     with Progress(int(total), unit, None if args.resume else 0, doing=f"{name}: preparing data") as bar:
         try:
@@ -94,6 +57,27 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     return 0
 
 
+def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
+    """The environment, recipe, options and directory of the run that the options ask for. Raises as `train`."""
+    given, changes = given_options(args, learner.options.names()), given_options(args, learner.recipe.names())
+    environment: dict[str, Any] = {}
+    if learner.config is not None:
+        environment = given_options(args, ["configuration", *learner.config.settings()])
+        if args.configuration is not None:
+            choose("configuration", args.configuration, CONFIGURATIONS)
+        elif not args.resume:
+            raise CommandError(f"name a configuration to train on; choose from {', '.join(CONFIGURATIONS)}")
+        elif args.out is None:
+            raise CommandError("name what to resume: --out DIR, or a configuration")
+    default = learner.directory.format(learner=name, configuration=environment.get("configuration"))
+    directory = args.out or options.RUNS / default
+    if args.resume:
+        return *resumed(directory, name, learner, environment, changes, given), directory
+    settings = None if learner.config is None else learner.config(**environment)
+    recipe = learner.recipe.of(environment.get("configuration", ""), given.get("recipe_name"), **changes)
+    return settings, recipe, learner.options(**given), directory
+
+
 def resumed(path: Path, name: str, learner: Learner, *given: dict[str, Any]) -> tuple[Any, Any, Any]:
     """The environment, recipe and options of the run in a directory.
 
@@ -104,7 +88,7 @@ def resumed(path: Path, name: str, learner: Learner, *given: dict[str, Any]) -> 
     try:
         saved = run.identity.get("environment", run.identity.get("game", {}))
         settings = None if learner.config is None else learner.config.from_json(saved)
-        recipe = learner.recipe(**run.identity["recipe"])
+        recipe = learner.recipe.from_json(run.identity["recipe"])
         fixed = learner.options.remembered(run.identity)
         own = learner.options(**{**learner.options.remembered(run.options), **fixed, **given[-1]})
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -8,11 +8,10 @@ file and a device returns the Agent.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.resources import files
-from typing import Any, cast
 
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation.policies import GREEDY
@@ -39,41 +38,22 @@ class Learner:
     directory: str = "{learner}-{configuration}"  # default name of a run's
     action_modes: Sequence[str] = (GREEDY,)  # evaluated unless others are requested
 
-    def option_kinds(self) -> dict[str, type[Any]]:
-        """The types of the options besides the recipe and the environment's settings, by their name in experiments."""
-        kinds = {name: each.metadata["parse"] for name, each in self._game_settings().items()}
-        kinds |= {name: each.metadata["kind"] for name, each in self._own_options().items()}
-        return {name: kind if kind in (int, float) else str for name, kind in kinds.items() if name != "seed"}
-
-    def _own_options(self) -> dict[str, Any]:
-        """The fields of the options by their name in experiments."""
-        return {each.metadata["shown"].get("flag", each.name): each for each in self.options.settings()}
-
-    def _game_settings(self) -> dict[str, Any]:
-        """The fields of the configuration that a single environment has not."""
-        settings = {} if self.config is None else self.config.settings()
-        return {name: each for name, each in settings.items() if name not in EnvConfig.settings()}
+    @property
+    def option_names(self) -> list[str]:
+        """The options of an experiment: of the recipe, the run and the game, besides the seed and the environment's."""
+        own = [each.metadata["shown"].get("flag", each.name) for each in self.options.settings()]
+        game = [] if self.config is None else self.config.settings()
+        return [name for name in (*self.recipe.names(), *own, *game) if name not in ("seed", *EnvConfig.settings())]
 
     @property
     def plays_games(self) -> bool:
         """Whether it learns the two-agent game, whose evaluations are not recorded."""
-        return bool(self._game_settings())
+        return self.config not in (None, EnvConfig)
 
-    def make_recipe(self, configuration: str, options: Mapping[str, Any]) -> Recipe:
-        """The recipe that these options of an experiment make; checks the others too. Raises ValueError."""
-        self.options(**{each.name: options[name] for name, each in self._own_options().items() if name in options})
-        if self.plays_games:
-            game, known = cast("Any", self.config), self._game_settings()
-            given = {name: known[name].metadata["parse"](value) for name, value in options.items() if name in known}
-            game(configuration, **given).setup()
-        changes = {name: value for name, value in options.items() if name in self.recipe.names()}
-        return self.recipe.of(configuration, options.get("recipe"), **changes)
-
-    def budget(self, options: Mapping[str, Any]) -> tuple[str, float]:
-        """The key of progress.jsonl that measures progress, and its value at the end of a run with these options."""
-        defaults = {each.name: each.default for each in (*self.recipe.settings(), *self.options.settings())}
+    def budget(self, recipe: Recipe, options: RunOptions) -> tuple[str, float]:
+        """The key of progress.jsonl that measures progress, and its value at the end of the run."""
         unit = "steps" if "steps" in self.options.names() else "updates"
-        return unit, options.get(unit, defaults[unit])
+        return unit, getattr(options if unit in self.options.names() else recipe, unit)
 
 
 SHIPPED = re.compile(r"agent-(.+)\.safetensors")  # files of lilgym_mp.data

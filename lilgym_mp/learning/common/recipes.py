@@ -4,32 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import Field, asdict, dataclass, field, fields
+from dataclasses import Field, asdict, dataclass, fields
 from typing import Any, ClassVar, Self
 
+from lilgym_mp.envs.config import setting
 from lilgym_mp.evaluation.options import flag_name
 from lilgym_mp.scene.choices import choose
-
-
-def setting(
-    default: Any,
-    description: str,
-    lowest: float = 0,
-    highest: float = math.inf,
-    *,
-    choices: Iterable[str] = (),
-    multiple_of: int = 0,
-    kind: type[Any] | None = None,
-    **shown: Any,
-) -> Any:
-    """A field of a recipe or of a run's options; `description` is its help text on the command line.
-
-    `choices` are for strings. `kind`: the type of an option whose default is None. `shown`: how the command line shows
-    an option: its `metavar`, `nargs`, or another `flag`.
-    """
-    metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
-    more = {"multiple_of": multiple_of, "kind": kind or type(default), "shown": shown}
-    return field(default=default, metadata={**metadata, **more})
 
 
 class Recipe:
