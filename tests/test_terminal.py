@@ -104,7 +104,7 @@ def test_commands__show_a_bar_with_the_time_left_on_a_terminal(command: str, mon
     monkeypatch.setattr("sys.stderr", terminal)
     assert main(command.split()) == 0
     assert COMMANDS[command].split(" ", 1)[0] + "/" in terminal.getvalue()
-    assert "0:00 left" in terminal.getvalue()
+    assert "0:00\x1b[0m left" in terminal.getvalue()
 
 
 def test_table__aligns_numbers_right_and_text_left():

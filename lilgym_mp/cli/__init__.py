@@ -12,9 +12,8 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from functools import cache
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.corpus.extras import install
@@ -27,19 +26,6 @@ COMMANDS = (
     *("demo", "play", "train", "evaluate", "report", "experiment"),
     *("explain", "solve", "data", "llm", "bench", "serve"),
 )
-RENAMED = {  # commands and options of earlier versions, and what replaces them
-    "play-game": "play --protocol NAME",
-    "evaluate-game": "evaluate",
-    "demos": "data collect",
-    "program": "explain --program",
-    "prompts": "llm prompts",
-    "score": "llm score",
-    "--gif": "--film",
-    "--json": "--out",
-    "--output": "--out",
-    "--configurations": "--configuration",
-}
-
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
 USAGE_ERROR = 2  # exit code: invalid arguments
@@ -95,57 +81,13 @@ def make_parser(only: str | None = None, learner: str | None = None) -> argparse
 
 
 class _Parser(argparse.ArgumentParser):
-    """Raises CommandError, which prints as one line, instead of printing the usage.
-
-    An option with several values may be given several times, and keeps each value once; others only once.
-    """
-
-    def __init__(self, *args: Any, **settings: Any) -> None:
-        super().__init__(*args, **settings)
-        self.register("action", None, _Store)
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
-        """Refuses what this parser does not know, whereas argparse leaves it to the command that has this command."""
-        parsed, unknown = super().parse_known_args(args, namespace)
-        if unknown:
-            known = [option for action in self._actions for option in action.option_strings]
-            self.error(f"unrecognized arguments: {' '.join(unknown)}{_did_you_mean(unknown[0].split('=')[0], known)}")
-        return parsed, unknown
-
-    def _check_value(self, action: argparse.Action, value: Any) -> None:
-        if action.choices is not None and value not in action.choices:
-            choices = [str(choice) for choice in action.choices]
-            message = f"invalid choice: {value!r} (choose from {', '.join(choices)})"
-            raise argparse.ArgumentError(action, message + _did_you_mean(str(value), choices))
-
     def error(self, message: str) -> NoReturn:
-        see = " See" if message.endswith("?") else "; see"
-        raise CommandError(f"{self.prog}: {message}{see} {self.prog} --help")
-
-
-def _did_you_mean(word: str, known: Sequence[str]) -> str:
-    """A question about the known word that is closest, or has replaced the given one; empty if there is none."""
-    replaced = RENAMED.get(word)
-    close = [replaced] if replaced and replaced.split()[0] in known else get_close_matches(word, known, 1)
-    return f"; did you mean {close[0]}?" if close else ""
-
-
-class _Store(argparse.Action):
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
-    ) -> None:
-        if option is not None:
-            given: set[str] = vars(namespace).setdefault("given_options", set())
-            if self.nargs in ("+", "*"):
-                values = list(dict.fromkeys([*(getattr(namespace, self.dest) if self.dest in given else ()), *values]))
-            elif self.dest in given:
-                parser.error(f"argument {option}: given more than once")
-            given.add(self.dest)
-        setattr(namespace, self.dest, values)
+        """Raises CommandError, which prints as one line, instead of printing the usage."""
+        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
 
 
 def _is_caused_by_interrupt(error: BaseException) -> bool:
-    """Whether a library turned a KeyboardInterrupt into this error, as happens during imports."""
+    """Tells whether a library turned a KeyboardInterrupt into this error, as happens during imports."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__

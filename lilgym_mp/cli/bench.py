@@ -59,10 +59,10 @@ class Workload:
         self._env = settings.make(SPLIT)
         self.episodes = cache(self._recorded)
 
-    def _recorded(self, seed: int, num_envs: int) -> list[tuple[str, list[int]]]:
-        """Tasks and actions of one environment; first episodes of FIXED differ in length, not to end all at once."""
+    def _recorded(self, seed: int, num_envs: int) -> list[list[int]]:
+        """Actions of one environment by episode; first ones of FIXED differ in length, not to end all at once."""
         env, rng, left = self._env, np.random.default_rng(seed), self.actions // num_envs
-        episodes: list[tuple[str, list[int]]] = []
+        episodes: list[list[int]] = []
         env.reset(seed=seed)
         while left > 0 or len(episodes) < 4:
             actions, ended = list[int](), False
@@ -74,7 +74,7 @@ class Workload:
                 actions.append(int(rng.choice(choices)))
                 _, _, terminated, truncated, _ = env.step(actions[-1])
                 ended = terminated or truncated
-            episodes.append((env.task.id, actions))
+            episodes.append(actions)
             left -= len(actions)
             env.reset()
         return episodes
@@ -84,7 +84,7 @@ class Workload:
         ignored = -1  # after the end of an episode
         pause = [ignored] if autoreset is AutoresetMode.NEXT_STEP else []
         played = [self.episodes(seed, num_envs) for seed in range(num_envs)]
-        columns = [[action for _, actions in episodes for action in (*actions, *pause)] for episodes in played]
+        columns = [[action for actions in episodes for action in (*actions, *pause)] for episodes in played]
         length = min(map(len, columns))
         table = np.array([column[:length] for column in columns], np.int64).T
         return list(np.where(table == ignored, STOP, table)), int((table != ignored).sum())
@@ -128,7 +128,7 @@ def copying(workload: Workload, num_envs: int) -> Iterator[Player]:
 def single(workload: Workload, num_envs: int, masks: bool = False) -> Iterator[Player]:
     with closing(gym.make(workload.id, **workload.arguments)) as env:
         before: list[Call] = [(env.get_wrapper_attr("action_masks"),)] if masks else []
-        episodes = [actions for _, actions in workload.episodes(0, num_envs)]
+        episodes = workload.episodes(0, num_envs)
         calls: list[Call] = []
         for actions in episodes:
             calls += [*(call for action in actions for call in (*before, (env.step, action))), (env.reset,)]
@@ -158,20 +158,8 @@ def sb3(backend: str, workload: Workload, num_envs: int, masks: bool = False) ->
 
 
 @contextmanager
-def game(workload: Workload, num_envs: int) -> Iterator[Player]:
-    """PettingZoo's parallel environment; the verifier always continues."""
-    from lilgym_mp.envs.proposer_verifier import AGENTS, parallel_env
-
-    with closing(parallel_env(**workload.game_arguments)) as env:
-        calls: list[Call] = []
-        for task, actions in workload.episodes(0, num_envs):
-            calls.append((partial(env.reset, options={"task": task}),))
-            calls += [(env.step, dict(zip(AGENTS, (action, 0), strict=True))) for action in actions]
-        yield Player(sum(function == env.step for function, *_ in calls), lambda: None, calls)
-
-
-@contextmanager
 def batched_games(workload: Workload, num_envs: int) -> Iterator[Player]:
+    """Games whose verifier always continues."""
     from lilgym_mp.envs.proposer_verifier import AGENTS, BatchedGames
 
     with closing(BatchedGames(num_envs, **workload.game_arguments)) as games:
@@ -211,7 +199,6 @@ def cases(counts: Sequence[int]) -> Iterator[Case]:
             yield Case("sb3", f"SB3, {backend}", count, partial(sb3, backend))
         yield Case("sb3", "SB3, batched, masks", count, partial(sb3, "batched", masks=True))
         yield Case("pettingzoo", "games, batched", count, batched_games)
-    yield Case("pettingzoo", "games, parallel_env", 1, game)
 
 
 GROUPS = list(dict.fromkeys(case.group for case in cases([1]) if case.group != COPY))
@@ -234,14 +221,16 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError(f"--num-envs must be at least 1, not {min(args.num_envs)}")
     rounds, seconds, actions = (3, 0.01, 550) if args.quick else (9, 0.1, 4_400)
     machine = f"{cpu_model()}, {usable_cores()} cores, {PROCESSES} worker processes, {rounds} rounds"
+    settings = {name: EnvConfig(name, args.corpus) for name in names}
+    workloads = {
+        name: {kind: Workload(each, kind, actions) for kind in (FIXED, RANDOM)} for name, each in settings.items()
+    }
     print(f"{strftime('%Y-%m-%d %H:%M')}, {machine}\n\n{LEGEND}")
     # A thread that redraws the bar would disturb the measurements.
     with Progress(len(names) * rounds, "rounds", redraws_by_itself=False) as progress:
         for name in names:
-            settings = EnvConfig(name, args.corpus)
-            workloads = {kind: Workload(settings, kind, actions) for kind in (FIXED, RANDOM)}
             found = [case for case in cases(args.num_envs) if case.group in (COPY, *args.only)]
-            _measure(found, workloads, rounds, seconds, partial(progress.advance, note=name))
+            _measure(found, workloads[name], rounds, seconds, partial(progress.advance, note=name))
             print(f"\n### {name}\n\n{markdown_table(_table(found))}", flush=True)
     return 0
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
-from lilgym_mp.evaluation.files import OutputError, writable_directory, write_json, write_text
+from lilgym_mp.evaluation.files import OutputError, first_free_path, writable_directory, write_json, write_text
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
@@ -124,9 +123,3 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
         f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test\n"
         f"         lilgym-mp explain 'There is a blue block.' --agent {parser}"
     )
-
-
-def first_free_path(path: Path) -> Path:
-    """`path`, or the first of path-2, path-3, ... that does not exist."""
-    numbered = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in count(1))
-    return next(candidate for candidate in numbered if not candidate.exists())

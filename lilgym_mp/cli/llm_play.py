@@ -13,13 +13,12 @@ import re
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.corpus.notes import printable
 from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.evaluation.files import fresh_file, write_json, write_text
+from lilgym_mp.evaluation.files import first_free_path, fresh_file, write_json, write_text
 from lilgym_mp.evaluation.options import (
     RUNS,
     CommandError,
@@ -119,7 +118,9 @@ def run(args: argparse.Namespace) -> int:
         thoughts=args.thoughts or THOUGHTS,
         system=not args.no_system,
     )
-    args.out = args.out or _default_directory(args, agent_options)
+    words = ["llm", args.configuration, args.agent, str(agent_options.get("model", ""))]
+    name = re.sub(r"[^\w.-]+", "-", "-".join(filter(None, words)))
+    args.out = args.out or first_free_path(RUNS / name)
     settings = _settings(player, args)
     done = _episodes_to_resume(args.out, settings) if args.resume else []
     outputs = [args.out / TRANSCRIPTS, args.out / SUMMARY]
@@ -153,14 +154,6 @@ def run(args: argparse.Namespace) -> int:
         RecordingMetadata.now(_public_command(args)).write(path)
         print(f"episodes: {path}")
     return 0
-
-
-def _default_directory(args: argparse.Namespace, agent_options: dict[str, Any]) -> Path:
-    """The first of runs/llm-CONFIGURATION-AGENT-MODEL, ...-2, ...-3 that does not exist."""
-    words = ["llm", args.configuration, args.agent, str(agent_options.get("model", ""))]
-    name = re.sub(r"[^\w.-]+", "-", "-".join(filter(None, words)))
-    paths = (RUNS / (name if number == 1 else f"{name}-{number}") for number in count(1))
-    return next(path for path in paths if not path.exists())
 
 
 def _settings(player: Player, args: argparse.Namespace) -> dict[str, Any]:

@@ -45,7 +45,7 @@ class AgentAnswer(NamedTuple):
 
     @classmethod
     def truncated(cls, text: str, *, understood: bool) -> Self:
-        """With the middle of the text left out if it is longer than MAX_ANSWER_LENGTH."""
+        """The answer, without the middle of its text if that is longer than MAX_ANSWER_LENGTH."""
         if len(text) > MAX_ANSWER_LENGTH:
             text = f"{text[: MAX_ANSWER_LENGTH // 2]} [...] {text[-MAX_ANSWER_LENGTH // 2 :]}"
         return cls(text, understood)

@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
+from itertools import count
 from pathlib import Path
 from types import UnionType
 from typing import Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -33,6 +34,12 @@ def writable_directory(path: Path) -> Path:
     except OSError as error:
         raise OutputError(f"cannot write results to {path}: {error.strerror or error}") from None
     return path
+
+
+def first_free_path(path: Path) -> Path:
+    """`path`, or the first of path-2, path-3, ... that does not exist."""
+    numbered = (path if number == 1 else path.with_name(f"{path.name}-{number}") for number in count(1))
+    return next(candidate for candidate in numbered if not candidate.exists())
 
 
 def writable_file(path: Path) -> Path:

@@ -208,7 +208,7 @@ class EvaluationPlan:
         return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
 
     def to_json(self) -> dict[str, Any]:
-        """With the provenance of the tasks, and the numbers of start scenes and contexts."""
+        """The plan with the provenance of the tasks, and the numbers of start scenes and contexts."""
         tasks = self.settings.make(self.split).tasks
         return {
             "settings": self.settings.to_json(),

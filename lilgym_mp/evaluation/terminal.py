@@ -21,12 +21,11 @@ LINES = 10  # printed in total when there is no bar
 LINE_SECONDS = 1.0  # least time between them
 SILENT_SECONDS = 10.0  # longest time without a line
 GAP = 2  # blanks between the columns of a table
-RULED = "\n".join(["    "] * 2 + ["----"] + ["    "] * 5)  # a line under the header, in the form of `rich.box`
 NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
 
 def shows_colours() -> bool:
-    """Whether standard output is a terminal and NO_COLOR is not set."""
+    """Tells whether standard output is a terminal and NO_COLOR is not set."""
     return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
 
 
@@ -64,7 +63,7 @@ class Progress:
         self._beats = self._bar is None and redraws_by_itself and lines > 0
         if self._bar is not None:
             self._bar.start()
-            self._bar.add_task(unit, total=total, completed=self._done, note=doing, end=None)
+            self._bar.add_task(unit, total=total, completed=self._done, note=doing)
         elif doing:
             write_note(doing)
 
@@ -100,50 +99,32 @@ class Progress:
         self._done, self._note = done, note
         now = time.monotonic()
         if self._bar is not None:
-            end = self._end(self._begin, now)
-            self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note, end=end)
+            self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note)
             if not self._bar.live.auto_refresh:
                 self._bar.refresh()
         elif self._lines(self._begin) > lines_before and (now - self._printed > LINE_SECONDS or done >= self._total):
             self._printed = now
-            left = "" if done >= self._total else time_left(self._end(self._begin, now))
+            seconds = round((now - self._since) * (self._total - done) / (done - self._begin))  # at the mean rate
+            left = "" if done >= self._total else f"{seconds // 60}:{seconds % 60:02} left"
             write_note(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])))
-
-    def _end(self, begin: int, now: float) -> float | None:
-        """When all will be done, from the mean rate so far; None if unknown."""
-        done = self._done - begin
-        return now + (now - self._since) * max(0, self._total - self._done) / done if done > 0 else None
 
     def _lines(self, begin: int) -> int:
         """Number of lines that should have been printed by now."""
         return (self._done - begin) * self._line_count // max(1, self._total - begin)
 
 
-def time_left(end: float | None) -> str:
-    """The time from now to `end`, which counts down between two estimates; empty if unknown."""
-    if end is None:
-        return ""
-    seconds = max(0, round(end - time.monotonic()))
-    return f"{seconds // 60}:{seconds % 60:02} left"
-
-
 def _bar(redraws_by_itself: bool) -> RichProgress:
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
     from rich.progress import Progress as RichProgress
-    from rich.text import Text
-
-    class TimeLeft(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            return Text(time_left(task.fields["end"]), "progress.remaining")
 
     return RichProgress(
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.description}"),
         TimeElapsedColumn(),
-        TimeLeft(),
-        TextColumn("{task.fields[note]}"),
+        TimeRemainingColumn(),
+        TextColumn("left {task.fields[note]}"),
         console=Console(file=sys.stderr),
         auto_refresh=redraws_by_itself,
         redirect_stdout=sys.stdout.isatty(),  # output on the same terminal goes above the bar
@@ -165,27 +146,16 @@ def table(header: Sequence[str], rows: Iterable[Sequence[object]], width: int | 
         if sum(widths[other] + GAP for other in blocks[-1]) + widths[column] > width and len(blocks[-1]) > 1:
             blocks.append([0])
         blocks[-1].append(column)
-    return "\n\n".join(_rendered(header, cells, block, max(width, 1)) for block in blocks)
-
-
-def _rendered(
-    header: Sequence[str], cells: Sequence[Sequence[tuple[str, bool]]], columns: list[int], width: int
-) -> str:
-    from rich import box
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    drawn = Table(box=box.Box(RULED), show_edge=False, pad_edge=False, padding=(0, 1, 0, 0))
-    for column in columns:
+    padded: list[list[str]] = []  # by column
+    for column, name in enumerate(header):
         right = bool(cells) and all(row[column][1] for row in cells)
-        drawn.add_column(header[column], justify="right" if right else "left")
-    for row in cells:
-        drawn.add_row(*(Text(row[column][0]) for column in columns))
-    console = Console(width=width, color_system=None)
-    with console.capture() as captured:
-        console.print(drawn)
-    return "\n".join(line.rstrip() for line in captured.get().splitlines())
+        texts = [name, "-" * widths[column], *(row[column][0] for row in cells)]
+        padded.append([text.rjust(widths[column]) if right else text.ljust(widths[column]) for text in texts])
+    parts: list[str] = []
+    for block in blocks:
+        head, rule, *rows = ((" " * GAP).join(line).rstrip() for line in zip(*(padded[i] for i in block), strict=True))
+        parts.append("\n".join([head, "-" * len(rule), *rows]))
+    return "\n\n".join(parts)
 
 
 def hanging(line: str, width: int) -> str:

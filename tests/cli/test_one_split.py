@@ -44,13 +44,6 @@ def test_evaluate__counts_no_statement_as_seen_or_unseen(
     assert "seen" not in output
 
 
-def test_evaluate__a_missing_split_is_an_error_that_names_the_others(
-    corpus: str, split: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["evaluate", "--policy", "expert", "--corpus", corpus, "--split", "train"]) != 0
-    assert f"it has scratch tasks of tower {split}" in capsys.readouterr().err
-
-
 def test_array_observations__take_the_words_of_that_split(corpus: str, split: str) -> None:
     env = gym.make("lilgym_mp/TowerScratch-v0", corpus=corpus, split=split, observation="arrays")
     assert env.observation_space.contains(env.reset(seed=0)[0])

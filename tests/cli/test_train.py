@@ -79,12 +79,6 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
 
 
-def test_train__resumes_from_the_directory_alone(lilgym: LilGym, run: Path):
-    output = lilgym("train", "ppo", "--resume", "--out", run, "--steps", 128)
-    assert "128 steps, resumed after 64" in output
-    assert "after 128 steps" in output
-
-
 def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest.CaptureFixture[str]):
     before = (run / "checkpoint.pt").read_bytes()
     assert main(["train", "ppo", "TowerFlipIt", "--resume", "--out", str(run)]) == USAGE_ERROR

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image
 
 from lilgym_mp.evaluation import Episode, Settings
 from lilgym_mp.evaluation.film import (
@@ -16,7 +15,6 @@ from lilgym_mp.evaluation.film import (
     TILE_WIDTH,
     episode_frames,
     film_grid,
-    wrap_text,
 )
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import STOP, AddBlock
@@ -52,12 +50,3 @@ def test_film_grid__waits_for_the_longest_episode(tmp_path: Path):
         film.seek(2)
         assert film.info["duration"] == round(1000 * LAST_FRAME_SECONDS)
     assert [path.name for path in tmp_path.iterdir()] == ["grid.gif"]
-
-
-@pytest.mark.parametrize("width", [60, 120, 400])
-def test_wrap_text__lines_fit_and_no_word_is_lost(width: int):
-    pen, font = ImageDraw.Draw(Image.new("RGB", (1, 1))), ImageFont.load_default(14)
-    text = "Every tower has a yellow block at its base, and there are two"
-    lines = wrap_text(text, width, pen, font)
-    assert " ".join(lines) == text
-    assert all(pen.textlength(line, font=font) <= width for line in lines)
