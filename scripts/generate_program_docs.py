@@ -18,7 +18,6 @@ TARGET = Path(__file__).resolve().parent.parent / "docs" / "programs.md"
 INTRODUCTION = """# The program language
 
 A program is the meaning of a statement: one expression in a small subset of Python that is true or false of a scene.
-`scripts/generate_program_docs.py` writes this page.
 
 ```python
 from lilgym_mp.programs import compile_program
@@ -61,7 +60,7 @@ SYNTAX = """
 | calls of the words below | positional or keyword arguments: `is_touching_wall(x, side=Side.TOP)` |
 | `lambda x: ...` | one parameter; an inner one may shadow an outer one |
 | a word without arguments | as a function: `filter_obj(all_items, is_blue)` |
-| `and`, `or`, `not` | as in Python: they short-circuit and accept any truthy or falsy value |
+| `and`, `or`, `not` | as in Python, unlike `AND`, `OR`, `NOT`: they short-circuit and take any truthy or falsy value |
 | `==` `!=` `<` `<=` `>` `>=` `in` `not in` | may be chained: `1 < count(s) <= 3` |
 | `+` `%` | numbers; `+` also concatenates two lists |
 | `s[0]`, `s[1:]` | index or slice of a list, or of the items of a box |
@@ -69,8 +68,6 @@ SYNTAX = """
 
 All other Python is rejected: other operators, other attributes, comprehensions, strings, assignments,
 conditional expressions, starred arguments, names that start with an underscore, comments and line breaks.
-
-`AND`, `OR` and `NOT` differ from `and`, `or` and `not`: they require bools and evaluate all their arguments.
 
 ## Words
 
