@@ -108,7 +108,7 @@ class GameSettings(EnvConfig):
     )
     message_cost: float = setting(0.0, "cost of a message to its sender")
     verdict_bins: int | None = setting(None, "audit: probabilities to choose from (default: true or false)", kind=int)
-    exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer", int)
+    exchanges: int = setting(3, "critique: rejections in a round before a proposal needs no answer")
     reveal_truth: bool = False  # whether infos include the truth of the statement
     homogeneous: bool = False  # equal spaces for both agents
 
