@@ -125,7 +125,7 @@ def _play_ten(page: Page) -> None:
         page.wait_for_selector(f"#rows tr:nth-child({number})")
         if number < 10:
             page.click("#next")
-    page.wait_for_selector("#score:has-text('won.'), #score:has-text('A draw.')")
+    page.wait_for_selector("#share:not([hidden])")
 
 
 def _wait_for(selector: str) -> Callable[[Page], None]:

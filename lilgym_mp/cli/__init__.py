@@ -12,8 +12,9 @@ import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from functools import cache
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from lilgym_mp import __version__
 from lilgym_mp.corpus.extras import install
@@ -81,9 +82,52 @@ def make_parser(only: str | None = None, learner: str | None = None) -> argparse
 
 
 class _Parser(argparse.ArgumentParser):
+    """Raises CommandError, which prints as one line, instead of printing the usage.
+
+    An option with several values may be given several times, and keeps each value once; others only once.
+    """
+
+    def __init__(self, *args: Any, **settings: Any) -> None:
+        super().__init__(*args, **settings)
+        self.register("action", None, _Store)
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[argparse.Namespace, list[str]]:
+        """Refuses what this parser does not know, whereas argparse leaves it to the command that has this command."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            known = [option for action in self._actions for option in action.option_strings]
+            self.error(f"unrecognized arguments: {' '.join(unknown)}{_did_you_mean(unknown[0].split('=')[0], known)}")
+        return parsed, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        if action.choices is not None and value not in action.choices:
+            choices = [str(choice) for choice in action.choices]
+            message = f"invalid choice: {value!r} (choose from {', '.join(choices)})"
+            raise argparse.ArgumentError(action, message + _did_you_mean(str(value), choices))
+
     def error(self, message: str) -> NoReturn:
-        """Raises CommandError, which prints as one line, instead of printing the usage."""
-        raise CommandError(f"{self.prog}: {message}; see {self.prog} --help")
+        see = " See" if message.endswith("?") else "; see"
+        raise CommandError(f"{self.prog}: {message}{see} {self.prog} --help")
+
+
+def _did_you_mean(word: str, known: Sequence[str]) -> str:
+    """A question about the known word that is closest; empty if none is close."""
+    close = get_close_matches(word, known, 1)
+    return f"; did you mean {close[0]}?" if close else ""
+
+
+class _Store(argparse.Action):
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        if option is not None:
+            given: set[str] = vars(namespace).setdefault("given_options", set())
+            if self.nargs in ("+", "*"):
+                values = list(dict.fromkeys([*(getattr(namespace, self.dest) if self.dest in given else ()), *values]))
+            elif self.dest in given:
+                parser.error(f"argument {option}: given more than once")
+            given.add(self.dest)
+        setattr(namespace, self.dest, values)
 
 
 def _is_caused_by_interrupt(error: BaseException) -> bool:

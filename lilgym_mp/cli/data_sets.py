@@ -92,6 +92,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
         help="image; structured: the items; text, for language models; or tokens: image, and statement as token ids"
         " (default: %(default)s)",
     )
+    options.add_argument("--returns-to-go", action="store_true", help="add the sum of rewards from each action on")
     options.add_argument("--optimal", action="store_true", help="add the expert's best actions (slow in Scatter)")
     options.add_argument("--force", action="store_true", help="overwrite the file named by --out")
 
@@ -183,13 +184,14 @@ def _write(sources: Sequence[Source], args: argparse.Namespace, about: Mapping[s
         "observation": args.observation,
         **about,
     }
+    options = {"returns_to_go": args.returns_to_go, "optimal": args.optimal}
     total = sum(len(source.episodes) for source in sources)
     if total == 0:
         raise CommandError("there are no episodes to write")
     agents = ", ".join(dict.fromkeys(source.agent for source in sources))
     for place in filter(None, (args.out, args.minari)):
         with Progress(total, "episodes written") as progress:
-            played = rollouts(sources, envs, progress.advance, optimal=args.optimal)
+            played = rollouts(sources, envs, progress.advance, **options)
             if isinstance(place, Path):
                 write_file(place, played, about)
             else:

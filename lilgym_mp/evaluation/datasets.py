@@ -38,6 +38,7 @@ from lilgym_mp.wrappers import StructuredObservation, TextObservation
 IMAGE, STRUCTURED, TOKENS = "image", "structured", "tokens"
 FORMS = (IMAGE, STRUCTURED, TEXT, TOKENS)  # of observations
 EVALUATION_SPLIT = "dev"  # of the environment for evaluation that a Minari data set names
+DECIMALS = 6  # of returns, which sums of rewards have not exactly
 SQLITE_MAGIC = b"SQLite format 3\0"
 
 
@@ -148,21 +149,25 @@ def rollouts(
     envs: Mapping[str, gym.Env[Any, Any]],
     on_episode: Callable[[], object] = lambda: None,
     *,
+    returns_to_go: bool = False,
     optimal: bool = False,
 ) -> Iterator[Rollout]:
     """The episodes, played again in the environment of their split, in order.
 
-    `on_episode` is called after each. `optimal`: adds "optimal", the expert's first actions of shortest solutions.
-    Raises DatasetError for an episode that ends differently.
+    `on_episode` is called after each. `returns_to_go`: adds "return_to_go", the sum of the rewards from an action on.
+    `optimal`: adds "optimal", the expert's first actions of shortest solutions. Raises DatasetError for an episode that
+    ends differently.
     """
     solver = Solver(sources[0].settings.dynamics()) if optimal else None
     for source in sources:
         for episode in source.episodes:
-            yield _rollout(source, episode, envs[source.split], solver)
+            yield _rollout(source, episode, envs[source.split], solver, returns_to_go=returns_to_go)
             on_episode()
 
 
-def _rollout(source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None) -> Rollout:
+def _rollout(
+    source: Source, episode: Episode, env: gym.Env[Any, Any], solver: Solver | None, *, returns_to_go: bool
+) -> Rollout:
     base: Any = env.unwrapped
     observations, legal, states, results = [env.reset(options={"task": episode.task})[0]], [], [], []
     actions = list(map(base.dynamics.appearance.encode, episode.actions))
@@ -183,6 +188,8 @@ def _rollout(source: Source, episode: Episode, env: gym.Env[Any, Any], solver: S
         "truncated": np.array(truncated),
         "legal": np.stack(legal),
     }
+    if returns_to_go:
+        steps["return_to_go"] = np.cumsum(rewards[::-1])[::-1].round(DECIMALS)
     if solver is not None:
         steps["optimal"] = np.zeros_like(steps["legal"])
         for row, found in zip(steps["optimal"], solver.optimal_sets(states), strict=True):
@@ -332,7 +339,7 @@ def _buffer(rollout: Rollout) -> Any:
     observed, steps = rollout.observations, rollout.steps
     observations = observed if isinstance(observed[0], str) else {k: [one[k] for one in observed] for k in observed[0]}
     infos: dict[str, Any] = {name: [rollout.episode[name]] * len(observed) for name in ("task", "program", "agent")}
-    for name in {"legal", "optimal"} & steps.keys():
+    for name in {"legal", "optimal", "return_to_go"} & steps.keys():
         infos[name] = np.concatenate([steps[name], np.zeros_like(steps[name][:1])])
     return import_module("minari.data_collector").EpisodeBuffer(
         options={"task": rollout.episode["task"]},

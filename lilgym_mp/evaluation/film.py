@@ -13,7 +13,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.episodes import Episode
 from lilgym_mp.evaluation.files import write_atomically
-from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH
+from lilgym_mp.scene import IMAGE_HEIGHT, IMAGE_WIDTH, Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.frames import smooth_picture
@@ -33,6 +33,9 @@ PAPER_RGB, INK_RGB = (255, 255, 255), (30, 30, 30)
 GOAL_WIDTH = 90  # pixels
 MISSED_RGB = (200, 90, 0)
 PENDING_RGB, SUCCESS_RGB, FAILURE_RGB = (222, 222, 222), (0, 140, 60), (200, 40, 30)
+SCORE_WIDTH, SCORE_HEAD, SCORE_ROW, ACTION_WIDTH = 1000, 120, 68, 16  # pixels
+SCORE_COLUMNS = (24, 232, 700)  # left edges of scenes, tasks and bars
+PLAYER_RGB = ((0, 114, 178), (213, 94, 0), (140, 140, 140))
 
 
 class FilmFrame(NamedTuple):
@@ -138,3 +141,34 @@ def save_gif(path: Path, frames: Iterable[UInt8Array]) -> None:
             loop=0,
         ),
     )
+
+
+class ScoreLine(NamedTuple):
+    """A task in `score_picture`."""
+
+    task: str
+    scene: Scene  # in which somebody stopped
+    actions: tuple[int | None, ...]  # by player; None: not solved
+
+
+def score_picture(heading: Sequence[str], players: Sequence[str], lines: Sequence[ScoreLine]) -> Image.Image:
+    """Tasks with their scenes, and bars as long as the players' actions, below two lines of text."""
+    image = Image.new("RGB", (SCORE_WIDTH, SCORE_HEAD + SCORE_ROW * len(lines) + MARGIN), PAPER_RGB)
+    pen, font = ImageDraw.Draw(image), ImageFont.load_default(FONT_PIXELS - 1)
+    for y, line, pixels in zip((18, 62), heading, (30, 17), strict=True):
+        pen.text((SCORE_COLUMNS[0], y), line, INK_RGB, ImageFont.load_default(pixels))
+    left = SCORE_COLUMNS[2]
+    for player, rgb in zip(players, PLAYER_RGB, strict=False):
+        pen.rectangle((left, 97, left + 10, 107), rgb)
+        pen.text((left + 16, 94), player, INK_RGB, font)
+        left += 36 + round(pen.textlength(player, font))
+    for top, line in zip(range(SCORE_HEAD, image.height, SCORE_ROW), lines, strict=False):
+        scene = Image.fromarray(smooth_picture(line.scene, 1)).resize((190, 50), Image.Resampling.LANCZOS)
+        image.paste(scene, (SCORE_COLUMNS[0], top))
+        for row, text in enumerate(wrap_text(line.task, 440, pen, font)[:3]):
+            pen.text((SCORE_COLUMNS[1], top + 17 * row), text, INK_RGB, font)
+        for row, (count, rgb) in enumerate(zip(line.actions, PLAYER_RGB, strict=False)):
+            y, end = top + 17 * row, SCORE_COLUMNS[2] + ACTION_WIDTH * (count or 0)
+            pen.rectangle((SCORE_COLUMNS[2], y + 2, end, y + 12), rgb)
+            pen.text((end + 6, y), "not solved" if count is None else str(count), INK_RGB, font)
+    return image

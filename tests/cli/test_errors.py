@@ -8,15 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main
+from lilgym_mp.cli import COMMANDS, USAGE_ERROR, main, parse_args
 
 CASES = {
-    "unknown command": (["trian"], "invalid choice: 'trian' (choose from"),
+    "option given twice": (["evaluate", "--seed", "1", "--seed", "2"], "argument --seed: given more than once"),
+    "unknown command": (["trian"], "bench, serve); did you mean train? See lilgym-mp --help"),
     "unknown option": (
         ["train", "ppo", "TowerScratch", "--step", "3", "--learning-rat", "3", "--recip", "paper", "--upda", "3"],
         "unrecognized arguments: --upda 3",
     ),
-    "unknown choice": (["play", "--split", "tset"], "argument --split: invalid choice: 'tset' (choose from"),
+    "unknown choice": (["play", "--split", "tset"], "(choose from train, dev, test); did you mean test? See lilgym-mp"),
     "no whole number": (["evaluate", "--passes", "1e-1"], "argument --passes: '1e-1' is not a whole number"),
     "unknown configuration to train": (
         ["train", "ppo", "TowerScrach"],
@@ -106,6 +107,15 @@ def test_demo__rejects_a_directory_that_is_not_empty(tmp_path: Path, capsys: pyt
     (tmp_path / "mine").write_text("")
     assert main(["demo", "--out", str(tmp_path)]) == USAGE_ERROR
     assert f"{tmp_path} is not empty" in capsys.readouterr().err
+
+
+def test_options__with_several_values_add_up_when_given_again():
+    words = ["evaluate", "--policy", "expert", "random-legal", "--configuration", "TowerScratch"]
+    again = ["--policy", "random-type", "expert", "--configuration", "TowerFlipIt"]
+    args = parse_args([*words, *again])
+    assert args.policy == ["expert", "random-legal", "random-type"]
+    assert args.configuration == ["TowerScratch", "TowerFlipIt"]
+    assert parse_args(["data", "download", "--splits", "dev", "--splits", "test"]).splits == ["dev", "test"]
 
 
 @pytest.mark.parametrize("command", [None, *COMMANDS])

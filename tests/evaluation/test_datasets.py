@@ -52,10 +52,11 @@ def environment(configuration: str, form: str) -> gym.Env[Any, Any]:
 @pytest.mark.parametrize("form", PARTS)
 @pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterScratch"])
 def test_fields__are_what_the_environment_shows(collect: Collect, configuration: str, form: str, quality: str):
-    found = collect(configuration, "--episodes", "6", "--quality", quality, "--observation", form)
+    found = collect(configuration, "--episodes", "6", "--quality", quality, "--observation", form, "--returns-to-go")
     env = environment(configuration, form)
     for index, (begin, end) in enumerate(zip(found["starts"][:-1], found["starts"][1:], strict=True)):
         observed, info = env.reset(options={"task": str(found["task"][index])})
+        returned = 0.0
         for step in range(begin, end):
             if form == "text":
                 assert observed == found["text"][step]
@@ -66,7 +67,9 @@ def test_fields__are_what_the_environment_shows(collect: Collect, configuration:
             assert np.array_equal(action_masks(env), found["legal"][step])
             observed, reward, *ends, info = env.step(int(found["action"][step]))
             assert (reward, *ends) == (found["reward"][step], found["terminated"][step], found["truncated"][step])
+            returned += float(reward)
         assert any(ends)
+        assert found["return_to_go"][begin] == pytest.approx(returned)
         assert info["outcome"] == found["outcome"][index]
         if form in ("tokens", "structured"):
             assert np.array_equal(

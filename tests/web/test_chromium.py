@@ -359,7 +359,7 @@ def test_sentence__readings_and_unknown_words_are_shown_and_the_plan_is_played(w
     _assert_clean(watched)
 
 
-def test_beat__ten_tasks_are_scored_beside_an_agent(browser: Any, tmp_path: Path):
+def test_beat__ten_tasks_are_scored_beside_an_agent_and_give_a_picture(browser: Any, tmp_path: Path):
     pytest.importorskip("torch")
     dynamics = Settings("TowerFlipIt").dynamics()
     solver, tasks = Solver(dynamics), load_tasks("builtin", "tower", "flipit", "dev")
@@ -383,7 +383,12 @@ def test_beat__ten_tasks_are_scored_beside_an_agent(browser: Any, tmp_path: Path
             if number < 10:
                 page.click("#next")
                 page.wait_for_selector(f"#progress:has-text('Task {number + 1} of 10')")
-        page.wait_for_selector("#score:has-text('You solved 9 of 10')")
+        page.wait_for_selector("#share:not([hidden])")
+        assert "You solved 9 of 10" in page.inner_text("#score")
+        with page.expect_download() as download:
+            page.click("#download")
+        with Image.open(download.value.path()) as picture:
+            assert (picture.format, picture.width) == ("PNG", 1000)
         shared = urlsplit(page.url)._replace(fragment="").geturl()
         names = page.evaluate("tasks")
         _assert_clean(watched)

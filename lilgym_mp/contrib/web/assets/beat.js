@@ -12,6 +12,7 @@ async function drawTasks(seed) {
   begun = [];
   history.replaceState(null, "", `?${query}`);
   byId("score").textContent = "Nothing played yet.";
+  byId("share").hidden = true;
   byId("rows").replaceChildren();
 }
 
@@ -24,6 +25,10 @@ async function showScore() {
   byId("rows").replaceChildren(...rows.map(line));
   byId("score").textContent = isOver ? `${verdict} ${summary}` : summary;
   byId("next").hidden ||= isOver;
+  byId("share").hidden = !isOver;
+  if (!isOver) return;
+  byId("picture").src = byId("download").href = `/api/beat/picture?${query}`;
+  byId("picture").alt = `${verdict} ${summary}`;
 }
 
 const randomSeed = () => Math.floor(1e6 * Math.random());

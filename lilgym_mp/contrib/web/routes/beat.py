@@ -1,7 +1,8 @@
-"""/beat: ten tasks that a person and a trained agent both play, and their score."""
+"""/beat: ten tasks that a person and a trained agent both play, their score, and a picture of it to share."""
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from functools import lru_cache
 from random import Random
@@ -11,12 +12,14 @@ from fastapi import APIRouter, Query, Request, Response
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, RandomId, SplitName
-from lilgym_mp.contrib.web.responses import render_page
+from lilgym_mp.contrib.web.responses import http_error, render_page
 from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
 from lilgym_mp.contrib.web.runs import PARSER
 from lilgym_mp.contrib.web.security import CurrentVisitor, Visitor
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation.film import ScoreLine, score_picture
+from lilgym_mp.scene import Scene
 from lilgym_mp.solver.solver import UnsupportedAppearance
 
 router = APIRouter()
@@ -31,6 +34,8 @@ class Row(NamedTuple):
     """A task, and how many actions each took to solve it; None: not solved."""
 
     statement: str
+    target: bool
+    scene: Scene  # in which the person stopped
     you: int | None
     agent: int | None
     shortest: int | None
@@ -59,7 +64,25 @@ def score(services: Services, visitor: CurrentVisitor, episode: Episodes) -> JSO
     """The score of this browser's episodes that are over."""
     rows = _rows(services, visitor, episode)
     verdict, summary = _told(rows)
-    return {"rows": [row._asdict() for row in rows], "verdict": verdict, "summary": summary}
+    shown = [{name: value for name, value in row._asdict().items() if name != "scene"} for row in rows]
+    return {"rows": shown, "verdict": verdict, "summary": summary}
+
+
+@api.get("/picture", response_class=Response)
+def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> Response:
+    """The same as a PNG image. Responds with 409 before an episode is over."""
+    rows = _rows(services, visitor, episode)
+    if not rows:
+        raise http_error(409, "no episode is over yet")
+    title = load_episode(services, visitor, episode[0]).row.configuration
+    verdict, summary = _told(rows, "Player")
+    lines = [
+        ScoreLine(f"Make it {str(row.target).lower()}: {row.statement}", row.scene, (row.you, row.agent, row.shortest))
+        for row in rows
+    ]
+    buffer = io.BytesIO()
+    score_picture([f"{title}: {verdict}", summary], ["player", AGENT_NAME, "shortest"], lines).save(buffer, "PNG")
+    return Response(buffer.getvalue(), media_type="image/png")
 
 
 def _rows(services: AppServices, visitor: Visitor, ids: Sequence[str]) -> list[Row]:
@@ -71,7 +94,7 @@ def _row(services: AppServices, loaded: LoadedEpisode) -> Row:
     row, task = loaded.row, loaded.task
     solved = row.outcome == "success" and not row.shown_solution
     others = _others(services, row.configuration, row.split, task.id)
-    return Row(task.statement, len(row.actions) if solved else None, *others)
+    return Row(task.statement, task.target, loaded.state.scene, len(row.actions) if solved else None, *others)
 
 
 @lru_cache(1_000)
@@ -91,12 +114,12 @@ def _others(services: AppServices, configuration: str, split: str, task_id: str)
     return agent, shortest
 
 
-def _told(rows: Sequence[Row]) -> tuple[str, str]:
+def _told(rows: Sequence[Row], player: str = "You") -> tuple[str, str]:
     """Who won, by tasks solved and then by actions taken for them, and the numbers."""
     own = [row.you for row in rows if row.you is not None]
     agents = [row.agent for row in rows if row.agent is not None]
     mine, other = (len(own), -sum(own)), (len(agents), -sum(agents))
-    verdict = "A draw." if mine == other else f"{'You' if mine > other else AGENT_NAME} won."
+    verdict = "A draw." if mine == other else f"{player if mine > other else AGENT_NAME} won."
     theirs = f"{AGENT_NAME} {len(agents)} in {sum(agents)}"
     shortest = f"The shortest solutions of all take {sum(row.shortest or 0 for row in rows)}."
-    return verdict, f"You solved {len(own)} of {len(rows)} in {sum(own)} actions, {theirs}. {shortest}"
+    return verdict, f"{player} solved {len(own)} of {len(rows)} in {sum(own)} actions, {theirs}. {shortest}"
