@@ -253,6 +253,17 @@ def test_game__key_1_accepts_and_the_end_reveals_the_task(page: Any):
     page.wait_for_selector("#turn:text-matches('your turn')")
 
 
+def test_game__in_audit_key_1_says_that_the_claim_holds(page: Any):
+    page.goto("/game")
+    page.select_option("#preset", "catch")
+    page.click("#setup [type=submit]")
+    page.wait_for_selector("#answers button")
+    assert page.locator("#answers button").all_inner_texts() == ["holds 1", "does not hold 2"]
+    page.mouse.click(5, 5)
+    page.keyboard.press("1")
+    page.wait_for_selector("#turn:text-matches('is over')")
+
+
 def test_keys__act_after_a_click_on_the_blank_page_but_not_on_another_control(page: Any):
     _begin(page)
     page.mouse.click(5, 700)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 BLUE, ORANGE, GREEN, VERMILION = "#0072b2", "#e69f00", "#009e73", "#d55e00"
 OKABE_ITO = (BLUE, ORANGE, GREEN, VERMILION, "#cc79a7", "#56b4e9", "#f0e442", "#000000")
+HATCHES = ("", "//", "\\\\", "xx", "--", "++", "||")  # for prints in grey
 DASHES = ("-", "--", "-.", ":")
 INK, FAINT = "#1d2733", "#5b6770"
 WIDTH = 1000  # pixels
@@ -30,6 +31,7 @@ SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",  # text as text
     "svg.hashsalt": "lilgym_mp",  # reproducible ids
     "pdf.fonttype": 42,  # TrueType, as publishers require
+    "hatch.linewidth": 0.6,
 }
 UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
@@ -51,16 +53,18 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
         figure.savefig(path, format=file_format, metadata=UNDATED.get(file_format))
 
 
-class Looks(dict[str, str]):
-    """Colour of each series by name, chosen when it is first used: one map for all charts of a report."""
+class Looks(dict[str, tuple[str, str]]):
+    """Colour and hatch of each series by name, chosen when it is first used: one map for all charts of a report."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         super().__init__()
         for name in names:
             self[name]
 
-    def __missing__(self, name: str) -> str:
-        return self.setdefault(name, OKABE_ITO[len(self) % len(OKABE_ITO)])
+    def __missing__(self, name: str) -> tuple[str, str]:
+        index = len(self)
+        self[name] = OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)]
+        return self[name]
 
 
 class BarPanel(NamedTuple):
@@ -83,7 +87,11 @@ def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None,
     looks = Looks() if looks is None else looks
     columns = min(2, len(panels))
     shown = {name: looks[name] for panel in panels for name in panel.values}
-    legend = {name: Patch(facecolor=colour) for name, colour in looks.items() if name in shown}
+    legend = {
+        name: Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0)
+        for name, (colour, hatch) in looks.items()
+        if name in shown
+    }
     figure, grid = _empty_panels(len(panels), columns, legend, shared=not any(panel.unit for panel in panels))
     for axes, panel in zip(grid, panels, strict=True):
         style_axes(axes, panel.title, panel.unit or unit)
@@ -126,7 +134,9 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
         errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
         bars = axes.bar(
             *(xs, heights, width * 0.92),
-            color=looks[name],
+            color=looks[name][0],
+            hatch=looks[name][1],
+            edgecolor="white",
             linewidth=0,
             yerr=errors if errors.any() else None,
             error_kw={"ecolor": INK, "elinewidth": 1, "capsize": 2},
@@ -183,7 +193,7 @@ def line_chart(
     looks = Looks() if looks is None else looks
     legend: dict[str, Line2D] = {}
     for line in (line for *_, lines in panels for line in lines if line.name not in legend):
-        colour = looks[line.agent or line.name]
+        colour, _ = looks[line.agent or line.name]
         dash = DASHES[[drawn.get_color() for drawn in legend.values()].count(colour) % len(DASHES)]
         legend[line.name] = Line2D([], [], color=colour, linestyle=dash, linewidth=1.6)
     shared, width = len({panel[2] for panel in panels}) == 1, WIDTH if columns > 1 else WIDTH // 2
