@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from PIL import Image
@@ -77,6 +78,30 @@ def test_train__options_override_the_recipe(lilgym: LilGym, tmp_path: Path, own:
     assert (written["recipe_name"], written["environment"]["rules"]) == ("paper", "release")
     expected = {"mask": True, "critic": "separate", "rollout": 32, "learning_rate": 0.003, "schedule": "constant"}
     assert {**written["recipe"], **expected, "seed": 4} == written["recipe"]
+
+
+def test_tensorboard__gets_the_numbers_of_each_progress_line(
+    lilgym: LilGym, tmp_path: Path, own: Path, monkeypatch: pytest.MonkeyPatch
+):
+    written: list[tuple[str, float, int]] = []
+    writer = SimpleNamespace(add_scalar=lambda *row: written.append(row))
+    module = SimpleNamespace(SummaryWriter=lambda path: writer if path == tmp_path / "tensorboard" else None)
+    monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", module)
+    trained(lilgym, tmp_path, "--corpus", str(own), "--tensorboard")
+    lines = [json.loads(line) for line in (tmp_path / "progress.jsonl").read_text().splitlines()]
+    losses = [(name, value, steps) for name, value, steps in written if name == "value_loss"]
+    assert losses == [("value_loss", line["value_loss"], line["steps"]) for line in lines]
+    assert losses
+
+
+def test_tensorboard__missing_is_an_error_before_training(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    monkeypatch.setitem(sys.modules, "tensorboard", None)
+    monkeypatch.delitem(sys.modules, "torch.utils.tensorboard", raising=False)
+    assert main(["train", "ppo", "TowerScratch", "--tensorboard", "--out", str(tmp_path / "run")]) == USAGE_ERROR
+    assert "--tensorboard needs tensorboard: pip install tensorboard" in capsys.readouterr().err
+    assert not (tmp_path / "run").exists()
 
 
 def test_train__rejects_resuming_another_configuration(run: Path, capsys: pytest.CaptureFixture[str]):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from functools import cache, partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,11 @@ def add_options(parser: argparse.ArgumentParser, name: str, learner: Learner) ->
     options.add_run_directory(parser, default)
     options.add_fields(parser, learner.options.settings())
     options.add_device(parser)
+    parser.add_argument(
+        "--tensorboard",
+        action="store_true",
+        help="also write the numbers of progress.jsonl for TensorBoard, to the directory tensorboard of the run",
+    )
     if learner.config is not None:
         options.add_settings(parser, learner.config)
     options.add_fields(parser.add_argument_group("recipe"), learner.recipe.settings())
@@ -34,6 +40,14 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
     unit, total = learner.budget(recipe, own)
+    board = cache(partial(_summary_writer(), directory / "tensorboard")) if args.tensorboard else None  # made when used
+
+    def report(line: Any) -> None:
+        bar.reach(getattr(line, unit), line.note)
+        for name, value in line._asdict().items() if board else ():
+            if isinstance(value, int | float):
+                board().add_scalar(name, value, getattr(line, unit))
+
     module, function = learner.train.split(":")
     with Progress(int(total), unit, None if args.resume else 0, doing=f"{name}: preparing data") as bar:
         try:
@@ -45,7 +59,7 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
                 threads=args.threads,
                 resume=args.resume,
                 say=lambda text: print(text, flush=True),
-                on_progress=lambda line: bar.reach(getattr(line, unit), line.note),
+                on_progress=report,
                 **arguments,
             )
         except KeyboardInterrupt:
@@ -55,6 +69,14 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
             return options.INTERRUPTED
     print(f"evaluate it with: lilgym-mp evaluate {directory} --corpus {settings.corpus if settings else own.corpus}")
     return 0
+
+
+def _summary_writer() -> Any:
+    """The class that writes TensorBoard's files. Raises CommandError without TensorBoard."""
+    try:
+        return import_module("torch.utils.tensorboard").SummaryWriter
+    except ModuleNotFoundError as error:
+        raise CommandError(f"--tensorboard needs {error.name}: pip install {error.name}") from None
 
 
 def requested(args: argparse.Namespace, name: str, learner: Learner) -> tuple[Any, Any, Any, Path]:
