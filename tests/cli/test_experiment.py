@@ -340,7 +340,7 @@ def test_experiment__smoke_file_runs_resumes_and_is_reported_on(
     page = (tmp_path / "report" / "index.html").read_text()
     for name in ("ppo+sf (greedy)", "ppo+sf (sampled)", "expert", "random type"):
         assert name in page
-    assert next((tmp_path / "report" / "figures").glob("figure-4*.svg")).stat().st_size
+    assert next((tmp_path / "report" / "figures").glob("figure-3*.svg")).stat().st_size
     trained = (run / "agent.safetensors").stat().st_mtime_ns
     assert main([*command, "--split", "test"]) == 0
     assert "TowerScratch test" in (place / "test.md").read_text()

@@ -21,7 +21,7 @@ read = SourceFileLoader.get_data
 def get_data(loader, path):
     if path.endswith(".pyc") and "envs/__pycache__/config." in path:
         raise OSError(path)
-    field = b"    gravity: float = setting(1.0, 'pull', parse=float)\\n"
+    field = b"    gravity: float = setting(1.0, 'pull')\\n"
     data = read(loader, path)
     return data.replace(b"    rules: str", field + b"    rules: str", 1) if path.endswith("envs/config.py") else data
 

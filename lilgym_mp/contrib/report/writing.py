@@ -113,7 +113,7 @@ def _write_item(directory: Path, item: Item) -> Mapping[str, Any]:
         return {**common, "kind": "missing", "files": ()}
     if isinstance(item, Chart):
         shown, media_type = ("PNG", "image/png") if item.raster else ("SVG", "image/svg+xml")
-        paths = {name: f"{FIGURES}/{item.name}.{name.lower()}" for name in (shown, "PDF")}
+        paths = {name: f"{FIGURES}/{item.name}.{name.lower()}" for name in ("SVG", "PNG", "PDF")}
         for name, path in paths.items():
             save(item.figure, directory / path, name.lower())
         content = b64encode((directory / paths[shown]).read_bytes()).decode()
