@@ -39,6 +39,12 @@ def test_official_page__matches_the_command_output(
     assert [line for line in shown if line not in printed] == []
 
 
+def test_tables_of_results__are_those_of_the_csv_files():
+    page = (DOCS / "results.md").read_text(encoding="utf-8")
+    assert page.count(".csv: ") == 2
+    assert load_script("write_result_tables").text(page) == page, "run scripts/write_result_tables.py"
+
+
 def flat(name: str) -> str:
     """A document's text without line breaks."""
     return " ".join((DOCS / name).read_text(encoding="utf-8").split())
