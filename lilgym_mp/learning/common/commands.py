@@ -40,7 +40,9 @@ def train(args: argparse.Namespace, name: str, learner: Learner) -> int:
     settings, recipe, own, directory = requested(args, name, learner)
     arguments = {option: getattr(own, option) for option in own.names()}
     unit, total = learner.budget(recipe, own)
-    board = cache(partial(_summary_writer(), directory / "tensorboard")) if args.tensorboard else None  # made when used
+    board: Any = None
+    if args.tensorboard:
+        board = cache(partial(_summary_writer(), directory / "tensorboard"))  # made when it is used
 
     def report(line: Any) -> None:
         bar.reach(getattr(line, unit), line.note)
