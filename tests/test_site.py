@@ -102,7 +102,7 @@ def test_site__passes_axe(browser: Any, site: Path, *, dark: bool):
 
 @pytest.mark.long
 def test_site__opened_from_its_directory_is_searched(browser: Any, site: Path):
-    first = {"ScatterFlipIt": "environments/scatter.html"}
+    first = {"ScatterFlipIt": "environments/index.html"}
     with watched_page(browser, 1400) as watched:
         for words, page in first.items():
             watched.page.goto((site / "index.html").as_uri())
