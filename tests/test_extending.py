@@ -8,8 +8,10 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from textwrap import dedent
+from types import SimpleNamespace
 from typing import Any
 
 import gymnasium as gym
@@ -20,6 +22,7 @@ import lilgym_mp  # noqa: F401  (registers the environments)
 from lilgym_mp.envs.proposer_verifier import protocols
 from lilgym_mp.envs.proposer_verifier.rewards import register_reward_term
 from lilgym_mp.envs.registration import register_appearance
+from lilgym_mp.scene import choices
 from lilgym_mp.wrappers.gymnasium_adapter import factory
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,6 +78,15 @@ def test_recipes__work_from_an_installed_package_that_nobody_imports(tmp_path: P
     command = [sys.executable, "-m", "lilgym_mp", "evaluate", "--protocol", "poker"]
     done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert "claims" in done.stderr
+
+
+def test_extension__that_cannot_be_imported_is_named_and_others_load(monkeypatch: pytest.MonkeyPatch) -> None:
+    loaded: list[str] = []
+    broken = EntryPoint("broken", "no_such_module", choices.EXTENSIONS)
+    monkeypatch.setattr(choices, "_PENDING", iter([broken, SimpleNamespace(load=lambda: loaded.append("good"))]))
+    with pytest.warns(UserWarning, match="the extension 'broken' cannot be imported: .*no_such_module"):
+        choices.load_extensions()
+    assert loaded == ["good"]
 
 
 def test_registrations__of_a_name_that_is_taken_are_refused() -> None:

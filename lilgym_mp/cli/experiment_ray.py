@@ -16,6 +16,7 @@ from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, mar
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.options import CommandError
 
+NAMED_CORPORA = ("builtin", "lilgym", "generated")  # available on every node
 RETRIES = 3  # retries per run, if its node or its Ray worker process dies
 
 
@@ -25,8 +26,13 @@ def run_on_ray(
     """Executes the unfinished attempts, as many in parallel as the cluster has CPUs for.
 
     A run's files are sent along when it begins and copied back when it ends; an interrupt loses what the runs in
-    progress did on their nodes. Raises CommandError if the cluster cannot be reached.
+    progress did on their nodes. Raises CommandError if the cluster cannot be reached, and for a corpus whose path is
+    relative.
     """
+    for words in [words for attempt in attempts for words in attempt.planned.commands]:
+        corpus = words[words.index("--corpus") + 1] if "--corpus" in words else NAMED_CORPORA[0]
+        if corpus.split(":")[0] not in NAMED_CORPORA and not Path(corpus).is_absolute():
+            raise CommandError(f"corpus: {corpus} is a relative path; --ray needs one that exists on all nodes")
     try:
         ray: Any = import_module("ray")
     except ImportError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, MutableMapping
 from typing import Any, TypeVar
 
@@ -36,9 +37,12 @@ def register(what: str, name: str, value: Value, table: MutableMapping[str, Valu
 
 
 def load_extensions() -> None:
-    """Imports, once, what installed packages name as entry points of the group `EXTENSIONS`."""
+    """Imports, once, what installed packages name as entry points of the group `EXTENSIONS`; warns of what fails."""
     for entry_point in _PENDING:
-        entry_point.load()
+        try:
+            entry_point.load()
+        except Exception as error:
+            warnings.warn(f"the extension {entry_point.name!r} cannot be imported: {error!r}", stacklevel=2)
 
 
 def _entry_points() -> Iterator[Any]:

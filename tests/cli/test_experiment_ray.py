@@ -16,6 +16,7 @@ from lilgym_mp.cli.experiment_ray import pack, run_on_ray, unpack
 from lilgym_mp.cli.experiment_runs import RunStatus, make_attempts
 from lilgym_mp.evaluation.episodes import read_header
 from lilgym_mp.evaluation.files import SUFFIX
+from lilgym_mp.evaluation.options import CommandError
 
 NEEDS_RAY = 'ray is not installed: pip install "lilgym-mp[ray]"'
 TWO_RUNS = """
@@ -107,3 +108,9 @@ def test_ray__missing_cluster_is_reported_in_one_line(tmp_path: Path, capsys: py
     command = ["experiment", str(tmp_path / "two.toml"), "--out", str(tmp_path / "out"), "--ray", "auto"]
     assert main(command) == USAGE_ERROR
     assert "--ray auto: cannot connect to a cluster" in capsys.readouterr().err
+
+
+def test_ray__rejects_a_corpus_at_a_relative_path(tmp_path: Path):
+    attempts = make_attempts([PlannedRun("a", ("train", "ppo", "--corpus", "own.jsonl"), ())], tmp_path, 1)
+    with pytest.raises(CommandError, match=r"own\.jsonl is a relative path; --ray needs one that exists on all nodes"):
+        run_on_ray(attempts, "auto", 1, lambda: None, 0.1)
