@@ -1,40 +1,35 @@
-"""Install, check, summarise, show and extend corpora."""
+"""Install, check, summarise and extend corpora."""
 
 from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lilgym_mp.cli import data_sets
-from lilgym_mp.corpus import CorpusError, load_all_tasks
+from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.locations import is_split
-from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS, STARTS
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH, SPLITS
 from lilgym_mp.corpus.splits import RULES, split_lists
-from lilgym_mp.evaluation.files import fresh_file, writable_file, write_atomically
+from lilgym_mp.evaluation.files import fresh_file, write_atomically
 from lilgym_mp.evaluation.options import (
     CORPUS_HELP,
     CommandError,
-    add_corpus,
     add_number,
     add_seed,
     check_at_least,
-    task_sets_with_id,
 )
-from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
+from lilgym_mp.evaluation.terminal import Progress, table
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import listed
 
 if TYPE_CHECKING:
-    from lilgym_mp.corpus import TaskSet
     from lilgym_mp.corpus.official import OfficialFile
 
 INVALID_CORPUS = 1  # exit code of `check`
-SET_CHOICES = {"appearance": list(APPEARANCES), "start": list(STARTS), "split": list(SPLITS)}
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -61,21 +56,11 @@ def _add_installing(add: Callable[..., argparse.ArgumentParser]) -> None:
 
 
 def _add_inspecting(add: Callable[..., argparse.ArgumentParser]) -> None:
-    lists = add("list", _list, "list corpora with their task sets")
-    lists.add_argument("corpus", nargs="*", metavar="CORPUS", help="names or paths (default: builtin and lilgym)")
-
-    _add_corpus_argument(add("stats", _stats, "count tasks, words, sentence forms, phenomena and program words"))
+    _add_corpus_argument(add("stats", _stats, "count tasks, statements, words and forms of statements"))
 
     _add_corpus_argument(
         add("check", _check, f"check every entry; the exit code is {INVALID_CORPUS} if any is invalid")
     )
-
-    show = add("show", _show, "show a task with its start scene, statement, program and truth value")
-    show.add_argument("id", metavar="ID", help="id of the task")
-    add_corpus(show)
-    for name, choices in SET_CHOICES.items():
-        show.add_argument(f"--{name}", choices=choices, help="needed if several tasks have the id")
-    show.add_argument("--image", type=Path, metavar="FILE", help="write the picture to FILE as PNG")
 
 
 def _add_making(add: Callable[..., argparse.ArgumentParser]) -> None:
@@ -159,27 +144,10 @@ def _print_installed(files: Sequence[OfficialFile], target: Path) -> None:
         print(f'note: {DATA_VARIABLE} is set, so the corpus "lilgym" is read from {named} instead')
 
 
-def _list(args: argparse.Namespace) -> int:
-    from lilgym_mp.cli.data_report import listing
-
-    found = []
-    for corpus in args.corpus or ["builtin", "lilgym"]:
-        try:
-            found.append((corpus, "", list(load_all_tasks(corpus))))
-        except CorpusError as error:
-            if args.corpus:
-                raise
-            found.append((corpus, "not installed", []))
-            print(error, file=sys.stderr)
-    print(listing(found))
-    return 0
-
-
 def _stats(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.data_report import statistics_text
-    from lilgym_mp.contrib.report.corpus_statistics import corpus_statistics
 
-    print(statistics_text(corpus_statistics(args.corpus)))
+    print(statistics_text(args.corpus, list(load_all_tasks(args.corpus))))
     return 0
 
 
@@ -189,32 +157,6 @@ def _check(args: argparse.Namespace) -> int:
     report = check_corpus(args.corpus)
     print(report)
     return 0 if report.ok else INVALID_CORPUS
-
-
-def _show(args: argparse.Namespace) -> int:
-    from PIL import Image
-
-    from lilgym_mp.cli.data_report import task_lines, task_text
-    from lilgym_mp.scene.render.frames import frame
-
-    tasks = _task_set_with(args)
-    task = tasks.by_id(args.id)
-    print(task_text(task, tasks, coloured=shows_colours()))
-    if args.image:
-        picture = Image.fromarray(frame(task.start, task_lines(task, tasks)[1:4]))
-        write_atomically(writable_file(args.image), lambda unfinished: picture.save(unfinished, format="PNG"))
-        print(f"wrote {args.image}")
-    return 0
-
-
-def _task_set_with(args: argparse.Namespace) -> TaskSet:
-    """The only task set that contains the task. Raises CommandError if there is none, or more than one."""
-    choices = [[value] if (value := getattr(args, name)) else values for name, values in SET_CHOICES.items()]
-    matches = task_sets_with_id(args.corpus, args.id, *choices)
-    if len(matches) > 1:
-        origins = "; ".join(str(tasks.provenance) for tasks in matches)
-        raise CommandError(f"several tasks have the id {args.id!r}: {origins}. Add --appearance, --start or --split")
-    return matches[0]
 
 
 def _generate(args: argparse.Namespace) -> int:

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from PIL import Image
 
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks, write_corpus
@@ -69,7 +68,6 @@ def test_import__installs_the_official_corpus(data: Run, released: Path, cache: 
     assert f"installed in {cache}" in output
     assert "content digest" in output
     assert load_tasks("lilgym", "tower", "scratch", "test").ids == ("7",)
-    assert "lilgym   TowerFlipIt" in data("list")
 
 
 def test_import__names_the_files_that_the_directory_lacks(data: Run, released: Path, cache: Path):
@@ -87,30 +85,12 @@ def test_download__gets_only_what_is_not_installed(data: Run, error_of: Run, rel
     assert "lilgym-mp data import DIRECTORY" in output
 
 
-@pytest.mark.usefixtures("cache")
-def test_list__reports_a_missing_official_corpus(data: Run, capsys: pytest.CaptureFixture[str]):
-    main(["data", "list"])
-    output = capsys.readouterr()
-    assert "lilgym   not installed" in output.out
-    assert "lilgym-mp data download" in output.err
-
-
-def test_list__counts_tasks_and_contexts(data: Run, own: Path):
-    lines = data("list", own).splitlines()
-    assert [line.split()[1:] for line in lines[2:]] == [
-        ["TowerScratch", "train", "2", "2"],
-        ["TowerFlipIt", "train", "3", "3"],
-        ["ScatterScratch", "dev", "1", "1"],
-        ["ScatterFlipIt", "dev", "1", "1"],
-    ]
-
-
 def test_stats__prints_tables(data: Run, own: Path):
     output = data("stats", own)
     assert "3 statements with 3 programs" in output
-    assert "syntax: prepositional attachment" in output
-    (row,) = (line for line in output.splitlines() if line.startswith("exact cardinality"))
-    assert float(row.split()[2]) > 0
+    rows = [line.split() for line in output.splitlines()]
+    assert ["TowerFlipIt", "train", "3", "3", "1"] in rows
+    assert ["tower", "train", "2", "2", "7", "3.5", "4", "-", "-", "-"] in rows
 
 
 def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_path: Path):
@@ -119,28 +99,6 @@ def test_check__exit_code_is_1_for_an_invalid_corpus(data: Run, own: Path, tmp_p
     entries[0]["starts"][0]["label"] = False
     write_corpus(tmp_path / "faulty.jsonl", "own", "MIT", entries)
     assert "label is false but the program is true" in data("check", tmp_path / "faulty.jsonl", exit_code=1)
-
-
-def test_show__prints_all_of_a_task(data: Run, own: Path, tmp_path: Path):
-    output = data("show", "blue-no", "--corpus", own, "--image", tmp_path / "blue.png")
-    for line in (
-        "statement  Blue is here.",
-        "program    exist(filter_color(all_items, Color.BLUE))",
-        "target     true: make the statement true",
-        "truth      false in this scene",
-        "phenomena  existence",
-        "form       COLOUR is here",
-    ):
-        assert line in output
-    assert "k#k#" in output
-    with Image.open(tmp_path / "blue.png") as image:
-        assert image.size == (784, 304)
-
-
-def test_show__ambiguous_id_needs_a_choice(data: Run, error_of: Run, released: Path):
-    (released / "tower_scratch_dev.json").write_bytes((released / "tower_scratch_test.json").read_bytes())
-    assert "several tasks have the id '7': " in error_of("show", "7", "--corpus", released)
-    assert "split 'dev'" in data("show", "7", "--corpus", released, "--split", "dev")
 
 
 def test_synthesize__writes_a_corpus_of_near_misses(data: Run, own: Path, tmp_path: Path):

@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.contrib.report.corpus_statistics import CorpusStatistics, corpus_statistics
 from lilgym_mp.corpus import load_all_tasks
 from tests.scripts import load_script
 
@@ -20,17 +19,8 @@ DOCS = ROOT / "docs"
 OFFICIAL = DOCS / "official_data.md"
 
 
-@pytest.fixture(scope="module")
-def official(official_data: Path) -> CorpusStatistics:
-    return corpus_statistics("lilgym")
-
-
-def test_official_page__matches_the_command_output(
-    official: CorpusStatistics, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-):
-    monkeypatch.setattr(
-        "lilgym_mp.contrib.report.corpus_statistics.corpus_statistics", {"lilgym": official}.__getitem__
-    )  # counted once
+@pytest.mark.usefixtures("official_data")
+def test_official_page__matches_the_command_output(capsys: pytest.CaptureFixture[str]):
     assert main(["data", "stats", "lilgym"]) == 0
     printed = [line.rstrip() for line in capsys.readouterr().out.splitlines()]
     (block,) = re.findall(r"\$ lilgym-mp data stats lilgym\n(.*?)```", OFFICIAL.read_text(encoding="utf-8"), re.DOTALL)

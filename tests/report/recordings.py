@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from matplotlib.colors import to_hex
 
 from lilgym_mp.contrib.report.items import Chart, Item, Table
@@ -119,7 +118,7 @@ def trained(
 
 
 def write_example(directory: Path) -> None:
-    """Three runs of an agent, two evaluation seeds of another, the expert on two configurations, training runs."""
+    """Three runs of an agent, one of another, the expert on two configurations, training runs."""
     for seed, kept in enumerate((EPISODES, EPISODES[2:], EPISODES[:2])):
         recording = written(directory, kept, training_seed=seed)
         metadata = RecordingMetadata(f"2026-01-0{seed + 1} 10:00", "lilgym-mp evaluate x", "abc", "a processor", {})
@@ -128,9 +127,8 @@ def write_example(directory: Path) -> None:
     joined, nested = "We see a box with a circle and a blue square.", "We see a box with a square on a triangle."
     solved = replace(EPISODES[0], statement=joined, stop_probabilities=(0.1, 0.9))
     failed = replace(EPISODES[2], statement=nested, stop_probabilities=(0.2,))
-    for seed in (0, 1):
-        kept = (solved, failed) if seed else (failed, solved, solved)
-        written(directory, kept, agent="sampler", actions="sampled", seed=seed, run=str(directory / "ppo-0"))
+    kept = (failed, solved, solved, solved, failed)
+    written(directory, kept, agent="sampler", actions="sampled", passes=2, run=str(directory / "ppo-0"))
     for configuration, kept in (("ScatterFlipIt", EPISODES[:2]), ("TowerScratch", EPISODES[2:3])):
         own = {"agent": "expert", "run": None, "training_seed": None, "supervision": "has the program"}
         written(directory, kept, settings=Settings(configuration), start_scenes=len(kept), **own)
@@ -160,7 +158,7 @@ def _described(item: Item) -> Iterator[str]:
 
 
 def _drawn(axes: Any) -> Iterator[str]:
-    """The bars by series, the lines and the counts of a heat map."""
+    """The bars by series, and the lines."""
     for bars in axes.containers:
         if hasattr(bars, "patches"):
             spans = [] if bars.errorbar is None else bars.errorbar.lines[2][0].get_segments()
@@ -171,11 +169,6 @@ def _drawn(axes: Any) -> Iterator[str]:
         if line.get_linestyle() != "None" and len(line.get_xdata()):
             points = ", ".join(f"{x:.2f}: {y:.2f}" for x, y in line.get_xydata())
             yield f"line {to_hex(line.get_color())} {line.get_linestyle()} {points}"
-    for image in axes.images:
-        values = image.get_array()
-        if values.ndim == 2:
-            cells = (f"{row}, {column}: {values[row, column]:.1f}" for row, column in np.argwhere(values))
-            yield f"cells {'; '.join(cells)}"
 
 
 if __name__ == "__main__":

@@ -141,7 +141,6 @@ def test_chapters__missing_items_say_why(tmp_path: Path):
         if isinstance(item, MissingItem)
     }
     assert {
-        "Figure 1, Figure 2 and Figure 7",
         "Figure 4",
         "Edits needed",
         "Regret",
@@ -194,7 +193,7 @@ def test_report__escapes_statements_and_shows_no_markup(tmp_path: Path):
         ({"settings": replace(SCATTER, corpus="lilgym")}, "corpus is 'lilgym', but 'builtin' in"),
         ({"settings": replace(SCATTER, rules="release")}, "rules is 'release', but 'paper' in"),
         ({"tasks_sha256": "0" * 64}, "tasks_sha256 is 000000000000"),
-        ({"run": "runs/b"}, "training_seed 0 and seed 0 are those of"),
+        ({"run": "runs/b"}, "training_seed 0 is that of"),
         ({"training_seed": None}, "training_seed is missing"),
     ],
 )

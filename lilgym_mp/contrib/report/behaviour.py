@@ -1,15 +1,13 @@
-"""Behaviour of agents: rollout statistics, errors, maps of actions, and how well they stop."""
+"""Behaviour of agents: rollout statistics, errors, and how well they stop."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-import numpy as np
-
 from lilgym_mp.contrib.report import paper
-from lilgym_mp.contrib.report.aggregation import MeanStd, Value, mean_where
+from lilgym_mp.contrib.report.aggregation import Value, mean_where
 from lilgym_mp.contrib.report.breakdowns import NEEDS_EXPERT
-from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, heat_maps, line_chart
+from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
@@ -87,51 +85,18 @@ def error_kind(episode: Episode) -> str | None:
 def errors(data: ReportData) -> Iterator[Item]:
     """Failed episodes by kind of error, next to the paper's 50 manually analysed errors."""
     rows: list[list[Cell]] = []
-    panels: list[BarPanel] = []
     for configuration in data.configurations:
-        values: dict[str, list[MeanStd | float | None]] = {}
         for entry in data.of(configuration):
-            failed = [e for run in entry.runs for e in run.episodes if not e.is_success]
-            kinds = [error_kind(episode) for episode in failed]
-            shares = [100 * kinds.count(kind) / len(failed) if failed else None for kind in ERROR_KINDS]
-            rows.append([entry.agent, configuration, len(failed), *shares])
-            if failed:
-                values[entry.agent] = list(shares)
+            kinds = [kind for run in entry.runs for episode in run.episodes if (kind := error_kind(episode))]
+            shares = [100 * kinds.count(kind) / len(kinds) if kinds else None for kind in ERROR_KINDS]
+            rows.append([entry.agent, configuration, len(kinds), *shares])
         for (model, name), published in paper.ERRORS.items():
             if name == configuration:
                 shares = [None if part is None else whole * part / 100 for whole, parts in published for part in parts]
                 rows.append([f"{model} †", configuration, 50, *shares, None, None])
-        if values:
-            panels.append(BarPanel(configuration, [kind.replace(" ", "\n") for kind in ERROR_KINDS], values))
     title = f"Errors on {data.main_split}, in per cent of failed episodes"
     note = f"{STOP_NOTE} † 50 errors read by hand ({paper.SOURCE}, section D.2), as shares of all 50."
     yield table("Section D.2", title, ("agent", "configuration", "errors", *ERROR_KINDS), rows, note)
-    if panels:
-        yield Chart("Section D.2", f"{title}, chart", bar_chart(panels, "% of errors", data.looks))
-
-
-def figure_10(data: ReportData) -> Iterator[Item]:
-    """Maps of actions by cell and type."""
-    title = f"Where actions go on {data.main_split}, in per cent of the agent's edits"
-    grid = data.header.settings.grid
-    entries = [entry for entry in data.main_results if entry.header.settings.dynamics().appearance.grid is not None]
-    if not entries or isinstance(grid, str):
-        why = "the grid is native" if entries else "no configuration whose actions name cells was evaluated"
-        yield MissingItem("Figure 10", title, f"{why}, so there are no cells to map")
-        return
-    note = f"Cells of the {grid[0]} x {grid[1]} grid; each map has its own scale."
-    yield Chart("Figure 10", title, heat_maps([_maps(entry, grid) for entry in entries]), note)
-
-
-def _maps(entry: AgentResults, grid: tuple[int, int]) -> list[tuple[str, np.ndarray]]:
-    """Titled (rows, columns) maps of all edits and of each type, in per cent of all edits."""
-    maps = {name: np.zeros(grid[::-1], np.int64) for name in ("all", *EDIT_TYPES)}
-    for edit in (action for run in entry.runs for episode in run.episodes for action in episode.actions):
-        if isinstance(edit, AddItem | RemoveItem):
-            for name in ("all", "ADD" if isinstance(edit, AddItem) else "REMOVE"):
-                maps[name][edit.row, edit.column] += 1
-    total = max(1, maps["all"].sum())
-    return [(f"{entry.agent}, {entry.configuration}: {name}", 100 * counts / total) for name, counts in maps.items()]
 
 
 BINS = 10  # bins of the probability of STOP

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import INTERVAL_NOTE, MeanStd, accuracy_where
@@ -10,62 +10,75 @@ from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.phenomena import PHENOMENA, phenomena, syntactic_phenomena
 from lilgym_mp.contrib.report.report_data import ReportData
+from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.evaluation.episodes import Episode, Recording
+from lilgym_mp.evaluation.episodes import Episode
 
 Category = Callable[[Episode], str | None]
 ERROR_BARS = "Error bars are 95 % intervals, as in Table 2."
+TARGETS = ("target true", "target false")
 NOVELTY = ("statement seen", "form seen", "new")
 MAX_EDITS = 6  # episodes that need this many edits or more are grouped
+EDITS = (*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more")
 NEEDS_EXPERT = "this needs the expert: record with `lilgym-mp evaluate ... --record DIR --optimal`"
 
 
-def accuracy_panels(
-    data: ReportData, names: Sequence[str], category: Category, configurations: Sequence[str] | None = None
-) -> list[BarPanel]:
-    """The accuracy of each agent by category of the episode, one panel per configuration."""
+def _by_category(
+    data: ReportData,
+    item: str,
+    title: str,
+    names: Sequence[str],
+    category: Category,
+    note: str = "",
+    *,
+    configurations: Sequence[str] | None = None,
+    published: Mapping[str, Sequence[int]] | None = None,
+) -> Iterator[Item]:
+    """A chart and a table of the accuracy by category of the episode; nothing if no episode has one.
 
-    def accuracies(runs: Sequence[Recording]) -> list[MeanStd | float | None]:
-        return [accuracy_where(runs, lambda episode, name=name: category(episode) == name) for name in names]
-
-    return [
-        BarPanel(configuration, names, {entry.agent: accuracies(entry.runs) for entry in data.of(configuration)})
-        for configuration in configurations or data.configurations
-    ]
-
-
-def _used_panels(data: ReportData, names: Sequence[str], category: Category) -> list[BarPanel]:
-    """The same without categories that no episode has and agents without an episode in any."""
+    `configurations`: by default all; `published`: the paper's start scenes by configuration, in the order of `names`.
+    """
     panels: list[BarPanel] = []
-    for title, _, values, _ in accuracy_panels(data, names, category):
-        kept = {agent: row for agent, row in values.items() if any(value is not None for value in row)}
-        used = [index for index in range(len(names)) if any(row[index] is not None for row in kept.values())]
-        if used:
-            rows = {agent: [row[index] for index in used] for agent, row in kept.items()}
-            panels.append(BarPanel(title, [names[index] for index in used], rows))
-    return panels
+    rows: list[list[Cell]] = []
+    for configuration in configurations or data.configurations:
+        counts = dict(zip(names, (published or {}).get(configuration, ()), strict=False))
+        entries = data.of(configuration)
+        by_name: dict[str, list[MeanStd | None]] = {}  # one for each entry
+        for name in names:
+
+            def belongs(episode: Episode, name: str = name) -> bool:
+                return category(episode) == name
+
+            accuracies = [accuracy_where(entry.runs, belongs) for entry in entries]
+            if any(accuracies):
+                by_name[name] = accuracies
+                scenes = [entry.start_scenes(belongs) for entry in entries]
+                for entry, count, accuracy in zip(entries, scenes, accuracies, strict=True):
+                    rows.append([entry.agent, configuration, name, count, counts.get(name), accuracy])
+        by_entry = zip(entries, zip(*by_name.values(), strict=True), strict=False)
+        values = {entry.agent: accuracies for entry, accuracies in by_entry if any(accuracies)}
+        if values:
+            panels.append(BarPanel(configuration, list(by_name), values))
+    if panels:
+        yield Chart(item, title, bar_chart(panels, "accuracy, %", data.looks, top=109), f"{note} {ERROR_BARS}".strip())
+        columns = ("agent", "configuration", "episodes", "start scenes", "start scenes †", "accuracy (%)")
+        source = f"† dev split of the paper ({paper.SOURCE}). " if published else ""
+        yield table(item, f"{title}, numbers", columns, rows, f"{note} {source}{INTERVAL_NOTE}".strip())
 
 
 def by_target(data: ReportData) -> Iterator[Item]:
     """Figure 5: accuracy by target truth value in the FlipIt configurations."""
     title = f"Accuracy by target value on {data.main_split}"
-    configurations = [name for name in data.configurations if CONFIGURATIONS[name][1] == "flipit"]
+    configurations = [name for name in data.configurations if CONFIGURATIONS[name][1] == FLIPIT]
     if not configurations:
         yield MissingItem("Figure 5", title, "no FlipIt configuration was evaluated")
         return
-    names = ("target true", "target false")
-    panels = accuracy_panels(data, names, lambda episode: f"target {episode.target}".lower(), configurations)
-    rows: list[list[Cell]] = []
-    for panel in panels:
-        scenes = paper.START_SCENES_BY_TARGET.get(panel.title, (None, None))
-        for entry in data.of(panel.title):
-            for target, published, accuracy in zip((True, False), scenes, panel.values[entry.agent], strict=True):
-                starts = entry.start_scenes(lambda episode, target=target: episode.target == target)
-                rows.append([entry.agent, panel.title, str(target).lower(), starts, published, accuracy])
-    yield Chart("Figure 5", title, bar_chart(panels, "accuracy, %", data.looks, top=109), ERROR_BARS)
-    columns = ("agent", "configuration", "target", "start scenes", "start scenes †", "accuracy (%)")
-    note = f"† dev split of the paper ({paper.SOURCE}). {INTERVAL_NOTE}"
-    yield table("Figure 5", f"{title}, numbers", columns, rows, note)
+
+    def target(episode: Episode) -> str:
+        return TARGETS[0] if episode.target else TARGETS[1]
+
+    options = {"configurations": configurations, "published": paper.START_SCENES_BY_TARGET}
+    yield from _by_category(data, "Figure 5", title, TARGETS, target, **options)
 
 
 def by_phenomenon(data: ReportData) -> Iterator[Item]:
@@ -92,43 +105,26 @@ def by_phenomenon(data: ReportData) -> Iterator[Item]:
         yield table("Table 3, Table 5 and Table 6", title, columns, rows, note)
 
 
-def novelty(episode: Episode) -> str:
-    """Whether the statement, only its form, or neither occurs in the training data."""
-    return NOVELTY[0] if episode.statement_seen else NOVELTY[1] if episode.form_seen else NOVELTY[2]
-
-
 def by_novelty(data: ReportData) -> Iterator[Item]:
     """Accuracy on statements seen in training, on unseen ones of a seen form, and on those of a new form."""
+
+    def novelty(episode: Episode) -> str:
+        return NOVELTY[0] if episode.statement_seen else NOVELTY[1] if episode.form_seen else NOVELTY[2]
+
     title = f"Accuracy by novelty of the statement on {data.main_split}"
-    panels = accuracy_panels(data, NOVELTY, novelty)
-    rows: list[list[Cell]] = []
-    for panel in panels:
-        for entry in data.of(panel.title):
-            starts = [entry.start_scenes(lambda episode, name=name: novelty(episode) == name) for name in NOVELTY]
-            pairs = zip(starts, panel.values[entry.agent], strict=True)
-            rows.append([entry.agent, panel.title, *(cell for pair in pairs for cell in pair)])
     note = (
         "Statement seen: occurs verbatim in training. Form seen: occurs with other colours, shapes, sizes or numbers."
     )
-    yield Chart("Seen and new", title, bar_chart(panels, "accuracy, %", data.looks, top=109), note)
-    pairs = [f"{head}{name}" for name in NOVELTY for head in ("start scenes, ", "accuracy (%), ")]
-    columns = ("agent", "configuration", *pairs)
-    yield table("Seen and new", f"{title}, numbers", columns, rows, note)
-
-
-def edits_category(episode: Episode) -> str | None:
-    """The number of edits of a shortest solution; None if unknown."""
-    if episode.edits is None:
-        return None
-    return str(episode.edits) if episode.edits < MAX_EDITS else f"{MAX_EDITS} or more"
+    yield from _by_category(data, "Seen and new", title, NOVELTY, novelty, note)
 
 
 def by_edits(data: ReportData) -> Iterator[Item]:
     """Accuracy by the number of edits in the expert's solution."""
+
+    def edits(episode: Episode) -> str | None:
+        return None if episode.edits is None else EDITS[min(episode.edits, MAX_EDITS)]
+
     title = f"Accuracy by number of edits needed on {data.main_split}"
-    panels = _used_panels(data, [*map(str, range(MAX_EDITS)), f"{MAX_EDITS} or more"], edits_category)
-    if panels:
-        chart = bar_chart(panels, "accuracy, %", data.looks, top=109)
-        yield Chart("Edits needed", title, chart, "Edits in the expert's shortest solution.")
-    else:
-        yield MissingItem("Edits needed", title, NEEDS_EXPERT)
+    note = "Edits in the expert's shortest solution."
+    found = [*_by_category(data, "Edits needed", title, EDITS, edits, note)]
+    yield from found or [MissingItem("Edits needed", title, NEEDS_EXPERT)]

@@ -1,4 +1,4 @@
-"""Charts in a common style: bars, lines, heat maps and film strips. Imports matplotlib when it draws the first."""
+"""Charts in a common style: bars, lines and film strips. Imports matplotlib when it draws the first."""
 
 from __future__ import annotations
 
@@ -217,29 +217,11 @@ def line_chart(
     return figure
 
 
-def heat_maps(panels: Sequence[Sequence[tuple[str, np.ndarray]]]) -> Figure:
-    """Rows of titled heat maps, each with its own scale and colour bar."""
-    figure: Any = new_figure(WIDTH, 125 * len(panels) + 20)
-    grid: Any = figure.subplots(len(panels), max(map(len, panels)), squeeze=False)
-    for row, row_panels in zip(grid, panels, strict=True):
-        for axes, (title, values) in zip(row, row_panels, strict=True):
-            top = values.max() or 1.0  # matplotlib draws an empty range in the middle colour
-            image = axes.imshow(values, cmap="Blues", vmin=0, vmax=top, aspect="equal")
-            axes.set_title(title, loc="left", fontsize=8, color=INK)
-            axes.set_xticks([])
-            axes.set_yticks([])
-            bar = figure.colorbar(image, ax=axes, fraction=0.015, pad=0.02)
-            bar.ax.tick_params(labelsize=6)
-            bar.outline.set_visible(False)
-    return figure
-
-
 class FilmStrip(NamedTuple):
-    """An episode as a sequence of scene images, each captioned with the action that led to it."""
+    """A failed episode as a sequence of scene images, each captioned with the action that led to it."""
 
     head: Sequence[str]  # lines of text above the frames
     frames: Sequence[tuple[UInt8Array, str]]  # image, caption
-    success: bool | None = None  # colours the last frame; None: not coloured
 
 
 def film_strips(strips: Sequence[FilmStrip]) -> Figure:
@@ -271,9 +253,8 @@ def _draw_strip(figure: Any, strip: FilmStrip, top: float, total: float) -> None
         axes.imshow(image, interpolation="nearest", aspect="auto")
         axes.set_xticks([])
         axes.set_yticks([])
-        judged = index == last and strip.success is not None
-        edge = FAINT if not judged else GREEN if strip.success else VERMILION
+        edge = VERMILION if index == last else FAINT
         for spine in axes.spines.values():
             spine.set_color(edge)
-            spine.set_linewidth(2 if judged else 0.6)
-        axes.set_title(caption, loc="left", fontsize=6.5, color=INK if not judged else edge, pad=2, parse_math=False)
+            spine.set_linewidth(2 if index == last else 0.6)
+        axes.set_title(caption, loc="left", fontsize=6.5, color=edge if index == last else INK, pad=2, parse_math=False)

@@ -19,7 +19,15 @@ NOT_EVALUATED = (
     "no training run in the directories was evaluated on dev during training; use `lilgym-mp train ppo CONFIGURATION"
     " --evaluate-every N`, with and without --nlvr-reward"
 )
-MEANS = "A line is the mean over the runs of a recipe; if there are several, the band is the sample standard deviation."
+CAPTION = (
+    "Sampled actions, without stop forcing. A line is the mean over the runs of a recipe; if there are several, the"
+    " band is the sample standard deviation."
+)
+NLVR_CAPTION = (
+    " With the program reward, STOP is right if the program says so; with the NLVR reward, only in a scene that the"
+    " corpus has for the statement; 'by program' evaluates that agent by the program."
+)
+IMAGE_CAPTION = " As in the paper, Scratch tasks without a scene in the corpus are excluded."
 # Keys of an evaluation on Scratch, restricted to tasks with an image; FlipIt evaluations have only `accuracy`.
 PROGRAM_ACCURACY, IMAGE_ACCURACY = "accuracy_with_image", "image_accuracy"
 
@@ -31,9 +39,10 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     evaluated = [curve for curve in data.curves if curve.evaluations]
     shown = {name: [curve for curve in evaluated if curve.configuration == name] for name in CONFIGURATIONS}
     keys = _differing_settings(*shown.values())  # of all panels, so that a recipe has one name
+    has_nlvr = any(curve.recipe.get(REWARD_KEY) for curve in evaluated)
     for configuration, of_panel in shown.items():
         drawn: list[Line] = []
-        for name, runs in _group_by_recipe(of_panel, keys).items():
+        for name, runs in _group_by_recipe(of_panel, keys, names_reward=has_nlvr).items():
             for suffix, key in _metrics(runs):
                 line = mean_line(f"{name}{suffix}", [run.evaluations for run in runs], key)
                 drawn.append(line._replace(agent=data.agent_of(runs[0].run)))
@@ -44,52 +53,29 @@ def dev_curves(data: ReportData) -> Iterator[Item]:
     if not panels:
         yield MissingItem(ITEM, TITLE, NOT_EVALUATED)
         return
-    yield Chart(ITEM, TITLE, line_chart(panels, data.looks), caption(evaluated))
+    has_image = any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations)
+    caption = CAPTION + NLVR_CAPTION * has_nlvr + IMAGE_CAPTION * has_image
+    yield Chart(ITEM, TITLE, line_chart(panels, data.looks), caption)
     columns = ("agent", "configuration", "runs", "actions of training", "accuracy at the end (%)")
     yield table(ITEM, f"{TITLE}, at the end", columns, rows)
 
 
-def caption(evaluated: Sequence[TrainingCurve]) -> str:
-    """Explains the curves, from the recipes and evaluations of their runs."""
-    masks = {curve.recipe.get("mask") for curve in evaluated}
-    mask = "illegal ones masked" if True in masks else "no mask of legal actions"
-    if len(masks) > 1 or None in masks:
-        mask = "masked for some runs alone" if None not in masks else "it is not recorded whether masked"
-    parts = [f"Sampled actions, {mask}."]
-    if any(curve.recipe.get(REWARD_KEY) for curve in evaluated):
-        parts.append(
-            "With the program reward, STOP is right if the program says so; with the NLVR reward, only in a scene that"
-            " the corpus has for the statement; 'by program' evaluates that agent by the program."
-        )
-    if any(record.get(PROGRAM_ACCURACY) is not None for curve in evaluated for record in curve.evaluations):
-        parts.append("As in the paper, Scratch tasks without a scene in the corpus are excluded.")
-    if any(curve.recipe.get("stop_forcing") for curve in evaluated):
-        parts.append("PPO+SF: STOP was forced in training, never in these evaluations.")
-    return " ".join([*parts, MEANS])
-
-
-def method(curve: TrainingCurve) -> str:
-    """The learner, or for PPO its variant as in the paper."""
-    if curve.learner != "ppo":
-        return curve.learner
-    return "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"
-
-
 def _differing_settings(*panels: Sequence[TrainingCurve]) -> list[str]:
-    """The settings, except the seed, in which recipes of one panel differ; the reward too if any run has NLVR's."""
+    """The settings in which recipes of one panel differ, but for those that have names of their own."""
     keys = {key: None for curves in panels for key in differing_keys([curve.recipe for curve in curves])}
-    if any(curve.recipe.get(REWARD_KEY) for curves in panels for curve in curves):
-        keys[REWARD_KEY] = None
-    return [key for key in keys if key != "stop_forcing"]  # which `method` names
+    return [key for key in keys if key not in ("stop_forcing", REWARD_KEY)]
 
 
-def _group_by_recipe(curves: Sequence[TrainingCurve], keys: Sequence[str]) -> dict[str, list[TrainingCurve]]:
-    """The runs by learner and these settings of their recipes."""
+def _group_by_recipe(
+    curves: Sequence[TrainingCurve], keys: Sequence[str], *, names_reward: bool
+) -> dict[str, list[TrainingCurve]]:
+    """The runs by name: the learner, as in the paper, these settings and the reward."""
     groups: dict[str, list[TrainingCurve]] = {}
     for curve in curves:
-        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] if REWARD_KEY in keys else []
-        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys if key != REWARD_KEY]
-        groups.setdefault(", ".join([method(curve), *settings, *reward]), []).append(curve)
+        learner = {"ppo": "PPO+SF" if curve.recipe.get("stop_forcing") else "PPO"}.get(curve.learner, curve.learner)
+        reward = ["NLVR reward" if curve.recipe.get(REWARD_KEY) else "program reward"] * names_reward
+        settings = [f"{key} {format_setting(curve.recipe.get(key))}" for key in keys]
+        groups.setdefault(", ".join([learner, *settings, *reward]), []).append(curve)
     return groups
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -36,8 +36,7 @@ class AgentResults:
     agent: str
     configuration: str
     split: str
-    runs: tuple[Recording, ...]  # a trained agent's recordings with several evaluation seeds are one run
-    evaluation_seeds: tuple[int, ...] = ()
+    runs: tuple[Recording, ...]
     metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have any
 
     @property
@@ -51,16 +50,13 @@ class AgentResults:
 
 @dataclass(frozen=True)
 class TrainingCurve:
-    """Evaluations of a training run and what it was trained with."""
+    """Evaluations of a training run, and its recipe."""
 
     run: Path
     learner: str
     configuration: str  # "" for a run on all configurations
     evaluations: tuple[dict[str, Any], ...] = ()  # evaluations on dev during training
     recipe: Mapping[str, Any] = field(default_factory=dict[str, Any])
-    corpus: str | None = None  # trained on
-    checksum: str | None = None  # of the training tasks' file
-    commit: str | None = None  # of the code that trained
 
 
 @dataclass(frozen=True)
@@ -73,11 +69,6 @@ class ReportData:
     @property
     def header(self) -> Header:
         return self.entries[0].header
-
-    @property
-    def metadata(self) -> list[RecordingMetadata]:
-        """Metadata of the recordings that have any."""
-        return [made for entry in self.entries for made in entry.metadata]
 
     @cached_property
     def agents(self) -> list[str]:
@@ -189,35 +180,25 @@ def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)
-        seeds = tuple(dict.fromkeys(run.header.seed for run in runs))
         metadata = tuple(made for run in runs if (made := RecordingMetadata.read(run.path)) is not None)
-        yield AgentResults(label, configuration, split, tuple(_pooled(runs)), seeds, metadata)
-
-
-def _pooled(runs: Sequence[Recording]) -> Iterator[Recording]:
-    """One recording per training seed, whose episodes are those of all evaluation seeds; others as they are."""
-    for seed, group in groupby(runs, key=lambda run: run.header.training_seed):
-        first, *others = group
-        if seed is None or not others:
-            yield from (first, *others)
-            continue
-        episodes = tuple(episode for run in (first, *others) for episode in run.episodes)
-        passes = sum(run.header.passes for run in (first, *others))
-        yield Recording(first.path, replace(first.header, passes=passes, episodes=len(episodes)), episodes)
+        yield AgentResults(label, configuration, split, tuple(runs), metadata)
 
 
 def _check_seeds(runs: Sequence[Recording]) -> None:
-    """Raises ReportError for runs of one agent that have the same seeds."""
-    seen: dict[tuple[int | None, int], Recording] = {}
+    """Raises ReportError for runs of one agent with the same seed, of training or, without it, of the evaluation."""
+    seen: dict[int, Recording] = {}
     for run in runs:
         header = run.header
-        if header.run is not None and header.training_seed is None and len(runs) > 1:
-            raise ReportError(f"{run.path}: training_seed is missing; it must distinguish this run from {runs[0].path}")
-        other = seen.setdefault((header.training_seed, header.seed), run)
+        key, seed = ("seed", header.seed) if header.run is None else ("training_seed", header.training_seed)
+        if seed is None:
+            if len(runs) > 1:
+                raise ReportError(f"{run.path}: {key} is missing; it must distinguish this run from {runs[0].path}")
+            continue
+        other = seen.setdefault(seed, run)
         if other is not run:
             raise ReportError(
-                f"{run.path}: training_seed {header.training_seed} and seed {header.seed} are those of {other.path};"
-                " runs of one agent must differ in a seed, or get different names with --name"
+                f"{run.path}: {key} {seed} is that of {other.path}; runs of one agent must differ in it, or get"
+                " different names with --name"
             )
 
 
@@ -256,22 +237,8 @@ def _curve(directory: Path) -> TrainingCurve:
         learner, configuration = str(identity.get("learner")), environment.get("configuration", "")
         if configuration not in ("", *CONFIGURATIONS):
             raise ValueError(f"unknown configuration {shown(configuration)}")
-        made_from = (
-            identity.get("corpus", environment.get("corpus")),
-            identity.get("tasks_sha256", identity.get("corpus_sha256")),
-            run.made.get("commit"),
-        )
-        corpus, checksum, commit = (None if each is None else str(each) for each in made_from)
-        return TrainingCurve(
-            run.path,
-            learner,
-            configuration,
-            _evaluations(run.path / EVALUATIONS_FILE),
-            dict(identity.get("recipe", {})),
-            corpus,
-            checksum and checksum[:CHECKSUM_DIGITS],
-            commit,
-        )
+        evaluations = _evaluations(run.path / EVALUATIONS_FILE)
+        return TrainingCurve(run.path, learner, configuration, evaluations, dict(identity.get("recipe", {})))
     except (OSError, ValueError, TypeError, AttributeError, RecursionError) as fault:
         raise ReportError(f"{directory}: damaged, or not a training run: {fault}") from None
 

@@ -1,4 +1,4 @@
-"""Main results: accuracy, mean reward and paired tests; the recordings they are based on; corpus sizes."""
+"""Main results: accuracy, mean reward and paired tests; the recordings they are based on."""
 
 from __future__ import annotations
 
@@ -18,11 +18,8 @@ from lilgym_mp.contrib.report.aggregation import (
 )
 from lilgym_mp.contrib.report.breakdowns import ERROR_BARS
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
-from lilgym_mp.contrib.report.corpus_statistics import corpus_statistics
-from lilgym_mp.contrib.report.items import MISSING, PUBLISHED, Cell, Chart, Item, MissingItem, table
-from lilgym_mp.contrib.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData, format_setting
-from lilgym_mp.corpus import CorpusError
-from lilgym_mp.envs.registration import configuration_name
+from lilgym_mp.contrib.report.items import PUBLISHED, Cell, Chart, Item, table
+from lilgym_mp.contrib.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData
 from lilgym_mp.evaluation import CONFIGURATIONS
 
 BASIS = "Runs behind the numbers"
@@ -31,7 +28,6 @@ PAPER_NOTE = (
     f" shortened; {BASIS!r} has all of it. Rows marked {PUBLISHED} are from the paper ({paper.SOURCE}), on the official"
     " corpus: no mask."
 )
-PROVENANCE_TITLE = "Provenance of the recordings"
 
 
 def table_2(data: ReportData) -> Iterator[Item]:
@@ -76,7 +72,7 @@ def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | f
 def basis(data: ReportData) -> Iterator[Item]:
     """Runs, seeds, episodes and training of every row of the report."""
     note = (
-        "Accuracy is the share of successful episodes, with one episode per start scene, pass and evaluation seed."
+        "Accuracy is the share of successful episodes, with one episode per start scene and pass of each run."
         " Tasks: the first digits of the SHA-256 of the file that they come from. Commit: of the code that played."
     )
     columns = (
@@ -97,63 +93,12 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
     return [
         *(entry.agent, entry.configuration, entry.split, len(headers)),
         ", ".join(str(one.training_seed) for one in headers if one.training_seed is not None) or None,
-        ", ".join(map(str, entry.evaluation_seeds)),
+        ", ".join(map(str, dict.fromkeys(one.seed for one in headers))),
         *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
         *("yes" if header.mask else "no", None if steps is None else round(steps), mean_of("cpu_minutes")),
         *(header.supervision, header.tasks_sha256[:CHECKSUM_DIGITS]),
         ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
     ]
-
-
-def training_runs(data: ReportData) -> Iterator[Item]:
-    """Corpus, commit and whole recipe of each training run in the directories."""
-    title = "Training runs and their recipes"
-    if not data.curves:
-        yield MissingItem("Basis", title, "the directories contain no training run; add one")
-        return
-    columns = ("run", "learner", "configuration", "trained on", "checksum", "commit", "recipe")
-    note = "Checksum: the first digits of the SHA-256 of the training tasks' file. Commit: of the code that trained."
-    rows = [
-        [
-            *(curve.run.name, curve.learner, curve.configuration or "all", curve.corpus, curve.checksum, curve.commit),
-            ", ".join(f"{key} {format_setting(value)}" for key, value in curve.recipe.items()),
-        ]
-        for curve in data.curves
-    ]
-    yield table("Basis", title, columns, rows, note)
-
-
-def provenance(data: ReportData) -> Iterator[Item]:
-    """Dates, machines, commands and commits of the recordings."""
-    if not data.metadata:
-        why = "the recordings come without metadata, which `lilgym-mp evaluate --record` writes"
-        yield MissingItem("Basis", PROVENANCE_TITLE, why)
-        return
-    rows: list[list[Cell]] = []
-    for command in dict.fromkeys(made.command for made in data.metadata):
-        made = sorted((one for one in data.metadata if one.command == command), key=lambda one: one.date)
-        columns = [[str(getattr(one, name) or MISSING) for one in made] for name in ("date", "commit", "machine")]
-        rows.append([command, *(", ".join(dict.fromkeys(column)) for column in columns), len(made)])
-    note = "Dates are UTC. Commits are those of the checkout, 'with changes' if files differed from it."
-    yield table("Basis", PROVENANCE_TITLE, ("command", "date", "commit", "machine", "recordings"), rows, note)
-
-
-def table_1(data: ReportData) -> Iterator[Item]:
-    """Number of contexts (MDPs) and start scenes of the corpus, by configuration and split."""
-    title, corpus = "Start scenes and contexts (MDPs) by split", data.header.settings.corpus
-    try:
-        counts = corpus_statistics(corpus).counts
-    except CorpusError as fault:
-        yield MissingItem("Table 1", title, f"the corpus {corpus!r} is not available: {fault}")
-        return
-    rows: list[list[Cell]] = []
-    for count in counts:
-        published = (count.paper.contexts, count.paper.tasks) if count.paper else (None, None)
-        name = configuration_name(count.appearance, count.start)
-        rows.append([name, count.split, count.contexts, count.tasks, *published])
-    columns = ("configuration", "split", "contexts", "start scenes", "contexts †", "start scenes †")
-    note = f"Corpus: {data.header.corpus}. † from the paper, for the official corpus."
-    yield table("Table 1", title, columns, rows, note)
 
 
 def paired_tests(data: ReportData) -> Iterator[Item]:

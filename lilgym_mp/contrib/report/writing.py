@@ -11,7 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report import behaviour, breakdowns, examples, learning_curves, results
+from lilgym_mp.contrib.report import behaviour, breakdowns, failures, learning_curves, results
 from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
@@ -19,17 +19,13 @@ from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.files import OutputError, writable_directory
 
 CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
-    "Results": (
-        *(results.table_2, results.figure_3, breakdowns.by_target, results.basis, results.training_runs),
-        *(results.provenance, results.table_1),
-    ),
+    "Results": (results.table_2, results.figure_3, breakdowns.by_target, results.basis),
     "Learning": (learning_curves.dev_curves,),
     "Comparison of agents": (results.paired_tests,),
-    "Behaviour": (behaviour.figures_6_and_9, behaviour.errors, behaviour.figure_10),
+    "Behaviour": (behaviour.figures_6_and_9, behaviour.errors),
     "Language": (breakdowns.by_phenomenon, breakdowns.by_novelty),
     "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration, behaviour.regret),
-    "Tasks and programs": (examples.tasks_and_programs,),
-    "Failures": (examples.failures,),
+    "Failures": (failures.failures,),
 }
 PAGE_FILE = "index.html"
 GENERATOR = '<meta name="generator" content="lilgym_mp report">'  # identifies an existing page as a report
