@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.corpus.faults import FaultLog
+from lilgym_mp.corpus.formats import read_released_file
 from lilgym_mp.corpus.official import FileFacts, content_digest
-from lilgym_mp.corpus.released import ReleasedFile
 from lilgym_mp.scene import Colour, Item
 from tests.scenes import B, K, Y, scene, square, tower
 
@@ -92,7 +91,7 @@ def write_released(directory: Path) -> Path:
 def register_as_official(directory: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Registers `write_released`'s files as official, one by digest and one by counts."""
     names = ("tower_scratch_test.json", "tower_flipit_test.json")
-    records = ReleasedFile(directory / names[0], FaultLog(stop_at_first=True)).records("tower", "scratch", "test")
+    (records,) = read_released_file(directory / names[0], []).records.values()
     facts = {names[0]: FileFacts(1, 1, content_digest(records)), names[1]: FileFacts(3, 3)}
     monkeypatch.setattr("lilgym_mp.corpus.official.FILE_FACTS", facts)
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
-from lilgym_mp.corpus.faults import CorpusError, Fault, FaultLog
-from lilgym_mp.corpus.jsonlines import CorpusFile
+from lilgym_mp.corpus.faults import CorpusError, Fault
+from lilgym_mp.corpus.formats import RELEASED_NAMES, Source, read_corpus_file, read_released_file
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import corpus_path, is_generated
-from lilgym_mp.corpus.records import SPLITS, STARTS
-from lilgym_mp.corpus.released import ALL_FILE_NAMES, ReleasedFile, file_name
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
 
@@ -60,12 +57,18 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
     if is_generated(corpus):
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
     with corpus_path(corpus) as path:
-        faults = FaultLog(stop_at_first=False)
-        absent = [name for name in ALL_FILE_NAMES if not (path / name).exists()] if path.is_dir() else []
-        if len(absent) == len(ALL_FILE_NAMES):
-            faults.add(str(path), "has none of the released files")
-        counts = tuple(_counts(path, faults))
-        return CorpusReport(str(path), tuple(faults.found), counts, tuple(absent))
+        is_released = path.is_dir()
+        absent = [name for name in RELEASED_NAMES if not (path / name).exists()] if is_released else []
+        faults = [Fault(str(path), "has none of the released files")] if len(absent) == len(RELEASED_NAMES) else []
+        files = [path / name for name in RELEASED_NAMES if name not in absent] if is_released else [path]
+        readers = {appearance: TaskReader(appearance, faults) for appearance in APPEARANCES}
+        counts: list[TaskCount] = []
+        for file in files:
+            source = _opened(read_released_file if is_released else read_corpus_file, file, faults)
+            for configuration, records in source.records.items() if source else ():
+                tasks = [task for task, _ in readers[configuration[0]].tasks(records)]
+                counts.append(TaskCount(*configuration, len(tasks), contexts(tasks)))
+        return CorpusReport(str(path), tuple(dict.fromkeys(faults)), tuple(counts), tuple(absent))
 
 
 def _count(tasks: TaskSet) -> TaskCount:
@@ -73,28 +76,14 @@ def _count(tasks: TaskSet) -> TaskCount:
     return TaskCount(origin.appearance, origin.start, origin.split, len(tasks), contexts(tasks))
 
 
-def _counts(path: Path, faults: FaultLog) -> Iterator[TaskCount]:
-    """The counts of every configuration and split of a corpus file, or of those that a directory has."""
-    source = None if path.is_dir() else _opened(CorpusFile, path, faults)
-    for appearance in APPEARANCES:
-        reader = TaskReader(appearance, faults)
-        for start, split in product(STARTS, SPLITS):
-            released = path / file_name(appearance, start, split)
-            if path.is_dir():
-                source = _opened(ReleasedFile, released, faults) if released.exists() else None
-            if source is not None:
-                tasks = [task for task, _ in reader.tasks(source.records(appearance, start, split))]
-                yield TaskCount(appearance, start, split, len(tasks), contexts(tasks))
-
-
-def _opened(reader: type[CorpusFile | ReleasedFile], path: Path, faults: FaultLog) -> CorpusFile | ReleasedFile | None:
-    """The file; None, with a fault in the log, if it cannot be read."""
-    found_before = len(faults.found)
+def _opened(read: Callable[[Path, list[Fault]], Source], path: Path, faults: list[Fault]) -> Source | None:
+    """The file; None, and a fault, if it cannot be read."""
+    faults_before = len(faults)
     try:
-        source = reader(path, faults)
+        source = read(path, faults)
     except CorpusError as fault:
-        faults.add(str(path), str(fault).removeprefix(f"{path}: "))
+        faults.append(Fault(str(path), str(fault).removeprefix(f"{path}: ")))
         return None
-    if not source.entries and len(faults.found) == found_before:
-        faults.add(str(path), "has no entries")
+    if not any(source.records.values()) and len(faults) == faults_before:
+        faults.append(Fault(str(path), "has no entries"))
     return source

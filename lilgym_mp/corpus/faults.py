@@ -1,4 +1,4 @@
-"""Errors of corpora, and a log that collects validation faults or stops at the first."""
+"""Errors of corpora, and checks that collect faults."""
 
 from __future__ import annotations
 
@@ -31,23 +31,10 @@ class Fault(NamedTuple):
         return printable(f"{self.where}: {self.what}")
 
 
-class FaultLog:
-    """Collects faults, or raises the first as CorpusError if `stop_at_first`."""
-
-    def __init__(self, *, stop_at_first: bool) -> None:
-        self.stop_at_first = stop_at_first
-        self.found: list[Fault] = []
-
-    def add(self, where: str, what: str) -> None:
-        fault = Fault(where, what)
-        if self.stop_at_first:
-            raise CorpusError(str(fault))
-        self.found.append(fault)
-
-    def check(self, where: str, function: Callable[..., Checked], *values: Any) -> Checked | None:
-        """What the function returns; None, with a fault in the log, where it raises ValueError."""
-        try:
-            return function(*values)
-        except ValueError as fault:
-            self.add(where, str(fault))
-            return None
+def checked(faults: list[Fault], where: str, function: Callable[..., Checked], *values: Any) -> Checked | None:
+    """What the function returns; None, and one more fault, where it raises ValueError."""
+    try:
+        return function(*values)
+    except ValueError as fault:
+        faults.append(Fault(where, str(fault)))
+        return None

@@ -12,8 +12,8 @@ from itertools import product
 from pathlib import Path
 from pkgutil import resolve_name
 
-from lilgym_mp.corpus.faults import CorpusError, FaultLog, NoTasksError
-from lilgym_mp.corpus.jsonlines import CorpusFile
+from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
+from lilgym_mp.corpus.formats import Configuration, read_corpus_file, read_released_file, released_path
 from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.corpus.records import SPLITS, STARTS
@@ -22,9 +22,8 @@ from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.choices import choose
 
 CACHED_SETS = 16
-# Strings like Gymnasium's entry points: most processes need neither, and the generator depends on this package.
+# A string like Gymnasium's entry points: most processes do not need the generator, which depends on this package.
 GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
-RELEASED_PATH, RELEASED_FILE = (f"lilgym_mp.corpus.released:{name}" for name in ("released_path", "ReleasedFile"))
 
 _LOADING = threading.Lock()
 Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split
@@ -49,14 +48,14 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     if is_split(corpus):
         return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:
-        file = resolve_name(RELEASED_PATH)(path, appearance, start, split) if path.is_dir() else path
+        is_released = path.is_dir()
+        file = released_path(path, appearance, start, split) if is_released else path
         try:
             status = file.stat()
         except OSError as fault:
             raise CorpusError(f"{file}: cannot be read: {fault.strerror or fault}") from None
-        name = file.name if path.is_dir() else None
-        cache_key = status.st_mtime_ns, status.st_size
-        return _load(os.fspath(corpus), path.resolve(), name, cache_key, appearance, start, split)
+        cache_key = status.st_mtime_ns, status.st_size, is_released
+        return _load(os.fspath(corpus), file.parent.resolve() / file.name, cache_key, (appearance, start, split))
 
 
 def load_all_tasks(
@@ -79,22 +78,20 @@ def load_all_tasks(
 
 
 @lru_cache(maxsize=CACHED_SETS)
-def _load(
-    corpus: str, path: Path, released: str | None, cache_key: tuple[int, int], appearance: str, start: str, split: str
-) -> TaskSet:
-    """`released`: the name of the file if `path` is a directory of released files."""
-    faults = FaultLog(stop_at_first=True)
+def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configuration: Configuration) -> TaskSet:
+    faults: list[Fault] = []
+    appearance, start, _ = configuration
+    *_, is_released = cache_key
     with _garbage_collection_paused(), note_after(f"loading corpus {corpus}"):
-        if released is not None:
-            source = resolve_name(RELEASED_FILE)(path / released, faults)
-        else:
-            source = CorpusFile(path, faults, trust_shipped=True)
-        provenance = Provenance(corpus, source.name, str(source.path), appearance, start, split, source.sha256)
-        reader = TaskReader(appearance, faults, trusted=source.is_prevalidated)
-        found = list(reader.tasks(source.records(appearance, start, split)))
+        source = read_released_file(file, faults) if is_released else read_corpus_file(file, faults, configuration)
+        provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)
+        reader = TaskReader(appearance, faults)
+        found = list(reader.tasks(source.records[configuration], trusted=source.is_prevalidated))
         tasks = TaskSet((task for task, _ in found), provenance, {task.id: tags for task, tags in found})
+    if faults:
+        raise CorpusError(str(faults[0]))
     if not tasks:
-        raise NoTasksError(f"{source.path}: has no tasks for {provenance}; it has {source.contents(start)}")
+        raise NoTasksError(f"{file}: has no tasks for {provenance}; it has {source.contents(start)}")
     return tasks
 
 

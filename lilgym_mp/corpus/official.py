@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
-from lilgym_mp.corpus.faults import CorpusError, FaultLog
+from lilgym_mp.corpus.faults import CorpusError, Fault
+from lilgym_mp.corpus.formats import read_released_file
 from lilgym_mp.corpus.records import SPLITS, Record, read_bytes
-from lilgym_mp.corpus.released import ReleasedFile
 from lilgym_mp.corpus.tasks import TaskReader, contexts
 from lilgym_mp.scene.choices import listed
 
@@ -89,9 +89,8 @@ def check_official_file(path: Path) -> OfficialFile:
 
     Raises CorpusError naming the file and the fault: a fault that `load_tasks` would raise, or another version.
     """
-    appearance, start, split = path.name.removesuffix(".json").split("_")
-    facts, faults = FILE_FACTS[path.name], FaultLog(stop_at_first=True)
-    records = list(ReleasedFile(path, faults).records(appearance, start, split))
+    facts, faults = FILE_FACTS[path.name], list[Fault]()
+    ((appearance, *_), records), *_ = read_released_file(path, faults).records.items()
     if len(records) != facts.tasks:
         raise CorpusError(f"{path}: has {len(records)} entries; the file of release {RELEASE} has {facts.tasks}")
     if facts.content_sha256 not in (None, content_digest(records)):
@@ -100,6 +99,8 @@ def check_official_file(path: Path) -> OfficialFile:
             f"or scenes differ (content digest {content_digest(records)}, not {facts.content_sha256})"
         )
     tasks = [task for task, _ in TaskReader(appearance, faults).tasks(records)]
+    if faults:
+        raise CorpusError(str(faults[0]))
     verified_by = "numbers and labels" if facts.content_sha256 is None else "content digest"
     return OfficialFile(path.name, path.stat().st_size, len(tasks), contexts(tasks), verified_by)
 

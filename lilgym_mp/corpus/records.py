@@ -1,4 +1,4 @@
-"""Unparsed task records, and file and JSON reading shared by both corpus formats."""
+"""Unchecked task records, and file and JSON reading shared by both corpus formats."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ READ_FLAGS = os.O_RDONLY | sum(getattr(os, name, 0) for name in ("O_NONBLOCK", "
 MAX_BYTES = 256 * 1024 * 1024  # limit per file, compressed or not; the largest released files have about ten million
 
 _OTHER_SPACES = re.compile(r"[^\S ]+")
-PROSE = frozenset({"statement", "program", "sentence", "lf"})  # keys of texts whose white space is normalised
 
 
 class Record(NamedTuple):
-    """One task as read from a file. A text that is None, or the label of a FlipIt task, is a fault in the log."""
+    """One task as it stands in a file, unchecked."""
 
     where: str
-    id: str | None
-    statement: str | None
-    program: str | None
-    label: bool | None = None
+    entry: str  # where its statement and program are
+    id: object
+    statement: object
+    program: object
+    label: object = None
     scene: object = None  # the released `structured_rep`
     is_flipit: bool = False
     is_valid: bool = True  # whether the rest of its entry is
@@ -85,20 +85,14 @@ def read_bytes(path: Path) -> bytes:
     return data
 
 
-class JSONFault(ValueError):
-    """Text that is not a single JSON value, or a value that does not match the format."""
-
-
 def parse_json(text: str) -> object:
-    """The JSON value in `text`. Raises JSONFault for invalid JSON or duplicate keys."""
+    """The JSON value in `text`. Raises ValueError for invalid JSON or duplicate keys."""
     try:
         return json.loads(text, object_pairs_hook=_object)
     except json.JSONDecodeError as fault:
-        raise JSONFault(f"not JSON: {fault}") from None
+        raise ValueError(f"not JSON: {fault}") from None
     except RecursionError:
-        raise JSONFault("not JSON that can be read: nested too deeply") from None
-    except ValueError as fault:
-        raise JSONFault(str(fault)) from None
+        raise ValueError("not JSON that can be read: nested too deeply") from None
 
 
 def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -109,22 +103,26 @@ def _object(pairs: list[tuple[str, object]]) -> dict[str, object]:
     return result
 
 
-def as_object(value: object) -> dict[str, object] | None:
-    """`value` if it is a JSON object, else None."""
-    return cast("dict[str, object]", value) if isinstance(value, dict) else None
+def as_object(what: str, value: object) -> dict[str, object]:
+    """`value` if it is a JSON object. Raises ValueError otherwise."""
+    if not isinstance(value, dict):
+        raise ValueError(f"{what} must be a JSON object, not {shown(value)}")
+    return cast("dict[str, object]", value)
+
+
+def check_prose(what: str, value: object) -> str:
+    """`check_text` after tabs, line ends and other white space became spaces, and at both ends nothing."""
+    if isinstance(value, str) and not value.isprintable():
+        value = _OTHER_SPACES.sub(" ", value).strip()
+    return check_text(what, value)
 
 
 def check_text(what: str, value: object) -> str:
-    """`value` if it is a non-blank string of printable characters (safe for terminals). Raises JSONFault otherwise.
-
-    Tabs, line ends and other white space of statements and programs become spaces, and at both ends nothing.
-    """
-    if what in PROSE and isinstance(value, str) and not value.isprintable():
-        value = _OTHER_SPACES.sub(" ", value).strip()
+    """`value` if it is a non-blank string of printable characters (safe for terminals). Raises ValueError otherwise."""
     if not isinstance(value, str) or not value.strip():
-        raise JSONFault(f"{what} must be a non-blank text, not {shown(value)}")
+        raise ValueError(f"{what} must be a non-blank text, not {shown(value)}")
     if not value.isprintable():
-        raise JSONFault(f"{what} has unprintable characters: {shown(value)}")
+        raise ValueError(f"{what} has unprintable characters: {shown(value)}")
     return value
 
 

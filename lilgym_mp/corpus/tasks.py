@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any, cast, overload
 
-from lilgym_mp.corpus.faults import FaultLog
-from lilgym_mp.corpus.records import Record, shown
+from lilgym_mp.corpus.faults import Fault, checked
+from lilgym_mp.corpus.records import Record, check_prose, check_text, shown
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Item, Scene, SceneError
@@ -105,9 +105,7 @@ def contexts(tasks: Iterable[Task]) -> int:
 class TaskReader:
     """Validates records of one appearance and converts them to tasks; equal texts, boxes and scenes are shared."""
 
-    def __init__(self, appearance: str, faults: FaultLog, *, trusted: bool = False) -> None:
-        """`trusted`: programs and labels are known to be valid and are not checked."""
-        self._trusted = trusted
+    def __init__(self, appearance: str, faults: list[Fault]) -> None:
         self._check_scene = APPEARANCES[appearance].check_scene
         self._faults = faults
         self._empty = self._check_scene(Scene.empty())
@@ -116,66 +114,80 @@ class TaskReader:
         self._boxes: dict[tuple[Item, ...], Box] = {}
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
-    def tasks(self, records: Iterable[Record]) -> Iterator[tuple[Task, tuple[str, ...]]]:
-        """The tasks of the valid records, with their tags; faults go to the log."""
-        return ((task, record.tags) for record in records if (task := self._task(record)) is not None)
+    def tasks(self, records: Iterable[Record], *, trusted: bool = False) -> Iterator[tuple[Task, tuple[str, ...]]]:
+        """The tasks of the valid records, with their tags. `trusted`: all are known to be valid and are not checked."""
+        convert = self._trusted_task if trusted else self._checked_task
+        return ((task, record.tags) for record in records if (task := convert(record)) is not None)
 
-    def _task(self, record: Record) -> Task | None:
-        _, name, statement, source, label, *_ = cast("tuple[Any, ...]", record)
-        program = None if self._trusted else self._program(record)
-        start = self._scene(record) if record.is_flipit else self._empty
-        if start is None:
+    def _trusted_task(self, record: Record) -> Task:
+        name, statement, program, label = cast("tuple[Any, ...]", record[2:6])
+        start = self._scene(record.scene) if record.is_flipit else self._empty
+        return Task(name, self._texts.setdefault(statement, statement), program, not label, start)
+
+    def _checked_task(self, record: Record) -> Task | None:
+        faults, where = self._faults, record.where
+        name = checked(faults, where, check_text, "id", record.id)
+        statement = checked(faults, record.entry, check_prose, "statement", record.statement)
+        program = self._program(record)
+        start, label = self._empty, False
+        if record.is_flipit:
+            label = checked(faults, where, _check_label, record.label)
+            start = checked(faults, where, self._scene, record.scene)
+            if program is not None and start is not None:
+                label = checked(faults, where, self._agreed, program, start, label)
+        if (
+            not record.is_valid
+            or name is None
+            or statement is None
+            or program is None
+            or start is None
+            or label is None
+        ):
             return None
-        if not self._trusted:
-            if program is None or (label is not None and self._truth(record, program, start) != label):
-                return None
-            source = program.source
-        if None in (name, statement, source) or not record.is_valid or (record.is_flipit and label is None):
-            return None
-        return Task(name, self._texts.setdefault(statement, statement), source, not label, start)
+        return Task(name, self._texts.setdefault(statement, statement), program.source, not label, start)
 
     def _program(self, record: Record) -> Program | None:
-        """The compiled program, evaluated once on the empty scene; logs a fault and returns None when it is invalid."""
-        source = record.program
-        if source is None:
-            return None
-        if source not in self._programs:
-            self._programs[source] = None
-            try:
-                program = compile_program(source)
-            except ProgramError as fault:
-                self._faults.add(record.where, f"program {shown(source)}: {fault}")
-                return None
-            if self._value(record, program, self._empty) is not None:
-                self._programs[source] = program
-        return self._programs[source]
+        """The compiled program, evaluated once on the empty scene; None, and a fault, when it is invalid."""
+        source = checked(self._faults, record.entry, check_prose, "program", record.program)
+        if source is not None and source not in self._programs:
+            self._programs[source] = checked(self._faults, record.entry, self._compiled, source)
+        return None if source is None else self._programs[source]
 
-    def _truth(self, record: Record, program: Program, start: Scene) -> bool | None:
-        """The truth value in `start`; logs a fault when it differs from the label."""
-        value = self._value(record, program, start)
-        if value is not None and value != record.label:
-            label, found = str(record.label).lower(), str(value).lower()
-            self._faults.add(record.where, f"label is {label} but the program is {found} in this scene")
-        return value
+    def _compiled(self, source: str) -> Program:
+        try:
+            program = compile_program(source)
+        except ProgramError as fault:
+            raise ValueError(f"program {shown(source)}: {fault}") from None
+        self._value(program, self._empty)
+        return program
 
-    def _value(self, record: Record, program: Program, scene: Scene) -> bool | None:
+    def _value(self, program: Program, scene: Scene) -> bool:
         try:
             return program.evaluate(scene)
         except ProgramRuntimeError as fault:
             place = "its start scene" if any(scene.items()) else "the empty scene"
             self._programs[program.source] = None  # failing may be slow, so do not evaluate it on further scenes
-            self._faults.add(record.where, f"program {shown(program.source)} has no value on {place}: {fault}")
-            return None
+            raise ValueError(f"program {shown(program.source)} has no value on {place}: {fault}") from None
 
-    def _scene(self, record: Record) -> Scene | None:
+    def _agreed(self, program: Program, scene: Scene, label: bool | None) -> bool | None:
+        """The label, if it is the program's value in the scene or unknown."""
+        value = self._value(program, scene)
+        if label not in (None, value):
+            raise ValueError(f"label is {str(label).lower()} but the program is {str(value).lower()} in this scene")
+        return label
+
+    def _scene(self, data: object) -> Scene:
         try:
-            items = tuple(box.items for box in Scene.from_json(record.scene).boxes)
-            scene = self._scenes.get(items)
-            if scene is None:
+            items = tuple(box.items for box in Scene.from_json(data).boxes)
+            if items not in self._scenes:
                 left, middle, right = (self._boxes.setdefault(box, Box(box)) for box in items)
-                scene = self._check_scene(Scene((left, middle, right)))
-                self._scenes[items] = scene
+                self._scenes[items] = self._check_scene(Scene((left, middle, right)))
+            return self._scenes[items]
         except SceneError as fault:
-            self._faults.add(record.where, f"scene: {fault}")
-            return None
-        return scene
+            raise ValueError(f"scene: {fault}") from None
+
+
+def _check_label(value: object) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"label must be true or false, not {shown(value)}")
+    return value

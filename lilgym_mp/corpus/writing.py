@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from lilgym_mp.corpus.jsonlines import FORMAT, SECTIONS, VERSION
+from lilgym_mp.corpus.formats import FORMAT, SECTIONS, VERSION
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene import Scene
 

@@ -138,10 +138,10 @@ def test_scatter_entry__overlapping_items_are_faults(entries: Entries, written: 
 
 
 RELEASED_FAULTS = {
-    "label": ({"label": "maybe"}, "entry 'blue-yes': unknown label 'maybe'; choose from false, true"),
-    "no label": ({"label": None}, "entry 'blue-yes': label must be a non-blank text"),
+    "label": ({"label": "maybe"}, "entry 'blue-yes': label must be true or false, not 'maybe'"),
+    "no label": ({"label": None}, "entry 'blue-yes': label must be true or false, not None"),
     "scene": ({"structured_rep": None}, "entry 'blue-yes': scene: a scene must be a list"),
-    "sentence": ({"sentence": 5}, "entry 'blue-yes': sentence must be a non-blank text, not 5"),
+    "sentence": ({"sentence": 5}, "entry 'blue-yes': statement must be a non-blank text, not 5"),
 }
 
 
@@ -158,7 +158,7 @@ def test_released_entry__errors_name_the_entry_and_the_fault(case: str, released
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("[]", "must be one JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
+    [("[]", "the file must be a JSON object"), ('{"a": {', "not JSON"), ('{"a": 1, "a": 2}', "duplicate key 'a'")],
 )
 def test_released_file__errors_name_the_file(text: str, message: str, released: Path):
     (released / "tower_scratch_test.json").write_text(text)
@@ -201,7 +201,7 @@ def test_check__all_faults_of_an_entry_are_reported_at_once(entries: Entries, wr
         "entry 'blue': statement must",
         "entry 'blue': tags must",
         "never closed",
-        "start ' ': a start's id must",
+        "start ' ': id must",
         "start ' ': label must",
         "a scene has 3 boxes, not 2",
         f"entry {entries[1]['id']!r}: statement has unprintable",
@@ -226,8 +226,8 @@ def test_check__all_faults_of_a_released_entry_are_reported_at_once(released: Pa
     path.write_text(json.dumps(content))
     found = "\n".join(map(str, check_corpus(released).faults))
     for name, messages in {
-        "blue-yes": ("sentence must be", "program 'exist('", "unknown label 'maybe'", "scene: a scene has 3 boxes"),
-        "blue-no": ("sentence must be a non-blank text, not 5", "label is true but"),
+        "blue-yes": ("statement must be", "program 'exist('", "label must be true", "scene: a scene has 3 boxes"),
+        "blue-no": ("statement must be a non-blank text, not 5", "label is true but"),
     }.items():
         for message in messages:
             assert f"entry {name!r}: {message}" in found

@@ -155,7 +155,7 @@ def test_load__says_what_it_waits_for(
 ):
     monkeypatch.setattr("lilgym_mp.corpus.loading.note_after", lambda note: note_after(note, seconds=0.0))
     path = written(entries)
-    monkeypatch.setattr("lilgym_mp.corpus.loading.CorpusFile", lambda *args, **kwargs: time.sleep(0.2))
+    monkeypatch.setattr("lilgym_mp.corpus.loading.read_corpus_file", lambda *args: time.sleep(0.2))
     with pytest.raises(AttributeError):
         load_tasks(path, "tower", "scratch", "train")
     assert capsys.readouterr().err == f"loading corpus {path} ...\n"
