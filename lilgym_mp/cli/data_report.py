@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 
+from lilgym_mp.corpus.formats import RELEASE_NAME as OFFICIAL_NAME
+from lilgym_mp.corpus.formats import released_name
 from lilgym_mp.corpus.official import FILE_FACTS, STATEMENT_COUNT
-from lilgym_mp.corpus.released import NAME as OFFICIAL_NAME
-from lilgym_mp.corpus.released import file_name
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import normalised, statement_form, words
 from lilgym_mp.envs.registration import configuration_name
@@ -61,7 +61,7 @@ def task_row(tasks: TaskSet) -> list[object]:
     row.append(sum(task.truth(task.start) for task in tasks))
     if not _is_official(tasks):
         return row
-    paper = FILE_FACTS[file_name(origin.appearance, origin.start, origin.split)]
+    paper = FILE_FACTS[released_name(origin.appearance, origin.start, origin.split)]
     return [*row, paper.tasks, paper.contexts]
 
 
