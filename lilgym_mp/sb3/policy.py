@@ -27,7 +27,7 @@ from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.update import mini_batches
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe
-from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import structured_observation_v0
@@ -180,7 +180,7 @@ class Recipe(NamedTuple):
 def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> Recipe:
     """The recipe for a configuration; `environment`: other fields of `Settings`. Raises ValueError, CorpusError."""
     settings = Settings(configuration, corpus, **environment)
-    ours, words = make_recipe("ours", configuration), Vocabulary.from_statements(training_statements(settings)).words
+    ours, words = PPORecipe.of(configuration), Vocabulary.from_statements(training_statements(settings)).words
     env = {
         "id": settings.id,
         "n_envs": ours.envs,

@@ -17,7 +17,7 @@ from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
-from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.corpora import write_own_corpus
 
@@ -37,7 +37,7 @@ def interrupt(progress: object) -> None:
 
 
 def test_ppo__goes_on_to_the_steps_it_was_begun_with(own: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    recipe = make_recipe("ours", "TowerScratch", seed=3, **PPO)
+    recipe = PPORecipe.of("TowerScratch", seed=3, **PPO)
     settings = Settings("TowerScratch", corpus=own, horizon=7)
     with pytest.raises(KeyboardInterrupt):
         train_ppo(settings, recipe, tmp_path / "run", steps=96, device="cpu", on_progress=interrupt)
@@ -49,7 +49,7 @@ def test_ppo__goes_on_to_the_steps_it_was_begun_with(own: str, tmp_path: Path, c
 
 
 def test_ppo__a_budget_given_anew_is_remembered(own: str, tmp_path: Path):
-    recipe = make_recipe("ours", "TowerScratch", **PPO)
+    recipe = PPORecipe.of("TowerScratch", **PPO)
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=32, device="cpu")
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path, steps=64, device="cpu", resume=True)
     assert json.loads((tmp_path / "run.json").read_text())["options"]["steps"] == 64
@@ -72,7 +72,7 @@ def test_imitation__goes_on_to_the_updates_it_was_begun_with(own: str, tmp_path:
 
 def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe = ParserRecipe(seed=2, **PARSER)
-    monkeypatch.setattr(parsing, "REPORT_EVERY", 20)
+    monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
     with pytest.raises(KeyboardInterrupt):
         parsing.train_parser(own, recipe, tmp_path / "run", device="cpu", on_progress=interrupt)
     assert not (tmp_path / "run" / "agent.safetensors").exists()

@@ -31,7 +31,7 @@ from lilgym_mp.learning.common.model_file import (
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.ppo.agent import describe, make_model
-from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.scene.appearances import make_appearance
 
 DESCRIPTION = ModelDescription(
@@ -167,7 +167,7 @@ def _shipped_agent(name: str) -> tuple[ModelDescription, dict[str, Tensor]]:
 
 
 def _ppo_agent() -> tuple[ModelDescription, dict[str, Tensor]]:
-    recipe = make_recipe("ours", "TowerScratch")
+    recipe = PPORecipe.of("TowerScratch")
     model = make_model(recipe, make_appearance("tower"), statements=["there is a blue block"])
     return describe(Settings("TowerScratch"), recipe, "ours", ("TowerScratch",), model, {}), model.state_dict()
 

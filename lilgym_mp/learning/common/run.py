@@ -26,7 +26,7 @@ from lilgym_mp.learning.common.run_directory import (
 )
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
-REPORT_SECONDS = 15.0
+REPORT_SECONDS = 15.0  # CPU time between lines of progress.jsonl
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 SAME_REQUEST_SECONDS = 5.0  # SIGTERMs this close together are one request: with PR_SET_PDEATHSIG Linux sends a child
 # one for each thread of a killed parent
@@ -70,13 +70,6 @@ class Budget(NamedTuple):
                 raise ValueError(f"the budget in {name} must be above 0, not {value:g}")
 
 
-class Every(NamedTuple):
-    """An interval between reports or between checkpoints; the default is one step of the algorithm."""
-
-    amount: int = 0  # of the budget's unit
-    seconds: float = 0.0  # CPU time
-
-
 class Session(TypedDict, total=False):
     """Keyword arguments of every learner's function that trains."""
 
@@ -101,22 +94,14 @@ class TrainingRun(ABC, Generic[Measured]):
     counters: Counters  # the learner's own
     files: RunDirectory
     saves_agent_early: ClassVar[bool] = False  # also when it is interrupted
+    reports_every_step: ClassVar[bool] = False
 
-    def __init__(
-        self,
-        out: Path,
-        budget: Budget,
-        session: Session,
-        report_every: Every | None = None,
-        save_every: Every | None = None,
-    ) -> None:
+    def __init__(self, out: Path, budget: Budget, session: Session) -> None:
         """`out`: the run directory, empty or new unless the run is resumed. Raises ValueError for an invalid budget."""
         budget.check()
         self.budget, self.out, self.resume = budget, out, session.get("resume", False)
         self.device = select_device(session.get("device", "auto"))
         self.say, self._on_progress = session.get("say", _ignore), session.get("on_progress", _ignore)
-        self._report_every = report_every or Every(seconds=REPORT_SECONDS)
-        self._save_every = save_every or Every(seconds=SAVE_SECONDS)
         self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
         self.stop = StopRequest()
 
@@ -221,15 +206,15 @@ class TrainingRun(ABC, Generic[Measured]):
         Raises TrainingRunError if the budget allows none, TrainingError if a loss is not finite.
         """
         recent: list[Any] = []
-        saved = reported = Every(self.spent(), self.seconds())
+        saved = reported = self.seconds()
         with stop_on_signals() as self.stop, self.errors_located():
             while not self.is_over() and self.progress() < until and not self.stop.requested:
                 recent.append((step or self.step)())
-                now = Every(self.spent(), self.seconds())
-                if _is_due(now, reported, self._report_every):
+                now = self.seconds()
+                if self.reports_every_step or now - reported >= REPORT_SECONDS:
                     self._report((progress_line or self.progress_line)(recent))
                     recent, reported = [], now
-                if _is_due(now, saved, self._save_every):
+                if now - saved >= SAVE_SECONDS:
                     self.save()
                     saved = now
             if recent:
@@ -285,10 +270,6 @@ class TrainingRun(ABC, Generic[Measured]):
         """Details of the model file."""
         minutes, exploring = self.seconds() / 60, self.counters.collection_seconds / 60
         return {"cpu_minutes": round(minutes, 2), "collection_cpu_minutes": round(exploring, 2)}
-
-
-def _is_due(now: Every, last: Every, interval: Every) -> bool:
-    return now.amount - last.amount >= interval.amount and now.seconds - last.seconds >= interval.seconds
 
 
 @dataclass

@@ -21,7 +21,7 @@ from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, ope
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import as_numpy
 from lilgym_mp.learning.common.model_file import weights_digest
-from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
@@ -104,7 +104,7 @@ def train_game(
 class Run(TrainingRun[Progress]):
     """A run in memory; a step is a rollout with its updates."""
 
-    saves_agent_early = True
+    saves_agent_early = reports_every_step = True
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class Run(TrainingRun[Progress]):
         partners: dict[Role, Sequence[Path | Partner]],
         start_from: Path | None,
     ) -> None:
-        super().__init__(out, budget, session, Every())
+        super().__init__(out, budget, session)
         self.counters: GameCounters = GameCounters()
         self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
         self.recipe = recipe

@@ -19,7 +19,6 @@ class ParserOptions(RunOptions):
     """The options of a parser's run besides its recipe, which has its budget."""
 
     corpus: str = setting("builtin", CORPUS_HELP, metavar="CORPUS")
-    save_every: int = setting(500, "updates between checkpoints", 1)
 
 
 LEARNER = Learner(

@@ -26,7 +26,7 @@ from lilgym_mp.learning.common import program_batches
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
-from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.parsing.agent import KIND, VERSION, ParseAndPlanAgent
 from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
@@ -34,7 +34,6 @@ from lilgym_mp.learning.parsing.planning import ProgramPlanner
 from lilgym_mp.learning.parsing.recipe import ParserRecipe
 
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
-REPORT_EVERY = 50  # updates
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
 MAX_STARTS = 2  # start scenes planned from per held-out statement and target, for calibration
 MIN_PROBABILITY = 1e-4  # probability of the correct program if the beam misses it
@@ -64,20 +63,13 @@ class TrainingData(NamedTuple):
     held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
 
 
-def train_parser(
-    corpus: str,
-    recipe: ParserRecipe,
-    out: Path,
-    *,
-    save_every: int = 500,
-    **session: Unpack[Session],
-) -> ParseAndPlanAgent:
+def train_parser(corpus: str, recipe: ParserRecipe, out: Path, **session: Unpack[Session]) -> ParseAndPlanAgent:
     """Trains one parser for all appearances in the corpus; saves and returns the agent.
 
     Equal corpus, recipe and number of threads give equal agents; a resumed run draws different random numbers. `out`,
     signals and errors as for `train_ppo`, but an interrupted run saves no agent.
     """
-    return _Run.trained(out, Budget("updates", recipe.updates), session, corpus, recipe, save_every)
+    return _Run.trained(out, Budget("updates", recipe.updates), session, corpus, recipe)
 
 
 def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
@@ -123,10 +115,8 @@ def _generated(
 class _Run(TrainingRun[float]):
     """A run in memory; a step is one of the optimiser."""
 
-    def __init__(
-        self, out: Path, budget: Budget, session: Session, corpus: str, recipe: ParserRecipe, save_every: int
-    ) -> None:
-        super().__init__(out, budget, session, Every(REPORT_EVERY), Every(save_every))
+    def __init__(self, out: Path, budget: Budget, session: Session, corpus: str, recipe: ParserRecipe) -> None:
+        super().__init__(out, budget, session)
         self.counters = Counters()
         self._corpus, self._recipe = corpus, recipe
         if not self.resume:

@@ -23,11 +23,8 @@ class PPOOptions(RunOptions):
     """The options of a PPO run besides its recipe; the defaults of the recipe's settings are those of `ours`."""
 
     steps: int = setting(1_000_000, "environment steps", 1)
-    recipe_name: str = setting(
-        DEFAULT_RECIPE, f"{', '.join(sorted(RECIPES))}, or a TOML file of settings", flag="recipe", metavar="NAME"
-    )
+    recipe_name: str = setting(DEFAULT_RECIPE, f"one of {', '.join(sorted(RECIPES))}", flag="recipe", metavar="NAME")
     weights: Path | None = setting(None, _WEIGHTS, kind=Path, metavar="DIR")
-    save_every: int = setting(100_000, "steps between checkpoints", 1)
     evaluate_every: int | None = setting(None, _EVALUATIONS, 1, kind=int)
 
 

@@ -6,10 +6,8 @@ code's defaults. [ours] this package's choice, often because neither specifies i
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 from lilgym_mp.evaluation import CONFIGURATIONS
@@ -28,11 +26,6 @@ TRANSFORMERS = ("c3-bert", "c10-bert", "vilt", "flava")  # models that need a di
 FINE_TUNED = ("vilt", "flava")
 DEFAULT_MODEL = "ours"
 DEFAULT_RECIPE = "ours"
-REPORTED_PARAMETERS = {  # parameter counts of the paper or the release
-    "c3-bert": "the release's: 2.59 million trained",
-    "vilt": "the paper's: 87.4 million",
-    "flava": "the paper's: 350 million",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +56,11 @@ class PPORecipe(UpdateRecipe):
 
     @classmethod
     def of(cls, configuration: str, named: str | None = None, **changes: Any) -> PPORecipe:
-        """`named`: one of RECIPES, by default `ours`, or a TOML file."""
+        """`named`: one of RECIPES, by default `ours`."""
         cls.check_known(changes)
         choose("configuration", configuration, CONFIGURATIONS)
-        name, model = named or DEFAULT_RECIPE, changes.get("model", DEFAULT_MODEL)
-        if name not in RECIPES and Path(name).suffix == ".toml":
-            from_file = _of_file(Path(name))
-            model = changes.get("model", from_file.get("model", model))
-            return cls(**{**_ours(configuration, model), **from_file, **changes})
-        return cls(**{**choose("recipe", name, RECIPES)(configuration, model), **changes})
+        settings = choose("recipe", named or DEFAULT_RECIPE, RECIPES)
+        return cls(**{**settings(configuration, changes.get("model", DEFAULT_MODEL)), **changes})
 
 
 def _paper(configuration: str, model: str) -> dict[str, Any]:
@@ -141,24 +130,3 @@ def _ours(configuration: str, model: str) -> dict[str, Any]:
 
 
 RECIPES: Mapping[str, Callable[[str, str], dict[str, Any]]] = {"ours": _ours, "paper": _paper, "release": _release}
-
-
-def make_recipe(name: str, configuration: str, **changes: Any) -> PPORecipe:
-    """The recipe called `name`, or from the TOML file `name`, for a configuration, with some settings changed.
-
-    Raises ValueError naming the choices, the file, or a setting and its bounds.
-    """
-    return PPORecipe.of(configuration, name, **changes)
-
-
-def _of_file(path: Path) -> dict[str, Any]:
-    try:
-        settings = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-        PPORecipe.check_known(settings)
-        for each in fields(PPORecipe):
-            kind = type(each.default)
-            if each.name in settings and type(settings[each.name]) not in ({kind, int} if kind is float else {kind}):
-                raise ValueError(f"{each.name} must be of type {kind.__name__}, not {settings[each.name]!r}")
-    except (OSError, ValueError) as error:
-        raise ValueError(f"{path}: {error}") from None
-    return settings

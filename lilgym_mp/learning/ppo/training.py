@@ -21,9 +21,8 @@ from lilgym_mp.envs.registration import configuration_name
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
-from lilgym_mp.learning.common.model import Model
-from lilgym_mp.learning.common.model_file import DeviceError, weights_digest
-from lilgym_mp.learning.common.run import Budget, Counters, Every, Session, TrainingRun
+from lilgym_mp.learning.common.model_file import weights_digest
+from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import (
     Experience,
@@ -35,7 +34,7 @@ from lilgym_mp.learning.common.update import (
     update,
 )
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe, make_model
-from lilgym_mp.learning.ppo.recipe import REPORTED_PARAMETERS, TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance
@@ -82,7 +81,6 @@ def train_ppo(
     steps: int,
     recipe_name: str = "ours",
     weights: Path | None = None,
-    save_every: int = 100_000,
     evaluate_every: int | None = None,
     **session: Unpack[Session],
 ) -> PPOAgent:
@@ -95,14 +93,14 @@ def train_ppo(
     rollout and raise KeyboardInterrupt. Raises ValueError for invalid arguments, TrainingRunError for an unusable
     `out`, TrainingError when the loss is not finite, CorpusError for unusable data.
     """
-    own = settings, recipe, recipe_name, weights, save_every, evaluate_every
-    return Run.trained(out, Budget("steps", steps), session, *own)
+    budget = Budget("steps", steps)
+    return Run.trained(out, budget, session, settings, recipe, recipe_name, weights, evaluate_every)
 
 
 class Run(TrainingRun[Progress]):
     """A run in memory; a step is a rollout with its updates."""
 
-    saves_agent_early = True
+    saves_agent_early = reports_every_step = True
 
     def __init__(
         self,
@@ -113,10 +111,9 @@ class Run(TrainingRun[Progress]):
         recipe: PPORecipe,
         recipe_name: str,
         weights: Path | None,
-        save_every: int,
         evaluate_every: int | None,
     ) -> None:
-        super().__init__(out, budget, session, Every(), Every(save_every))
+        super().__init__(out, budget, session)
         self.counters: PPOCounters = PPOCounters()
         self._settings, self.recipe, self._recipe_name = settings, recipe, recipe_name
         self.tasks = training_tasks(settings, recipe, matching=recipe.nlvr_reward)
@@ -133,7 +130,7 @@ class Run(TrainingRun[Progress]):
             "weights_sha256": None if weights is None else weights_digest(weights),
         }
         self.begin(identity, evaluate_every=evaluate_every)
-        _to(self.model, self.device)
+        self.model.to(self.device)
         self._optimiser = make_optimiser(self.model, recipe)
         self._rng = np.random.default_rng(recipe.seed)
         self._collector = RolloutCollector(settings, recipe, self.tasks)
@@ -152,13 +149,12 @@ class Run(TrainingRun[Progress]):
         recipe, model, steps = self.recipe, self.model, self.counters.steps
         resumed = f", resumed after {steps:,}" if steps else ""
         frozen = f" and {model.frozen_parameters:,} frozen" if model.frozen_parameters else ""
-        reported = REPORTED_PARAMETERS.get(recipe.model)
         return (
             f"{self.configurations[0]}, corpus {self._settings.corpus}, {len(self.tasks.tasks):,} training tasks,"
             f" {len(self.tasks.validation):,} for validation; {self.budget.amount:,} steps{resumed}\n"
-            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen}"
-            f"{'' if reported is None else f' ({reported})'}; {'PPO+SF' if recipe.stop_forcing else 'PPO'},"
-            f" {'a' if recipe.mask else 'no'} mask of legal actions, seed {recipe.seed}\n"
+            f"model {recipe.model}: {model.trained_parameters:,} trained parameters{frozen};"
+            f" {'PPO+SF' if recipe.stop_forcing else 'PPO'}, {'a' if recipe.mask else 'no'} mask of legal actions,"
+            f" seed {recipe.seed}\n"
             f"run directory: {self.out}"
         )
 
@@ -291,17 +287,3 @@ class Run(TrainingRun[Progress]):
         self.files.save_agent(description, self.model.state_dict())
         self._collector.close()
         return PPOAgent(description, self._settings, self.model.eval(), self.recipe.mask)
-
-
-def _to(model: Model, device: torch.device) -> None:
-    """Moves the model. Raises DeviceError with the memory needed if it does not fit."""
-    if device.type == "cuda":
-        weight, moments = 4, 8  # bytes of a parameter and its gradient, and of Adam's two moments
-        needed = model.trained_parameters * (2 * weight + moments) + model.frozen_parameters * weight
-        free, _ = torch.cuda.mem_get_info(device)
-        if needed > free:
-            raise DeviceError(
-                f"the model needs {needed / 2**30:.1f} GiB on {device} for weights, gradients and optimiser alone,"
-                f" but {free / 2**30:.1f} GiB are free; choose a smaller model or another device"
-            )
-    model.to(device)

@@ -220,30 +220,25 @@ def test_training__is_reproducible_by_seed(tmp_path: Path):
     assert files[0] == files[1] != files[2]
 
 
-def test_resume__continues_from_the_last_checkpoint(tmp_path: Path):
+def test_resume__continues_from_the_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     own = write_own_corpus(tmp_path / "own.jsonl")
     recipe = dataclasses.replace(SMALL, updates=40)
-
-    def interrupt(progress: object) -> None:
-        signal.raise_signal(signal.SIGINT)
-        signal.raise_signal(signal.SIGINT)  # at once, without a checkpoint
-
-    monkeypatched = 10
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "REPORT_EVERY", monkeypatched + 5)
-        with pytest.raises(KeyboardInterrupt):
-            train_parser(
-                str(own), recipe, tmp_path / "run", save_every=monkeypatched, on_progress=interrupt, device="cpu"
-            )
-    assert not (tmp_path / "run" / AGENT_FILE).exists()
     steps: list[int] = []
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(training, "REPORT_EVERY", 1)
-        train_parser(
-            str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
-        )
-    assert steps[0] == monkeypatched + 1
-    assert steps[-1] == 40
+
+    def interrupt(progress: training.Progress) -> None:
+        if progress.updates == 11:
+            signal.raise_signal(signal.SIGINT)
+            signal.raise_signal(signal.SIGINT)  # at once, without a checkpoint
+
+    monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
+    monkeypatch.setattr("lilgym_mp.learning.common.run.SAVE_SECONDS", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        train_parser(str(own), recipe, tmp_path / "run", on_progress=interrupt, device="cpu")
+    assert not (tmp_path / "run" / AGENT_FILE).exists()
+    train_parser(
+        str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
+    )
+    assert (steps[0], steps[-1]) == (11, 40)
     assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"
 
 

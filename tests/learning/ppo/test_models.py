@@ -19,7 +19,7 @@ from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import WeightsError
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.agent import make_model
-from lilgym_mp.learning.ppo.recipe import make_recipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 
@@ -114,7 +114,7 @@ def test_ours__depends_on_statement_target_and_every_box(ours: BoxTransformer):
 
 @pytest.mark.parametrize("critic", ["separate", "shared"])
 def test_critic__shares_weights_only_if_shared(critic: str):
-    recipe = make_recipe("ours", "TowerFlipIt", critic=critic)
+    recipe = PPORecipe.of("TowerFlipIt", critic=critic)
     model = make_model(recipe, Tower(), statements=STATEMENTS)
     model(seen()[0]).values.sum().backward()
     touched = {name for name, weight in model.named_parameters() if weight.grad is not None}
@@ -184,7 +184,7 @@ def test_pretrained__trained_agent_is_saved_and_reloaded(
     tmp_path: Path, own: str, tiny: dict[str, Path], model: str, critic: str
 ):
     settings = Settings("TowerFlipIt", corpus=own, horizon=3)
-    recipe = make_recipe("paper", "TowerFlipIt", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
+    recipe = PPORecipe.of("TowerFlipIt", "paper", model=model, critic=critic, stop_forcing=True, microbatch=3, **SHORT)
     weights = tiny[ARCHITECTURE[model]]
     agent = train_ppo(settings, recipe, tmp_path, steps=8, weights=weights, device="cpu")
     assert agent.description.supervision.endswith("no mask of legal actions; pretrained weights")
@@ -201,7 +201,7 @@ def test_pretrained__is_trained_in_bfloat16_on_cpus_with_amx(
     monkeypatch.setattr(torch.cpu, "get_capabilities", lambda: {"amx_bf16": has_amx}, raising=False)
     weights: list[torch.Tensor] = []
     for reduced in (False, True):
-        recipe = make_recipe("paper", "TowerScratch", model="c3-bert", reduced_precision=reduced, **SHORT)
+        recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", reduced_precision=reduced, **SHORT)
         settings, out = Settings("TowerScratch", corpus=own), tmp_path / str(reduced)
         train_ppo(settings, recipe, out, steps=8, weights=tiny["bert"], device="cpu")
         weights.append(load_file(out / "agent.safetensors")["actor.image.weight"])
@@ -212,7 +212,7 @@ def test_pretrained__is_trained_in_bfloat16_on_cpus_with_amx(
 def test_convolutions_and_bert__have_the_documented_parameter_counts_at_full_size(
     tiny: dict[str, Path], name: str, millions: float
 ):
-    recipe = make_recipe("release", "TowerScratch", model=name)
+    recipe = PPORecipe.of("TowerScratch", "release", model=name)
     model = make_model(recipe, Tower(), weights=tiny["bert"])
     width, full = 16, 768
     at_full_size = model.trained_parameters + 2 * 512 * (full - width)  # the statement joins two layers of 512
@@ -238,7 +238,7 @@ def test_frozen_bert__averages_layers_and_word_pieces(tiny: dict[str, Path]):
 
 
 def test_vilt__depends_on_the_target_and_trains_its_token_embedding(tiny: dict[str, Path]):
-    recipe = make_recipe("release", "TowerScratch", model="vilt")
+    recipe = PPORecipe.of("TowerScratch", "release", model="vilt")
     model = make_model(recipe, make_appearance("tower"), weights=tiny["vilt"]).eval()
     states, _ = seen(count=2)
     found = model(states)
@@ -289,13 +289,13 @@ def test_weights__unusable_directories_are_rejected_with_the_reason(
         save_file(kept, tensors, {"format": "pt"})
     named = {"none": None, "nowhere": tmp_path / "nowhere"}.get(damage, place)
     with pytest.raises(WeightsError, match=fault):
-        make_model(make_recipe("paper", "TowerScratch", model="c3-bert"), Tower(), weights=named)
+        make_model(PPORecipe.of("TowerScratch", "paper", model="c3-bert"), Tower(), weights=named)
 
 
 def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, tiny: dict[str, Path]):
     place = tmp_path / "weights"
     shutil.copytree(tiny["bert"], place)
-    recipe = make_recipe("paper", "TowerScratch", model="c3-bert", **SHORT)
+    recipe = PPORecipe.of("TowerScratch", "paper", model="c3-bert", **SHORT)
     train_ppo(Settings("TowerScratch", corpus=own), recipe, tmp_path / "run", steps=8, weights=place, device="cpu")
     (place / "more.safetensors").write_bytes(b"")
     with (place / "model.safetensors").open("ab") as file:
@@ -309,4 +309,4 @@ def test_weights__changed_since_training_are_rejected(tmp_path: Path, own: str, 
 
 def test_weights__are_rejected_by_ours():
     with pytest.raises(WeightsError, match="'ours' has no pretrained weights; leave --weights out"):
-        make_model(replace(make_recipe("ours", "TowerScratch")), Tower(), weights=Path("somewhere"))
+        make_model(replace(PPORecipe.of("TowerScratch")), Tower(), weights=Path("somewhere"))

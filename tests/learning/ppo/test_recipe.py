@@ -1,21 +1,20 @@
-"""Recipes: named ones, TOML files and invalid values."""
+"""Recipes: named ones and invalid values."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.learning.ppo.recipe import MODELS, RECIPES, PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.recipe import MODELS, RECIPES, PPORecipe
 
 
 @pytest.mark.parametrize("name", sorted(RECIPES))
 @pytest.mark.parametrize("model", sorted(MODELS))
 @pytest.mark.parametrize("configuration", sorted(CONFIGURATIONS))
 def test_recipe__each_supports_every_model_and_configuration(name: str, model: str, configuration: str):
-    recipe = make_recipe(name, configuration, model=model, stop_forcing=True, seed=3)
+    recipe = PPORecipe.of(configuration, name, model=model, stop_forcing=True, seed=3)
     assert (recipe.model, recipe.stop_forcing, recipe.seed, recipe.mask) == (model, True, 3, False)
     assert PPORecipe.from_json(recipe.to_json()) == recipe
 
@@ -36,7 +35,7 @@ def test_recipe__named_ones_set_every_relevant_value(name: str):
     ],
 )
 def test_paper__has_the_values_of_its_table(configuration: str, model: str, wanted: dict[str, Any]):
-    recipe = make_recipe("paper", configuration, model=model)
+    recipe = PPORecipe.of(configuration, "paper", model=model)
     assert {name: getattr(recipe, name) for name in wanted} == wanted
     assert (recipe.rollout, recipe.batch_size, recipe.critic, recipe.sampled) == (2048, 64, "separate", True)
     assert recipe.cap_every_ratio
@@ -60,24 +59,10 @@ def test_recipe__rejects_invalid_values(settings: dict[str, Any], fault: str):
         PPORecipe(**settings)
 
 
-def test_recipe__rejects_unknown_names_and_settings(tmp_path: Path):
+def test_recipe__rejects_unknown_names_and_settings():
     with pytest.raises(ValueError, match="unknown recipe 'theirs'; choose from ours, paper, release"):
-        make_recipe("theirs", "TowerScratch")
+        PPORecipe.of("TowerScratch", "theirs")
     with pytest.raises(ValueError, match="unknown setting 'lr' of a recipe; choose from seed, "):
         PPORecipe.from_json({"lr": 3})
     with pytest.raises(ValueError, match="unknown configuration 'Tower'"):
-        make_recipe("ours", "Tower")
-    file = tmp_path / "own.toml"
-    file.write_text("lr = 3")
-    with pytest.raises(ValueError, match=r"own\.toml: unknown setting 'lr' of a recipe"):
-        make_recipe(str(file), "TowerScratch")
-    file.write_text('clip = "wide"')
-    with pytest.raises(ValueError, match=r"own\.toml: clip must be of type float, not 'wide'"):
-        make_recipe(str(file), "TowerScratch")
-
-
-def test_recipe__file_overrides_ours_and_options_override_both(tmp_path: Path):
-    file = tmp_path / "own.toml"
-    file.write_text("clip = 0.1\nepochs = 3\n")
-    recipe = make_recipe(str(file), "TowerFlipIt", epochs=4)
-    assert (recipe.clip, recipe.epochs, recipe.empty_starts) == (0.1, 4, 0.25)
+        PPORecipe.of("Tower")

@@ -25,7 +25,7 @@ from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions
-from lilgym_mp.learning.ppo.recipe import PPORecipe, make_recipe
+from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve
@@ -212,7 +212,7 @@ def test_train__keeps_the_best_validated_weights_and_stops_by_patience(
 
 
 def test_tasks__held_out_statements_are_in_no_training_task(own: str):
-    recipe = make_recipe("ours", "TowerFlipIt", held_out=0.34)
+    recipe = PPORecipe.of("TowerFlipIt", held_out=0.34)
     tasks = training_tasks(Settings("TowerFlipIt", corpus=own), recipe)
     train = load_tasks(own, "tower", "flipit", "train")
     held_out = {train.by_id(name).statement for name in tasks.validation}
@@ -222,7 +222,7 @@ def test_tasks__held_out_statements_are_in_no_training_task(own: str):
 
 
 def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
-    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), make_recipe("ours", "TowerFlipIt", held_out=0))
+    tasks = training_tasks(Settings("TowerFlipIt", corpus=own), PPORecipe.of("TowerFlipIt", held_out=0))
     assert "There is something blue." in tasks.statements  # of yellow and black ones
     empty = [task for task, begins in zip(tasks.tasks, tasks.from_empty, strict=True) if begins]
     assert empty
@@ -233,13 +233,13 @@ def test_tasks__of_ours_include_recoloured_and_empty_starts(own: str):
 
 def test_tasks__of_the_paper_are_the_corpus(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
-    plain = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
+    plain = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
     assert list(plain.tasks) == list(load_tasks(own, "tower", "flipit", "train"))
 
 
 def test_sampler__is_uniform_over_tasks_and_groups_share_a_statement(own: str):
     settings = Settings("TowerFlipIt", corpus=own)
-    tasks = training_tasks(settings, make_recipe("paper", "TowerFlipIt", held_out=0))
+    tasks = training_tasks(settings, PPORecipe.of("TowerFlipIt", "paper", held_out=0))
     rng = np.random.default_rng(0)
     sampler = TaskSampler(tasks, replace(SMALL, envs=4))
     counts = np.bincount([task for _ in range(2_000) for task in sampler.sample(np.arange(4), rng)])
@@ -328,7 +328,7 @@ def test_train__every_recipe_and_configuration_gives_an_agent(
     tmp_path: Path, own: str, recipe_name: str, configuration: str
 ):
     short = {"rollout": 16, "batch_size": 16, "epochs": 1, "envs": 2, "same_statement": 1, "held_out": 0.0}
-    recipe = make_recipe(recipe_name, configuration, stop_forcing=True, **short)
+    recipe = PPORecipe.of(configuration, recipe_name, stop_forcing=True, **short)
     settings = Settings(configuration, corpus=own, horizon=2)
     trained(tmp_path, 16, recipe, settings, recipe_name=recipe_name)
     agent = open_agent(tmp_path, "cpu")
