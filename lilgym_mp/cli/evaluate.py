@@ -33,7 +33,6 @@ from lilgym_mp.evaluation.options import (
     add_seed,
     add_settings,
     add_split,
-    argument_type,
     check_at_least,
     given_environment,
 )
@@ -133,25 +132,18 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="play this game, with runs of single agents or scripted partners (default configuration: TowerFlipIt)",
     )
     game.add_argument("--cross-play", action="store_true", help="play every proposer with every verifier")
-    game.add_argument(
-        "--best-response",
-        type=argument_type(int),
-        metavar="STEPS",
-        help="train a deceptive proposer against each run's verifier for this many turns, and report the share of"
-        " games in which it gets a false claim accepted",
-    )
     add_device(parser)
     add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     check_at_least(args, 0, "seed")
-    check_at_least(args, 1, "passes", "threads", "best_response")
+    check_at_least(args, 1, "passes", "threads")
     if args.record is None and (args.optimal or args.record_decisions):
         raise CommandError(f"{'--optimal' if args.optimal else '--record-decisions'} needs --record DIR")
     if args.judge_decisions and not args.record_decisions:
         raise CommandError("--judge-decisions needs --record-decisions")
-    plays_game = bool(args.protocol or args.cross_play or args.best_response)
+    plays_game = bool(args.protocol or args.cross_play)
     if not (args.agents or args.policy or plays_game):
         raise CommandError("name run directories of trained agents, policies with --policy, or a game with --protocol")
     if args.out is not None:

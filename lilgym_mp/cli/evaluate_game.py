@@ -39,22 +39,15 @@ class Player(NamedTuple):
 def evaluate_games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> int:
     if args.policy or args.record is not None:
         raise CommandError("--policy and --record are for the single-agent environment; --out FILE writes games")
-    if args.best_response is not None and not agents:
-        raise CommandError("--best-response trains against the verifiers of runs: name some")
     games = [(settings, _pairs(settings, agents, all_pairs=args.cross_play)) for settings in _games(args, agents)]
     results: list[list[dict[str, Any]]] = []  # by game
-    exploited: set[Path] = set()  # runs whose verifiers' best responses are known
     with Progress(sum(len(pairs) for _, pairs in games), "pairs") as progress:
         for settings, pairs in games:
             env = BaseGameEnv(settings)
             results.append([])
             for proposer, verifier in pairs:
                 measured = measure(env, proposer.partner, verifier.partner, seed=args.seed)
-                exploitability = None
-                if args.best_response is not None and verifier.run is not None and verifier.run not in exploited:
-                    exploitability = _exploitability(env, settings, verifier, args)
-                    exploited.add(verifier.run)
-                results[-1].append(_result(settings, proposer, verifier, measured, exploitability, args.seed))
+                results[-1].append(_result(settings, proposer, verifier, measured, args.seed))
                 progress.advance()
     for (settings, _), found in zip(games, results, strict=True):
         print(f"\n{settings.configuration}, {settings.protocol}, {args.split}, corpus {settings.corpus}\n")
@@ -103,22 +96,7 @@ def _is_needed(proposer: Player, verifier: Player) -> bool:
     return verifier.run == proposer.run or verifier.name in ("oracle", TARGET_ONLY)
 
 
-def _exploitability(env: BaseGameEnv, settings: GameSettings, verifier: Player, args: argparse.Namespace) -> float:
-    """The share of games in which a proposer trained against the verifier gets a false claim accepted."""
-    from lilgym_mp.learning.game.population import best_response
-
-    agent = best_response(verifier.partner, Role.PROPOSER, settings, steps=args.best_response, seed=args.seed)
-    return measure(env, agent, verifier.partner, seed=args.seed).accepted_false_claims
-
-
-def _result(
-    settings: GameSettings,
-    proposer: Player,
-    verifier: Player,
-    measured: Metrics,
-    exploitability: float | None,
-    seed: int,
-) -> dict[str, Any]:
+def _result(settings: GameSettings, proposer: Player, verifier: Player, measured: Metrics, seed: int) -> dict[str, Any]:
     measures = measured.to_json()
     return {
         "proposer": proposer.name,
@@ -129,7 +107,6 @@ def _result(
         "split": settings.split,
         "seed": seed,
         "success": measures.pop("success_rate"),
-        "exploitability": exploitability,
         **measures,
     }
 
@@ -150,7 +127,6 @@ def _row(result: Mapping[str, Any]) -> dict[str, str]:
         "true accepts T/F": true,
         "false accepts T/F": false,
         "lies accepted": _percent(result["accepted_false_claims"]),
-        "exploitability": _percent(result["exploitability"]),
     }
 
 

@@ -13,7 +13,6 @@ from lilgym_mp.envs.proposer_verifier import SCRIPTED, GameSettings, Role
 from lilgym_mp.evaluation import Settings, random_legal
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import Agent
-from lilgym_mp.learning.game import population
 from tests.corpora import write_own_corpus
 
 
@@ -67,7 +66,7 @@ def test_without_runs__scripted_partners_play_each_other(tmp_path: Path, own: st
     found = results(file)
     assert len(found) == 5 * len(SCRIPTED_VERIFIERS)
     lie = found["expert-deceptive", "always-accept"]
-    assert (lie["success"], lie["exploitability"]) == (0.0, None)
+    assert lie["success"] == 0.0
     assert lie["accepted_false_claims"] > 0.9
     assert lie["by_target"] == {
         "true": {"games": 3, "success_rate": 0.0, "true_accept_rate": None, "false_accept_rate": 1.0, "j": None}
@@ -87,29 +86,6 @@ def test_run__plays_with_its_own_other_side_an_oracle_and_the_baseline(
     assert main(["evaluate", "a", *game, "--out", str(file)]) == 0
     pairs = {("a", "a"), ("a", "oracle"), ("a", "target-only"), ("expert", "a"), ("expert-deceptive", "a")}
     assert results(file).keys() == pairs
-
-
-@pytest.mark.parametrize("role", [None, Role.VERIFIER])
-def test_best_response__is_trained_once_for_each_verifier(
-    tmp_path: Path, own: str, runs: dict[str, Trained], monkeypatch: pytest.MonkeyPatch, role: Role | None
-):
-    runs["a"] = Trained(own)
-    partner = runs["a"].partner
-
-    def seat(asked: Role, game: GameSettings) -> Any:
-        return partner(asked, game) if role in (None, asked) else None
-
-    monkeypatch.setattr(runs["a"], "partner", seat)
-    frozen: list[Any] = []
-    monkeypatch.setattr(
-        population, "best_response", lambda *args, **options: frozen.append(args[0]) or SCRIPTED["deceptive"]
-    )
-    file = tmp_path / "results.json"
-    assert main(["evaluate", "a", "--best-response", "1", "--out", str(file)]) == 0
-    found = {pair: entry["exploitability"] for pair, entry in results(file).items()}
-    assert {pair for pair, value in found.items() if value is not None} == {("expert" if role else "a", "a")}
-    assert 0.0 in found.values()  # an oracle is not exploited
-    assert frozen == [SCRIPTED["oracle"]]
 
 
 def test_cross_play__plays_every_proposer_with_every_verifier(tmp_path: Path, own: str, runs: dict[str, Trained]):
@@ -133,7 +109,6 @@ def test_runs_of_different_games__are_refused(runs: dict[str, Trained], capsys: 
         (["nowhere"], "no trained agent at nowhere"),
         (["--protocol", "vote"], "invalid choice: 'vote' (choose from "),
         (["--protocol", "veto", "--configuration", "Towers"], "unknown configuration 'Towers'"),
-        (["--best-response", "1"], "--best-response trains against the verifiers of runs"),
         (["--cross-play", "--seed", "-1"], "seed"),
     ],
 )

@@ -192,7 +192,7 @@ def test_critique__a_message_reaches_the_proposer(browser: Browser):
 
 
 def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
-    chosen = {"protocol": "audit", "rewards": "log", "configuration": "TowerFlipIt"}
+    chosen = {"protocol": "audit", "rewards": "brier", "configuration": "TowerFlipIt"}
     made = begin(browser, proposer="deceptive", verifier="person", **chosen)
     answers = [f"holds with probability {share}" for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
     assert seat(browser, made["verifier"])["answers"] == answers

@@ -117,8 +117,8 @@ class BatchedGames:
     def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
         setup = self._setup
-        if intent is None:
-            intent = setup.game.rewards.fixed_intent
+        if intent is None and not setup.game.rewards.draws_intent:
+            intent = Intent.HELPFUL
         sampled = self._sampled(indices) if task is None and self._sampler is not None else None
         tasks = np.empty(len(indices), np.int64)
         intents = np.full(len(indices), 0 if intent is None else int(intent))
@@ -140,7 +140,7 @@ class BatchedGames:
 
     def _sample_task_index(self, index: int) -> int:
         generator, setup = self._generators[index], self._setup
-        if setup.game.rewards.fixed_intent is None:  # tasks and intents are drawn alternately, so not in advance
+        if setup.game.rewards.draws_intent:  # tasks and intents are drawn alternately, so not in advance
             return setup.sample_task_index(generator)
         if not self._draws[index]:
             self._draws[index] = next_draws(generator, len(setup.tasks))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
-from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, OracleVerifier, Partner, batch_actions
+from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.proposer_verifier.settings import GameSetup
@@ -247,14 +247,3 @@ def cross_play(
         for proposer in proposers
         for verifier in verifiers
     }
-
-
-def exploitability(env: Any, proposer: Partner, verifier: Partner, **kwargs: Any) -> float:
-    """How much more the proposer earns per game against `verifier` than against an oracle verifier.
-
-    0 if it cannot exploit the verifier's errors. Arguments as for `play_games`.
-    """
-    against_verifier, against_oracle = (
-        measure(env, proposer, opponent, **kwargs).mean_return_proposer for opponent in (verifier, OracleVerifier())
-    )
-    return against_verifier - against_oracle

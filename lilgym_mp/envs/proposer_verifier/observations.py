@@ -170,7 +170,7 @@ class ObservedGames(GameArrays):
         if game.message_sizes[role.other]:
             size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
             add("message", lambda: (spaces.Discrete(size + 1), partial(self._messages, role.other)), role)
-        if role is PROPOSER and game.rewards.fixed_intent is None:
+        if role is PROPOSER and game.rewards.draws_intent:
             add("intent", lambda: (spaces.Discrete(len(Intent)), self._intents))
         return parts
 

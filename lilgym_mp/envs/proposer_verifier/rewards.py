@@ -9,7 +9,7 @@ from enum import IntEnum
 from functools import partial
 from typing import NamedTuple
 
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role, TurnDecision
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, TurnDecision
 from lilgym_mp.scene.choices import choose, register
 
 ACCEPTANCE_THRESHOLD = 0.5  # a stated probability above it accepts the claim
@@ -66,9 +66,9 @@ def _correctness(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     return -costs.false_accept if judgement.accepted else -costs.false_reject
 
 
-def _log(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """The natural logarithm of the probability given to the truth."""
-    return math.log(judgement.probability if judgement.holds else 1 - judgement.probability)
+def _brier(judgement: Judgement, intent: Intent, costs: Costs) -> float:
+    """Minus the squared distance of the stated probability from the truth."""
+    return -((judgement.probability - judgement.holds) ** 2)
 
 
 def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
@@ -83,19 +83,10 @@ def _if_judged(term: Term, mdp_reward: float, judgement: Judgement | None, inten
 TERMS: dict[str, Callable[[float, Judgement | None, Intent, Costs], float]] = {
     "mdp": lambda mdp_reward, judgement, intent, costs: mdp_reward,
     "mdp_if_helpful": lambda mdp_reward, judgement, intent, costs: mdp_reward if intent is Intent.HELPFUL else 0.0,
-    **{
-        name: partial(_if_judged, term)
-        for name, term in {
-            "correctness": _correctness,
-            "brier": lambda judgement, intent, costs: -((judgement.probability - judgement.holds) ** 2),
-            "log": _log,
-            "helpful": lambda judgement, intent, costs: _hidden(judgement, Intent.HELPFUL, costs),
-            "deceptive": lambda judgement, intent, costs: _hidden(judgement, Intent.DECEPTIVE, costs),
-            "hidden": _hidden,
-        }.items()
-    },
+    "correctness": partial(_if_judged, _correctness),
+    "brier": partial(_if_judged, _brier),
+    "hidden": partial(_if_judged, _hidden),
 }
-SCORING_RULES = ("brier", "log")  # proper scoring rules for a stated probability
 
 # Without the MDP's reward, a proposer with hidden intent earns nothing until a verifier that has learned nothing
 # accepts its claims, and both give up.
@@ -103,11 +94,8 @@ HIDDEN_REWARDS: AgentRewards = {"hidden": 1.0, "mdp_if_helpful": 0.2}
 PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # indexed by role
     "common": ("mdp", "mdp"),
     "correctness": ("mdp", "correctness"),
-    "helpful": ("helpful", "correctness"),
-    "deceptive": ("deceptive", "correctness"),
     "hidden": (HIDDEN_REWARDS, "correctness"),
     "brier": (HIDDEN_REWARDS, "brier"),
-    "log": (HIDDEN_REWARDS, "log"),
 }
 
 
@@ -116,7 +104,7 @@ class RewardScheme:
     """Both agents' rewards of a turn, by a function that is called once for each possible turn."""
 
     function: RewardFunction  # must depend on its arguments alone
-    fixed_intent: Intent | None = Intent.HELPFUL  # the proposer's in every episode; None if it is drawn at reset
+    draws_intent: bool = False  # at reset; otherwise the proposer is helpful in every episode
 
     def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
         """Indexed by role. Raises ValueError for a function that returns anything else."""
@@ -130,7 +118,7 @@ class RewardScheme:
 
 
 def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
-    """Raises ValueError naming the choices for unknown names, and for scoring rules without probabilities."""
+    """Raises ValueError naming the choices for unknown names, and for "brier" without probabilities."""
     if callable(rewards):
         return RewardScheme(rewards)
     if isinstance(rewards, str):
@@ -143,12 +131,10 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
             raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
         proposer, verifier = (rewards[agent] for agent in AGENTS)
     weights = _weights(proposer), _weights(verifier)
-    for rule in SCORING_RULES:
-        if not has_probabilities and any(rule in terms for terms in weights):
-            raise ValueError(f'reward {rule!r} scores a probability: it needs protocol="audit" and verdict_bins')
-    intent = Intent.DECEPTIVE if "deceptive" in weights[Role.PROPOSER] else Intent.HELPFUL
-    is_drawn = any("hidden" in terms for terms in weights)
-    return RewardScheme(partial(_weighted_sums, weights, costs), None if is_drawn else intent)
+    named = {term for terms in weights for term in terms}
+    if "brier" in named and not has_probabilities:
+        raise ValueError("reward 'brier' scores a probability: it needs protocol=\"audit\" and verdict_bins")
+    return RewardScheme(partial(_weighted_sums, weights, costs), "hidden" in named)
 
 
 def _weighted_sums(

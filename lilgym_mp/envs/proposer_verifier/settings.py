@@ -189,10 +189,9 @@ class GameSetup:
 
     def sample_intent(self, rng: np.random.Generator) -> Intent:
         """The next episode's intent; uses `rng` only if intents are drawn."""
-        fixed = self.game.rewards.fixed_intent
-        if fixed is not None:
-            return fixed
-        return Intent.DECEPTIVE if rng.random() < self.deceptive_share else Intent.HELPFUL
+        if self.game.rewards.draws_intent and rng.random() < self.deceptive_share:
+            return Intent.DECEPTIVE
+        return Intent.HELPFUL
 
     @cached_property
     def vocabulary(self) -> Vocabulary:

@@ -18,10 +18,6 @@ from lilgym_mp.learning.common.recipes import RunOptions, setting
 from lilgym_mp.learning.game.recipe import GameRecipe
 
 _RUNS: Mapping[str, Any] = {"kind": Path, "nargs": "+", "metavar": "RUN"}
-_ROUNDS = (
-    "population rounds: a verifier learns against --proposers and all earlier ones, then a deceptive best response to"
-    " it joins them; each has the budget to itself"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +37,6 @@ class GameOptions(RunOptions):
     start_from: Path | None = setting(
         None, "start with the weights of a run of `ppo` or `game`", kind=Path, metavar="RUN"
     )
-    rounds: int | None = setting(None, _ROUNDS, 1, kind=int)
 
     @classmethod
     def remembered(cls, saved: Mapping[str, Any]) -> dict[str, Any]:
@@ -52,9 +47,4 @@ class GameOptions(RunOptions):
         return {**RunOptions.remembered.__func__(cls, saved), **partners}
 
 
-LEARNER = Learner(
-    GameRecipe,
-    GameOptions,
-    "lilgym_mp.learning.game.population:train",
-    config=GameSettings,
-)
+LEARNER = Learner(GameRecipe, GameOptions, "lilgym_mp.learning.game.training:train_game", config=GameSettings)

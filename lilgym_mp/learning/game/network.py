@@ -116,7 +116,8 @@ class GameNetwork(BoxTransformer):
     ) -> tuple[AgentPolicy, Tensor]:
         """The policy and values (N,) of one agent. `context` as in `situations`; `legal` (N, actions of the MDP)."""
         device = self.answers.weight.device
-        condition = self._condition(encoded, context)
+        indices = torch.from_numpy(context + self._offsets).to(device)
+        condition = self.target(encoded.targets) + self.context(indices)
         conditioned = self.judge(encoded.scenes + condition)
         sizes = self.game.message_sizes[role] + 1
         message = Categorical(self.messages[role](conditioned)) if sizes > 1 else None
@@ -129,18 +130,7 @@ class GameNetwork(BoxTransformer):
             choice = FactoredPolicy(self.factorisation, types, prediction.heads, mask)
             return AgentPolicy(choice, message, sizes), prediction.values
         answers = Categorical(self._answers(encoded, conditioned, context))
-        return AgentPolicy(answers, message, sizes), self.values(conditioned)
-
-    def values(self, conditioned: Tensor) -> Tensor:
-        return torch.tanh(self.value(conditioned).float()).squeeze(1)
-
-    def critic(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
-        """(N,) values alone."""
-        return self.values(self.judge(encoded.scenes + self._condition(encoded, context)))
-
-    def _condition(self, encoded: EncodedStates, context: Int64Array) -> Tensor:
-        indices = torch.from_numpy(context + self._offsets).to(self.answers.weight.device)
-        return self.target(encoded.targets) + self.context(indices)
+        return AgentPolicy(answers, message, sizes), torch.tanh(self.value(conditioned).float()).squeeze(1)
 
     def _answers(self, encoded: EncodedStates, conditioned: Tensor, context: Int64Array) -> Tensor:
         """(N, answers) logits: learned, plus what the claim's truth says about each answer."""

@@ -11,8 +11,7 @@ from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
 from lilgym_mp.scene.choices import choose
 
 ALGORITHMS = {
-    "independent": "a network and a critic for each agent (IPPO)",
-    "central": "a network for each agent, and one critic that also sees intents and truth (MAPPO)",
+    "independent": "a network for each agent (IPPO)",
     "shared": "one network for both agents, told whose turn it is (parameter sharing)",
 }
 VERIFIERS = {
@@ -30,7 +29,6 @@ class GameRecipe(UpdateRecipe):
     same_statement: int = setting(32, "games per group; a group plays one statement at a time", 1)
     rollout: int = setting(8192, "turns per rollout, over all games", 1)
     batch_size: int = setting(2048, "mini-batch size", 1)
-    warm: bool = setting(False, "in population rounds: a verifier continues from the last round's")
     held_out: float = setting(0.0, "fraction of training statements held out, for tuning", 0, 0.5)
     algorithm: str = setting("shared", "which networks there are", choices=ALGORITHMS)
     verifier: str = setting("both", "what the verifier learns from", choices=VERIFIERS)

@@ -17,7 +17,7 @@ from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.situations import CONTEXT, read_situations, with_hidden_facts
+from lilgym_mp.learning.game.situations import CONTEXT, read_situations
 from lilgym_mp.scene import BOX_COUNT
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Array, Int16Array, Int64Array
 
@@ -35,13 +35,11 @@ class Decision(NamedTuple):
 class Actors(Protocol):
     """The agents that learn."""
 
-    def decide(
-        self, role: Role, states: States, context: Int64Array, facts: Int64Array, legal: BoolArray | None
-    ) -> Decision:
-        """`facts`: the context for the critics; `legal` (k, actions of the MDP) for the proposer."""
+    def decide(self, role: Role, states: States, context: Int64Array, legal: BoolArray | None) -> Decision:
+        """`legal`: (k, actions of the MDP) for the proposer."""
         ...
 
-    def values(self, role: Role, states: States, context: Int64Array, facts: Int64Array) -> Float32Array:
+    def values(self, role: Role, states: States, context: Int64Array) -> Float32Array:
         """(k,) values of situations in which the agent is to move."""
         ...
 
@@ -53,7 +51,6 @@ class Turns:
     acted: BoolArray  # (T, N)
     boxes_of: Int64Array  # (T, N, 3)
     context: Int64Array  # (T, N, 7)
-    facts: Int64Array  # (T, N, 7) the context for the critics
     legal: BoolArray | None  # (T, N, actions of the MDP), for the proposer with a mask
     actions: Int64Array  # (T, N)
     log_probabilities: Float32Array  # (T, N)
@@ -65,10 +62,10 @@ class Turns:
         def zeros(dtype: Any, *shape: int) -> Any:
             return np.zeros((turns, games, *shape), dtype)
 
-        boxes, context, facts = (zeros(np.int64, count) for count in (BOX_COUNT, len(CONTEXT), len(CONTEXT)))
+        boxes, context = zeros(np.int64, BOX_COUNT), zeros(np.int64, len(CONTEXT))
         mask = zeros(np.bool_, legal) if legal else None
         reals = (zeros(np.float32) for _ in range(3))
-        return cls(zeros(np.bool_), boxes, context, facts, mask, zeros(np.int64), *reals)
+        return cls(zeros(np.bool_), boxes, context, mask, zeros(np.int64), *reals)
 
 
 class Claims(NamedTuple):
@@ -225,7 +222,6 @@ class RolloutPlayer:
             seen, context = read_situations(arrays, role, moving)
             if role is Role.VERIFIER:
                 items[moving] = seen
-            facts = self._facts(context, moving)
             if cached is None or arrays.game.turn_based:
                 boxes_of = self._table.item_indices(seen)
                 cached = boxes_of, self._states(moving, boxes_of)
@@ -236,11 +232,10 @@ class RolloutPlayer:
                 legal = own.legal[turn, moving] = proposer_choices(
                     arrays.game, arrays.masks(role, moving), arrays.refused[moving]
                 )
-            decision = actors.decide(role, states, context, facts, legal)
+            decision = actors.decide(role, states, context, legal)
             actions[role, moving] = decision.actions
             own.acted[turn, moving] = True
             own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, context
-            own.facts[turn, moving] = facts
             own.actions[turn, moving], own.values[turn, moving] = decision.actions, decision.values
             own.log_probabilities[turn, moving] = decision.log_probabilities
         return actions, items
@@ -251,12 +246,6 @@ class RolloutPlayer:
             self._sampler.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
         )
 
-    def _facts(self, context: Int64Array, indices: Int64Array) -> Int64Array:
-        """The context for the critics."""
-        if self._recipe.algorithm != "central":
-            return context
-        return with_hidden_facts(context, self._arrays, indices)
-
     def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
         return BatchTurn(self._arrays, role, indices, self._episodes[indices], [rng] * len(indices))
 
@@ -266,7 +255,7 @@ class RolloutPlayer:
         if len(moving) and role not in self._partners:
             items, context = read_situations(arrays, role, moving)
             states = self._states(moving, self._table.item_indices(items))
-            values[moving] = actors.values(role, states, context, self._facts(context, moving))
+            values[moving] = actors.values(role, states, context)
         return values
 
 

@@ -12,14 +12,14 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import VERIFIER, Role
 from lilgym_mp.scene.arrays import Int16Array, Int64Array
 
-CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "goal")  # 0 where an agent does not know it
-ROLE, INTENT, PENDING, MESSAGE, REFUSED, ROUNDS, GOAL = range(len(CONTEXT))
+CONTEXT = ("role", "intent", "pending", "message", "refused", "rounds", "bias")  # 0 where an agent does not know it
+ROLE, INTENT, PENDING, MESSAGE, REFUSED, ROUNDS, _BIAS = range(len(CONTEXT))
 STOP_PENDING, EDIT_PENDING = 1, 2
 MOST_ROUNDS = 12  # more count as so many
 
 
 def context_sizes(game: Game) -> tuple[int, ...]:
-    """How many values each of CONTEXT has."""
+    """How many values each of CONTEXT has; the bias is always 0, but saved networks have three."""
     return 2, 3, 3, max(game.message_sizes) + 1, game.config.dynamics.appearance.action_count + 1, MOST_ROUNDS + 1, 3
 
 
@@ -33,14 +33,6 @@ def read_situations(games: ObservedGames, role: Role, indices: Int64Array) -> tu
         context[:, PENDING] = np.minimum(games.proposals[indices] + 1, EDIT_PENDING)
         return games.proposed_item_arrays(indices), context
     context[:, REFUSED] = games.refused[indices] + 1
-    if games.game.rewards.fixed_intent is None:
+    if games.game.rewards.draws_intent:
         context[:, INTENT] = games.intents[indices] + 1
     return games.item_arrays(indices), context
-
-
-def with_hidden_facts(context: Int64Array, games: ObservedGames, indices: Int64Array) -> Int64Array:
-    """The context a central critic sees: also the intent and whether the statement has the target value."""
-    full = context.copy()
-    full[:, INTENT] = games.intents[indices] + 1
-    full[:, GOAL] = games.goals_reached()[indices].astype(np.int64) + 1
-    return full

@@ -41,7 +41,6 @@ from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
-CRITIC = "critic"  # name of the central critic's network
 TEXT_LAYERS, HEADS = 1, 2
 
 
@@ -85,20 +84,20 @@ def train_game(
     *,
     minutes: float | None = None,
     steps: int | None = None,
-    partners: Mapping[Role, Sequence[Path | Partner]] | None = None,
+    proposers: Sequence[Path | Partner] | None = None,
+    verifiers: Sequence[Path | Partner] | None = None,
     start_from: Path | None = None,
     **session: Unpack[Session],
 ) -> GameAgent:
     """Trains until `minutes` of CPU time or `steps` turns are spent, whichever is first; saves and returns the agents.
 
-    `partners`: by role, run directories or partners; an agent that has any does not learn, and each game is played
+    `proposers`, `verifiers`: run directories or partners; an agent that has any does not learn, and each game is played
     with one of them. `start_from`: a run of `ppo` or of this learner, with whose weights the networks start. `out`,
     signals and errors as for `train_ppo`; with `steps` alone, a resumed run trains the same agents as an uninterrupted
     one.
     """
-    return Run.trained(
-        out, Budget("steps", steps, minutes), session, settings, recipe, dict(partners or {}), start_from
-    )
+    partners = {Role.PROPOSER: proposers or (), Role.VERIFIER: verifiers or ()}
+    return Run.trained(out, Budget("steps", steps, minutes), session, settings, recipe, partners, start_from)
 
 
 class Run(TrainingRun[Progress]):
@@ -131,35 +130,28 @@ class Run(TrainingRun[Progress]):
         }
         given = {} if start_from is None else open_agent(start_from, "cpu").box_transformers()
         torch.manual_seed(recipe.seed)
-        actors, critic = self._make_networks(given, setup.game)
-        self._actors, self._critic = actors, critic
-        self.networks = nn.ModuleDict({**actors, **({} if critic is None else {CRITIC: critic})}).to(self.device)
+        self._actors = self._make_networks(given, setup.game)
+        self.networks = nn.ModuleDict(self._actors).to(self.device)
         self.begin(_identity(settings, recipe, self.tasks.sha256, partners, start_from))
         self._network_of = network_names(self.roles, recipe)
-        self._optimisers = {
-            name: make_optimiser(nn.ModuleList([network, *([critic] if critic else [])]), recipe)
-            for name, network in actors.items()
-        }
+        self._optimisers = {name: make_optimiser(network, recipe) for name, network in self._actors.items()}
         self._rng = np.random.default_rng(recipe.seed)
         self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
         self.load()
 
-    def _make_networks(
-        self, given: Mapping[str, BoxTransformer], game: Game
-    ) -> tuple[dict[str, GameNetwork], GameNetwork | None]:
-        """The agents' networks by name, which start with the weights given, and the central critic."""
+    def _make_networks(self, given: Mapping[str, BoxTransformer], game: Game) -> dict[str, GameNetwork]:
+        """The agents' networks by name, which start with the weights given."""
         recipe, words = self.recipe, Vocabulary.from_statements(self.tasks.statements).words
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         for network in given.values():
             words, sizes = network.vocabulary.words, network.sizes
-        names = [*dict.fromkeys(network_names(self.roles, recipe).values())]
-        critic = [CRITIC] if recipe.algorithm == "central" else []
-        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in (*names, *critic)}
-        for name in names:
+        names = dict.fromkeys(network_names(self.roles, recipe).values())
+        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in names}
+        for name, network in networks.items():
             if (start := given.get(name, given.get(SHARED))) is not None:
-                networks[name].load_state_dict(start.state_dict(), strict=False)
-        return networks, networks.pop(CRITIC, None)
+                network.load_state_dict(start.state_dict(), strict=False)
+        return networks
 
     def introduction(self) -> str:
         settings, recipe = self.settings, self.recipe
@@ -177,36 +169,24 @@ class Run(TrainingRun[Progress]):
 
     # Acting, as `rollout.Actors`
 
-    def decide(
-        self, role: Role, states: States, context: Int64Array, facts: Int64Array, legal: BoolArray | None
-    ) -> Decision:
+    def decide(self, role: Role, states: States, context: Int64Array, legal: BoolArray | None) -> Decision:
         with torch.no_grad():
-            policy, values = self._evaluate(role, states, None, context, facts, legal)
+            policy, values = self._evaluate(role, states, context, legal)
             actions = policy.act(lambda part: part.sample(self._rng))
             log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
         return Decision(actions, as_numpy(log_probabilities), as_numpy(values))
 
-    def values(self, role: Role, states: States, context: Int64Array, facts: Int64Array) -> Float32Array:
+    def values(self, role: Role, states: States, context: Int64Array) -> Float32Array:
         with torch.no_grad():
-            return as_numpy(self._evaluate(role, states, None, context, facts, None)[1])
+            return as_numpy(self._evaluate(role, states, context, None)[1])
 
     def _evaluate(
-        self,
-        role: Role,
-        states: States,
-        rows: Tensor | None,
-        context: Int64Array,
-        facts: Int64Array,
-        legal: BoolArray | None,
+        self, role: Role, states: States, context: Int64Array, legal: BoolArray | None, rows: Tensor | None = None
     ) -> tuple[AgentPolicy, Tensor]:
         """The policy and values of an agent in the states' `rows` (None: all)."""
         network = self._actors[self._network_of[role]]
         encoded = network.encode(states)
-        policy, values = network.policy(role, encoded if rows is None else encoded.rows(rows), context, legal)
-        if self._critic is not None:
-            encoded = self._critic.encode(states)
-            values = self._critic.critic(encoded if rows is None else encoded.rows(rows), facts)
-        return policy, values
+        return network.policy(role, encoded if rows is None else encoded.rows(rows), context, legal)
 
     # Learning
 
@@ -229,9 +209,8 @@ class Run(TrainingRun[Progress]):
         return self._progress(rollout, losses, claim_losses, start)
 
     def _clear_caches(self) -> None:
-        for network in (*self._actors.values(), self._critic):
-            if network is not None:
-                network.clear_cache()
+        for network in self._actors.values():
+            network.clear_cache()
 
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
         """The turns of a network's agents; None if its verifier learns from claims alone."""
@@ -285,8 +264,8 @@ class Run(TrainingRun[Progress]):
             turns = rollout.turns[role]
             own = cells[mine]
             legal = None if turns.legal is None else turns.legal.reshape(-1, turns.legal.shape[-1])[own]
-            context, facts = (array.reshape(-1, array.shape[-1])[own] for array in (turns.context, turns.facts))
-            policy, found = self._evaluate(role, states, torch.from_numpy(state_of[mine]), context, facts, legal)
+            context = turns.context.reshape(-1, turns.context.shape[-1])[own]
+            policy, found = self._evaluate(role, states, context, legal, torch.from_numpy(state_of[mine]))
             rows = torch.from_numpy(mine).to(self.device)
             policies.append((rows, policy))
             values = values.index_copy(0, rows, found)

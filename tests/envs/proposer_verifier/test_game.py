@@ -165,16 +165,13 @@ REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, 
     ("correctness", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
     ("correctness", {"false_accept_cost": 3.0}, (STOPS, 1), Intent.HELPFUL, (-1.0, -3.0)),
     ("correctness", {"false_reject_cost": 0.5}, (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -0.5)),
-    ("helpful", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.0, 1.0)),
-    ("helpful", {}, (STOPS, 1), Intent.HELPFUL, (0.0, -1.0)),
-    ("deceptive", {}, (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
-    ("deceptive", {}, (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
-    ("deceptive", {}, (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
     ("hidden", {}, (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
     ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
+    ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, 1.0)),
+    ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
+    ("hidden", {}, (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
     ("brier", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (-0.2, -0.5625)),
     ("brier", {"verdict_bins": 2}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, -0.0625)),
-    ("log", {"verdict_bins": 2}, (STOPS, 0), Intent.HELPFUL, (-0.2, float(np.log(0.75)))),
 ]
 
 
@@ -191,8 +188,9 @@ def test_rewards__a_correct_rejection_that_does_not_end_the_episode_earns_nothin
 
 
 def test_rewards__are_weighted_sums():
-    rewards = {"proposer_0": {"deceptive": 2.0, "mdp": 0.5}, "verifier_0": "correctness"}
-    assert final_step(game(protocol="audit", rewards=rewards), STOPS, 1).rewards == pytest.approx((1.5, -1.0))
+    rewards = {"proposer_0": {"hidden": 2.0, "mdp": 0.5}, "verifier_0": "correctness"}
+    this = game(protocol="audit", rewards=rewards)
+    assert final_step(this, STOPS, 1, intent=Intent.DECEPTIVE).rewards == pytest.approx((1.5, -1.0))
 
 
 def test_engine__needs_the_action_of_the_agent_to_move():

@@ -28,7 +28,6 @@ from lilgym_mp.envs.proposer_verifier import (
     SingleAgentView,
     cross_play,
     env,
-    exploitability,
     measure,
     metrics,
     play_games,
@@ -286,14 +285,3 @@ def test_batch_partner__that_breaks_the_rules_is_named(actions: Any, message: st
     game = env(protocol="joint")
     with pytest.raises(PartnerError, match=rf"partner .*BadBatchPartner.* {message}"):
         play_games(game, RandomPartner(), BadBatchPartner(actions), tasks=some_tasks(game)[:3])
-
-
-def test_exploitability__is_the_proposers_gain_from_the_verifiers_errors():
-    game = env(protocol="audit", start="flipit", rewards="deceptive")
-
-    def gain(verifier: Any) -> float:
-        return exploitability(game, DECEPTIVE_PROPOSER, verifier, tasks=some_tasks(game))
-
-    assert gain(OracleVerifier()) == 0.0
-    assert gain(ALWAYS_ACCEPT) > 0.7
-    assert gain(ALWAYS_REJECT) == 0.0

@@ -19,7 +19,6 @@ from lilgym_mp.learning.game.situations import (
     REFUSED,
     STOP_PENDING,
     read_situations,
-    with_hidden_facts,
 )
 
 GAMMA, LAMBDA = 0.9, 0.8
@@ -82,7 +81,6 @@ def test_situations__show_each_agent_what_it_may_know():
     items, context = read_situations(games, Role.VERIFIER, rows)
     assert context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
     assert not context[:, INTENT].any()
-    assert with_hidden_facts(context, games, rows)[:, INTENT].tolist() == [2, 1]
     capacity = items.shape[2]
     edited = setup.game.config.dynamics.step(games.mdp(1), setup.game.config.dynamics.appearance.decode(add)).state
     assert np.array_equal(items[0], item_array(games.mdp(0).scene, capacity))

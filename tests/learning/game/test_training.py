@@ -1,4 +1,4 @@
-"""Runs that learn the game: learning, saving, resuming, partners, rounds and invalid input."""
+"""Runs that learn the game: learning, saving, resuming, partners and invalid input."""
 
 from __future__ import annotations
 
@@ -16,10 +16,8 @@ import torch
 
 from lilgym_mp.cli import main
 from lilgym_mp.envs.proposer_verifier import (
-    ALWAYS_ACCEPT,
     SCRIPTED,
     GameSettings,
-    OracleVerifier,
     Role,
     SingleAgentView,
     measure,
@@ -32,7 +30,6 @@ from lilgym_mp.learning.common.run import Budget, Session
 from lilgym_mp.learning.common.run_directory import TrainingRunError
 from lilgym_mp.learning.game.agent import GameAgent, load_agent
 from lilgym_mp.learning.game.learner import LEARNER
-from lilgym_mp.learning.game.population import best_response, train_rounds
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
 from lilgym_mp.learning.game.training import Progress, Run, train_game
@@ -43,7 +40,7 @@ from tests.learning.conftest import equal, weights
 SMALL = GameRecipe(
     envs=8, same_statement=2, rollout=64, batch_size=64, epochs=1, recolour=False, empty_starts=0, width=16
 )
-CENTRAL = replace(SMALL, algorithm="central")
+INDEPENDENT = replace(SMALL, algorithm="independent")
 JOINT = GameSettings(protocol="joint")
 
 
@@ -67,7 +64,6 @@ def partner(agent: GameAgent, role: Role, *, sampled: bool = False) -> Any:
     [
         pytest.param("independent", "ppo", marks=pytest.mark.long),
         pytest.param("shared", "both", marks=pytest.mark.long),
-        pytest.param("central", "both", marks=pytest.mark.long),
     ],
 )
 def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
@@ -113,24 +109,13 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         SMALL, verifier="cross-entropy", envs=64, rollout=1024, batch_size=256, learning_rate=3e-3, width=32
     )
     settings = GameSettings(protocol="audit", rewards="correctness", corpus=three)
-    partners = {Role.PROPOSER: [SCRIPTED["helpful"], SCRIPTED["deceptive"]]}
-    agent = trained(tmp_path, 12_288, recipe, settings, partners=partners)
+    proposers = [SCRIPTED["helpful"], SCRIPTED["deceptive"]]
+    agent = trained(tmp_path, 12_288, recipe, settings, proposers=proposers)
     assert agent.partner(Role.PROPOSER) is None
     env = parallel_env(protocol="audit", rewards="correctness", corpus=three, split="dev")
     for proposer, measured in (("helpful", "true_accept_rate"), ("deceptive", "false_accept_rate")):
         found = measure(env, SCRIPTED[proposer], partner(agent, Role.VERIFIER), tasks=list(env.tasks.ids) * 30)
         assert getattr(found, measured) > 0.8 if proposer == "helpful" else getattr(found, measured) < 0.2
-
-
-@pytest.mark.long
-def test_best_response__finds_out_a_verifier_that_accepts_everything(tmp_path: Path, three: str):
-    settings = GameSettings(protocol="audit", corpus=three)
-    recipe = replace(SMALL, envs=64, rollout=1024, batch_size=256, learning_rate=3e-3)
-    env = parallel_env(protocol="audit", rewards="deceptive", corpus=three, split="dev")
-    for verifier, exploitability in ((ALWAYS_ACCEPT, 1.0), (OracleVerifier(), 0.0)):
-        found = best_response(verifier, Role.PROPOSER, settings, steps=8_192, recipe=recipe, seed=1)
-        measured = measure(env, found, verifier).accepted_false_claims
-        assert measured == pytest.approx(exploitability, abs=0.01)
 
 
 # Every game
@@ -188,44 +173,44 @@ def test_train__reports_each_rollout_and_is_reproducible_by_seed(tmp_path: Path)
 
 
 def test_resume__gives_the_same_agents_as_an_uninterrupted_run(tmp_path: Path):
-    trained(tmp_path / "whole", 256, CENTRAL)
+    trained(tmp_path / "whole", 256, INDEPENDENT)
 
     def interrupt(progress: Progress) -> None:
         if progress.steps == 128:
             os.kill(os.getpid(), signal.SIGINT)
 
     with pytest.raises(KeyboardInterrupt):
-        trained(tmp_path / "cut", 256, CENTRAL, on_progress=interrupt)
+        trained(tmp_path / "cut", 256, INDEPENDENT, on_progress=interrupt)
     details = open_agent(tmp_path / "cut").description.details
     assert (details["steps"], details["interrupted"]) == (128, True)
     assert main(["train", "game", "--resume", "--out", str(tmp_path / "cut")]) == 0  # to the steps it was begun with
     assert equal(tmp_path / "whole", tmp_path / "cut")
     with pytest.raises(TrainingRunError, match="already has 256 steps"):
-        trained(tmp_path / "cut", 256, CENTRAL, resume=True)
+        trained(tmp_path / "cut", 256, INDEPENDENT, resume=True)
 
 
-# Partners, rounds and warm starts
+# Partners and warm starts
 
 
 def test_train__a_partner_from_a_run_keeps_its_weights_and_the_other_agent_learns(tmp_path: Path):
     both = trained(tmp_path / "both")
     before = weights(tmp_path / "both")
-    alone = trained(tmp_path / "alone", partners={Role.PROPOSER: [tmp_path / "both"]}, start_from=tmp_path / "both")
+    alone = trained(tmp_path / "alone", proposers=[tmp_path / "both"], start_from=tmp_path / "both")
     assert alone.partner(Role.PROPOSER) is None
     assert set(alone.networks) == {Role.VERIFIER}
     assert all(torch.equal(before[name], tensor) for name, tensor in weights(tmp_path / "both").items())
     assert both.networks[Role.VERIFIER].vocabulary.words == alone.networks[Role.VERIFIER].vocabulary.words
     with pytest.raises(AgentError, match="no trained proposer_0"):
-        trained(tmp_path / "third", partners={Role.PROPOSER: [tmp_path / "alone"]})
+        trained(tmp_path / "third", proposers=[tmp_path / "alone"])
     veto = GameSettings(protocol="veto")
-    trained(tmp_path / "scripted", settings=veto, partners={Role.VERIFIER: [Path("always-accept")]})
+    trained(tmp_path / "scripted", settings=veto, verifiers=[Path("always-accept")])
     identity = json.loads((tmp_path / "scripted" / "run.json").read_text())["identity"]
     assert identity["partners"] == {"verifier": ["always-accept"]}
     assert resumed(tmp_path / "scripted", "game", LEARNER, {}, {}, {})[2].verifiers == [Path("always-accept")]
     with pytest.raises(AgentError, match="trained on protocol 'joint'; this game has 'veto'"):
-        trained(tmp_path / "fourth", settings=veto, partners={Role.PROPOSER: [tmp_path / "both"]})
+        trained(tmp_path / "fourth", settings=veto, proposers=[tmp_path / "both"])
     with pytest.raises(ValueError, match="no agent is left to learn"):
-        trained(tmp_path / "fifth", partners={role: [tmp_path / "both"] for role in Role})
+        trained(tmp_path / "fifth", proposers=[tmp_path / "both"], verifiers=[tmp_path / "both"])
 
 
 def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
@@ -235,29 +220,6 @@ def test_train__starts_with_the_weights_of_a_single_agent_run(tmp_path: Path):
     run = Run(tmp_path / "game", budget, session, JOINT, SMALL, {}, tmp_path / "single")
     own = run.networks["shared"].state_dict()
     assert all(torch.equal(tensor, own[name]) for name, tensor in agent.model.state_dict().items())
-
-
-def test_rounds__each_adds_a_verifier_and_a_deceptive_proposer_and_are_continued(tmp_path: Path):
-    settings = GameSettings(protocol="audit", rewards="hidden")
-    trained(tmp_path / "first", settings=settings)
-
-    def play(rounds: int) -> list[Path]:
-        return train_rounds(
-            settings,
-            replace(SMALL, warm=True),
-            tmp_path / "rounds",
-            [tmp_path / "first"],
-            rounds=rounds,
-            steps=64,
-        )
-
-    assert [path.name for path in play(1)] == ["first", "deceptive-0"]
-    modified = (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns
-    assert [path.name for path in play(2)] == ["first", "deceptive-0", "deceptive-1"]
-    assert (tmp_path / "rounds" / "verifier-0" / "agent.safetensors").stat().st_mtime_ns == modified
-    identity = json.loads((tmp_path / "rounds" / "verifier-1" / "run.json").read_text())["identity"]
-    assert len(identity["partners"]["proposer"]) == 2
-    assert load_agent(tmp_path / "rounds" / "deceptive-1" / "agent.safetensors").partner(Role.VERIFIER) is None
 
 
 # Invalid input
@@ -290,15 +252,14 @@ def test_command__trains_resumes_and_reports_one_line_errors(tmp_path: Path, cap
     rewards = json.dumps({"proposer_0": {"hidden": 1, "mdp": 0.2}, "verifier_0": "correctness"})
     audit = ["train", "game", "TowerScratch", "--protocol", "audit", "--rewards", rewards, *small, "--steps", "64"]
     assert main([*audit, "--out", str(tmp_path / "audit")]) == 0
-    rounds = [*audit, "--out", str(tmp_path / "rounds"), "--proposers", str(tmp_path / "audit"), "--rounds", "1"]
-    assert main(rounds) == 0
-    assert load_agent(tmp_path / "rounds" / "agent.safetensors").partner(Role.VERIFIER) is not None
+    against = [*audit, "--out", str(tmp_path / "against"), "--verifiers", str(tmp_path / "audit")]
+    assert main(against) == 0
+    assert load_agent(tmp_path / "against" / "agent.safetensors").partner(Role.VERIFIER) is None
     capsys.readouterr()
     for wrong, error in (
         (["--minutes", "0"], "minutes must be above 0, not 0"),
         (["--rewards", "{"], "--rewards: not valid JSON"),
         (["--rewards", "none"], "unknown rewards 'none'; choose from"),
-        (["--rounds", "2"], "--rounds begins with trained proposers"),
         (["--proposers", str(tmp_path / "nowhere")], "no trained agent at"),
     ):
         assert main([*game, "--out", str(tmp_path / "bad"), *small, *wrong]) == 2

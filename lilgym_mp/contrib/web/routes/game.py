@@ -67,7 +67,7 @@ SCRIPTED_PARTNERS: dict[Role, tuple[str, ...]] = {  # by the seat they can take
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
 VIEW = View(scene="image", statement="text", target=True, proposal=True, history=6)
-VERDICT_BINS = {"brier": 5, "log": 5}  # probabilities to choose from, by rewards; others have two answers
+VERDICT_BINS = {"brier": 5}  # probabilities to choose from, by rewards; others have two answers
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
 
 
