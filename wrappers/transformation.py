@@ -6,7 +6,7 @@ The adapters apply them to Gymnasium, vector and PettingZoo environments.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -221,8 +221,8 @@ class TaskChange(Transformation):
         self.change, self.adds_items = change, adds_items
 
 
-def change_tasks(env: Any, transformation: Transformation) -> None:
-    """Replaces the tasks of `env` if it is to be wrapped in a TaskChange.
+def change_tasks(env: Any, transformation: Transformation, applied: Iterable[Transformation] | None = None) -> None:
+    """Replaces the tasks of `env` if it is to be wrapped in a TaskChange; `applied`: by default those of its wrappers.
 
     Raises WrongEnvironment if `env` already has a wrapper that may depend on its tasks, or has no space for the items.
     """
@@ -236,15 +236,20 @@ def change_tasks(env: Any, transformation: Transformation) -> None:
             f"{description.wrapper} wraps vector environments of Tower only; for Scatter, wrap each environment:"
             ' gymnasium.make_vec(id, vectorization_mode="sync", wrappers=[...], ...)'
         )
-    inner = env
-    while inner is not None:
-        other = vars(inner).get("transformation")
-        if other is not None and not isinstance(other, TaskChange):
+    for other in _transformations(env) if applied is None else applied:
+        if not isinstance(other, TaskChange):
             raise WrongEnvironment(
                 f"{description.wrapper} changes the tasks, so it must be applied before {other.env_description.wrapper}"
             )
-        inner = vars(inner).get("env")
     base.change_tasks(transformation.change)
+
+
+def _transformations(env: Any) -> Iterator[Transformation]:
+    """Those of the wrappers of `env`, outermost first."""
+    while env is not None:
+        if "transformation" in vars(env):
+            yield env.transformation
+        env = vars(env).get("env")
 
 
 class Format(Transformation):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple, SupportsIndex, cast
+from typing import Any, NamedTuple, Protocol, SupportsIndex, cast
 
 import numpy as np
 from gymnasium import spaces
@@ -64,8 +64,26 @@ class TurnResult(NamedTuple):
     infos: tuple[Info, Info]
 
 
+class Layer(Protocol):
+    """A wrapper of the game, which changes it for every environment around the engine."""
+
+    def start(self) -> None:
+        """To be called when a game has started."""
+        ...
+
+    def action(self, action: int) -> int:
+        """The action for the layers below, from the proposer's, in every turn."""
+        ...
+
+    def changed(self, turn: TurnResult) -> TurnResult:
+        """The result of a turn, or of a reset, with other rewards and infos."""
+        ...
+
+    def observation(self, role: Role, observation: AgentObservation) -> AgentObservation: ...
+
+
 class GameEngine:
-    """One game: a batch of one, with a random generator and rendering."""
+    """One game: a batch of one, with a random generator, rendering and wrappers."""
 
     def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
         self.setup = setup  # from the next reset on
@@ -76,8 +94,8 @@ class GameEngine:
         self._renderer = Renderer(render_mode)
         self.render_mode = self._renderer.mode
         self._actions = np.zeros((len(Role), 1), np.int64)  # indexed by role, of the last turn
-        self.games_started = 0
-        self._is_closed = False
+        self.layers: list[Layer] = []  # the wrappers, innermost first
+        self._is_started = self._is_closed = False
         self._last_actions, self._last_result = "", ""  # as text, for the caption
 
     def __getstate__(self) -> dict[str, Any]:
@@ -102,7 +120,7 @@ class GameEngine:
 
     def _check_started(self) -> None:
         check_open(closed=self._is_closed)
-        if not self.games_started:
+        if not self._is_started:
             raise ResetNeeded("call reset first")
 
     @property
@@ -127,14 +145,18 @@ class GameEngine:
         task = setup.sample_task_index(self.rng) if chosen is None else chosen
         intent = setup.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
-        self.games_started += 1
+        self._is_started = True
         self._last_actions = self._last_result = ""
         if self.render_mode == "human":
             self.render()
         info = self.games.truth_info(0)
         if info:
             info = {"task": self.state.mdp.task.id, **info}
-        return info, info.copy()
+        started = TurnResult((0.0, 0.0), False, False, (info, info.copy()))
+        for layer in self.layers:
+            layer.start()
+            started = layer.changed(started)
+        return started.infos
 
     def step(self, proposer: SupportsIndex | None, verifier: SupportsIndex | None) -> TurnResult:
         """Plays one turn; the action of an agent out of turn is ignored, and illegal unless it is "wait" or None.
@@ -149,6 +171,8 @@ class GameEngine:
         actions = self._actions
         for role, action in ((PROPOSER, proposer), (VERIFIER, verifier)):
             actions[role, 0] = self._wait(role) if action is None else self.game.checked_action(role, action)
+        for layer in reversed(self.layers):
+            actions[PROPOSER, 0] = layer.action(int(actions[PROPOSER, 0]))
         if self.render_mode is not None:
             self._last_actions = self._describe_actions(movers)
         games.step(actions[PROPOSER], actions[VERIFIER])
@@ -159,9 +183,12 @@ class GameEngine:
             self._last_result = "" if outcome is None else f"{outcome}, {rewards}"
         if self.render_mode == "human":
             self.render()
-        return TurnResult(
+        turn = TurnResult(
             (proposer_reward, verifier_reward), bool(games.terminated[0]), bool(games.truncated[0]), games.infos(0)
         )
+        for layer in self.layers:
+            turn = layer.changed(turn)
+        return turn
 
     def _wait(self, role: Role) -> int:
         """The action "wait". Raises TurnError for an agent that is to move."""
@@ -178,10 +205,19 @@ class GameEngine:
             chosen = {PROPOSER: self.game.encode_action(PROPOSER, proposal), **chosen}
         return ";  ".join(f"{AGENTS[role]}: {self.game.describe(role, action)}" for role, action in chosen.items())
 
-    def observe(self, role: Role) -> AgentObservation:
-        """One agent's observation: new arrays. Raises as `state`."""
+    def observe(self, role: Role, depth: int | None = None) -> AgentObservation:
+        """One agent's observation, new arrays, after the first `depth` layers (default: all). Raises as `state`."""
         self._check_started()
-        return self.games.observe(role, 0)
+        observation = self.games.observe(role, 0)
+        for layer in self.layers[:depth]:
+            observation = layer.observation(role, observation)
+        return observation
+
+    def observe_both(self) -> dict[str, AgentObservation]:
+        """Both agents' observations, which share the arrays of parts that both see."""
+        if self.layers:
+            return {agent: self.observe(role) for agent, role in ROLES.items()}
+        return self.games.observe_both(0)
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""

@@ -15,6 +15,7 @@ from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.observations import PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
+from lilgym_mp.envs.single import UNCHANGED_REWARD
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 
@@ -63,6 +64,8 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         elif action is not None and not self.engine.game.turn_based:
             self._pending = self.engine.game.checked_action(Role.PROPOSER, action)
             self._clear_rewards()
+            for info in self.infos.values():
+                info |= dict.fromkeys(info.keys() & {UNCHANGED_REWARD}, 0.0)
             self.agent_selection = AGENTS[Role.VERIFIER]
         else:
             self._update(self.engine.step(action, None))
@@ -124,7 +127,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         )
 
     def _observations(self) -> dict[str, Any]:
-        nested = self.engine.games.observe_both(0)
+        nested = self.engine.observe_both()
         if not self._converters:
             return nested
         return {agent: convert(nested[agent][PARTS]) for agent, convert in self._converters.items()}

@@ -13,7 +13,7 @@ from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
+from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
 from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.scene.arrays import UInt8Array
@@ -33,8 +33,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: the game (`env`, `raw_env` or `parallel_env`), optionally in wrappers; these apply to both agents.
-        The view takes it over: do not step it elsewhere.
+        """`env`: the game (`env`, `raw_env` or `parallel_env`), also wrapped in wrappers of this package, which apply to
+        both agents. The view takes it over: do not step it elsewhere.
         `partner`: a name in SCRIPTED, or a function of a PartnerTurn.
 
         Raises TypeError for another environment, for array observations and a partner that is not callable, ValueError
@@ -48,17 +48,16 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         if not callable(partner):
             raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
         self._role = role_of(agent)
-        nested = env.observation_space(agent)
+        nested = game_env.observation_space(agent)
         if not isinstance(nested, spaces.Dict) or MASK not in nested.spaces:
             raise TypeError(f'SingleAgentView needs the game with observations="nested", not {nested}')
-        self.env, self.engine = env, game_env.engine
+        self.engine = game_env.engine
         self.partner = partner
         self.agent = agent
         self.render_mode = self.engine.render_mode
         self.observation_space = cast("spaces.Space[Any]", nested[PARTS])
-        self.action_space = cast("spaces.Space[int]", env.action_space(agent))
-        self._takes_turns = hasattr(env, "agent_iter")  # AEC, not parallel
-        self._observations: dict[str, AgentObservation] = {}  # of this turn, by agent, as far as known
+        self.action_space = cast("spaces.Space[int]", game_env.action_space(agent))
+        self._observations: dict[Role, AgentObservation] = {}  # of this turn, as far as known
         self._reward = 0.0  # since the agent's last action, like the info
         self._info: dict[str, Any] = {}
 
@@ -73,9 +72,9 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         """`options` as for the game."""
         super().reset(seed=seed)
         for skipped in range(MAX_RESETS):
-            results = self.env.reset(seed if skipped == 0 else None, options)
-            self._observations, infos = ({}, self.env.infos) if self._takes_turns else results
-            self._info = {"task": self.state.mdp.task.id, **infos[self.agent]}
+            infos = self.engine.reset(seed if skipped == 0 else None, options)
+            self._observations = {}
+            self._info = {"task": self.state.mdp.task.id, **infos[self._role]}
             self._play_partner()
             if self.engine.movers:
                 return self.observe(self._role)[PARTS], self._info | {"skipped_games": skipped}
@@ -84,32 +83,26 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     def step(self, action: SupportsIndex) -> tuple[dict[str, Any], SupportsFloat, bool, bool, dict[str, Any]]:
         """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
         ResetNeeded before reset and after the end."""
-        role, movers = self._role, self.engine.movers
-        self.engine.check_open()
-        if not movers:
+        engine, role = self.engine, self._role
+        engine.check_open()
+        if not engine.movers:
             raise ResetNeeded("the game is over; call reset before acting")
-        actions = {role: self.engine.game.checked_action(role, action)}
-        if role.other in movers:
+        actions = {role: engine.game.checked_action(role, action)}
+        if role.other in engine.movers:
             actions[role.other] = self._partner_action()
         self._reward, self._info = 0.0, {}
         self._play(actions)
         self._play_partner()
-        games = self.engine.games
-        terminated, truncated = bool(games.terminated[0]), bool(games.truncated[0])
+        terminated, truncated = bool(engine.games.terminated[0]), bool(engine.games.truncated[0])
         return self.observe(role)[PARTS], self._reward, terminated, truncated, self._info
 
     def _play(self, actions: dict[Role, int]) -> None:
         """Plays one turn with the actions of the agents to move, and adds up the agent's reward and info."""
-        if self._takes_turns:
-            for role in sorted(actions):
-                self.env.step(actions[role])
-            self._observations, rewards, infos = {}, self.env.rewards, self.env.infos
-        else:
-            given = {AGENTS[role]: actions.get(role, self.engine.game.wait_actions[role]) for role in Role}
-            self._observations, rewards, _, _, infos = self.env.step(given)
-        self._reward += rewards[self.agent]
+        turn = self.engine.step(actions.get(Role.PROPOSER), actions.get(Role.VERIFIER))
+        self._observations = {}
+        self._reward += turn.rewards[self._role]
         unchanged = self._info.get(UNCHANGED_REWARD, 0.0)
-        self._info |= infos[self.agent]
+        self._info |= turn.infos[self._role]
         if UNCHANGED_REWARD in self._info:
             self._info[UNCHANGED_REWARD] += unchanged
 
@@ -119,17 +112,15 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             self._play({self._role.other: self._partner_action()})
 
     def _partner_action(self) -> int:
-        engine = self.engine
-        turn = PartnerTurn(engine.games, self._role.other, engine.rng, observe=self.observe)
+        turn = PartnerTurn(self.engine.games, self._role.other, self.engine.rng, observe=self.observe)
         return partner_action(self.partner, turn)
 
     def observe(self, role: Role) -> AgentObservation:
         """One agent's observation, after wrappers."""
         self.engine.check_open()
-        agent = AGENTS[role]
-        if agent not in self._observations:
-            self._observations[agent] = self.env.observe(agent)
-        return self._observations[agent]
+        if role not in self._observations:
+            self._observations[role] = self.engine.observe(role)
+        return self._observations[role]
 
     def action_masks(self) -> np.ndarray:
         """(actions,) bool, a new array: the agent's legal actions."""
