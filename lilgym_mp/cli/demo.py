@@ -19,7 +19,7 @@ from lilgym_mp.evaluation.files import OutputError, first_free_path, writable_di
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
 from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import results_json, results_markdown, shown_results
+from lilgym_mp.evaluation.report import results_json, results_text
 from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 
@@ -109,15 +109,16 @@ def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) ->
     """Writes and prints the results."""
     parser = directory / RUNS / PARSE_AND_PLAN
     write_json(directory / "results.json", results_json(results, with_episodes=True))
-    write_text(directory / "results.md", f"{plan}\n\n{results_markdown(results)}\n")
+    text = f"{plan}\n\n{results_text(results)}"
+    write_text(directory / "results.txt", f"{text}\n")
     films = {name: directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)}
     for name, film in films.items():
         (result,) = (result for result in results if result.name == name)
         evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
         film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
     print(
-        f"\n{plan}\n\n{shown_results(results)}\n\n"
-        f"results: {directory / 'results.md'}, {directory / 'results.json'}\n"
+        f"\n{text}\n\n"
+        f"results: {directory / 'results.txt'}, {directory / 'results.json'}\n"
         f"films:   {', '.join(map(str, films.values()))}\n"
         f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate and explain them on other tasks, such as:\n"
         f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test\n"

@@ -43,13 +43,11 @@ from lilgym_mp.evaluation.policies import (
     GREEDY,
     SAMPLED,
     NamedPolicy,
-    Policy,
-    WithoutMask,
     built_in_policy,
 )
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
-from lilgym_mp.evaluation.report import results_json, shown_results
+from lilgym_mp.evaluation.report import results_json, results_text
 from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 from lilgym_mp.evaluation.terminal import table as text_table
@@ -59,8 +57,6 @@ from lilgym_mp.scene.choices import choose
 if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
     from lilgym_mp.learning.common.model_file import ModelDescription
-
-OFF = "off"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -98,13 +94,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         choices=[GREEDY, SAMPLED],
         help="take the most probable action, sample from the policy, or evaluate both (default: both for PPO agents, "
         "whose most probable first action may be STOP; greedy for others, but for imitation as its stop rule says)",
-    )
-    parser.add_argument(
-        "--mask",
-        nargs="+",
-        choices=[AS_TRAINED, OFF],
-        default=[AS_TRAINED],
-        help="give agents trained with a mask of legal actions that mask (default), none, or evaluate both",
     )
     parser.add_argument("--name", metavar="NAME", help="name of the agent in reports (default: its learner)")
     add_recording(parser, "--record-decisions")
@@ -171,9 +160,7 @@ def run(args: argparse.Namespace) -> int:
         for plan in plans:
             results += _played(named, plan, args, progress)
             print(f"{plan}: done", flush=True)
-    print(f"\n{shown_results(results)}")
-    for warning in warnings(results):
-        print(warning)
+    print(f"\n{results_text(results)}")
     if args.out is not None:
         write_json(args.out, results_json(results))
         print(f"results: {args.out}")
@@ -224,10 +211,9 @@ def _played(
 
 
 def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[NamedPolicy]:
-    """The agent saved at `path`, once for each combination of action mode and mask to evaluate."""
+    """The agent saved at `path`, once for each action mode to evaluate."""
     description = agent.description
     action_modes = args.actions or find_learner(description.kind).action_modes
-    masks = args.mask if _uses_masks(agent, args) else [AS_TRAINED]
     own = AS_TRAINED if agent.chooses_actions else GREEDY
     common = {
         "kind": description.kind,
@@ -240,15 +226,13 @@ def agent_policies(path: Path, agent: Agent, args: argparse.Namespace) -> list[N
     name = description.kind if description.kind == str(path) else f"{description.kind} ({path})"
     return [
         NamedPolicy(
-            ", ".join([name, *[mode] * (len(action_modes) > 1), *[f"mask {mask}"] * (len(masks) > 1)]),
-            partial(_policy, agent, mode == SAMPLED, mask == OFF),
+            f"{name}, {mode}" if len(action_modes) > 1 else name,
+            partial(agent.policy, sampled=mode == SAMPLED),
             description.supervision,
             description.configurations,
-            False if mask == OFF else None,
-            {**common, "actions": own if mode == GREEDY else mode},
+            details={**common, "actions": own if mode == GREEDY else mode},
         )
         for mode in action_modes
-        for mask in masks
     ]
 
 
@@ -268,18 +252,6 @@ def _opened(path: Path, args: argparse.Namespace) -> Agent:
     from lilgym_mp.sb3.policy import load_agent
 
     return load_agent(path)
-
-
-def _policy(agent: Agent, sampled: bool, without_mask: bool, settings: EnvConfig) -> Policy:
-    policy = agent.policy(settings, sampled=sampled)
-    return WithoutMask(policy) if without_mask else policy
-
-
-def _uses_masks(agent: Agent, args: argparse.Namespace) -> bool:
-    settings = EnvConfig((args.configuration or agent.description.configurations)[0], **given_environment(args))
-    if settings.configuration not in agent.description.configurations:
-        return False  # `_settings` raises the error
-    return agent.policy(settings).needs_masks
 
 
 def training_facts(description: ModelDescription) -> dict[str, float]:
@@ -314,14 +286,3 @@ def _settings(args: argparse.Namespace, agents: Sequence[NamedPolicy]) -> list[E
     if missing and (requested or not with_tasks):
         raise missing[0]
     return with_tasks
-
-
-def warnings(results: Sequence[Result]) -> list[str]:
-    """Notes on results that the table alone does not explain."""
-    return [
-        f"note: {result.name} stops at once in every episode of {result.plan.settings.configuration};"
-        " evaluate sampled actions (--actions sampled), or train it longer"
-        for result in results
-        if "run" in result.named.details and result.summary.accuracy < 0.5
-        if all(len(episode.actions) == 1 for episode in result.episodes)
-    ]

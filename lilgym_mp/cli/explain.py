@@ -19,7 +19,6 @@ from lilgym_mp.corpus.records import SPLITS, STARTS, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation.episodes import scenes
-from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.options import (
     CommandError,
     add_device,
@@ -38,11 +37,9 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.render.characters import ruled, text
-from lilgym_mp.scene.render.frames import frame
 
 if TYPE_CHECKING:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-    from lilgym_mp.learning.parsing.planning import ProgramPlan, ProgramPlanner
 
 DEFAULT_AGENT = "parse-and-plan"  # shipped with the package
 DEFAULT_CONFIGURATION = "TowerScratch"
@@ -73,7 +70,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print words, corrections and candidate programs as JSON, without a plan"
     )
-    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write an animation of the plan to FILE.gif")
     program = parser.add_argument_group("programs")
     program.add_argument(
         "--program",
@@ -101,8 +97,6 @@ def run(args: argparse.Namespace) -> int:
         raise CommandError("--file needs --json, and neither a statement nor --task")
     if args.statement is None and args.task is None and args.file is None:
         raise CommandError("name a statement, a task with --task, a program with --program, or --file FILE --json")
-    if args.json and args.film is not None:
-        raise CommandError("--film draws a plan, and --json makes none")
     torch.set_num_threads(max(1, args.threads))
     agent = open_agent(args.agent, args.device)
     if not isinstance(agent, ParseAndPlanAgent):
@@ -115,14 +109,13 @@ def run(args: argparse.Namespace) -> int:
     plan = planner.plan(task.start, statement, task.target)
     width = get_terminal_size((100, 24)).columns
     print("\n".join(hanging(line, width) for line in explanation_lines(plan, planner, statement, task.target)))
-    for scene, caption in _drawn(plan, planner):
+    *edits, _ = plan.actions
+    captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(edits, start=1))]
+    for scene, caption in zip(scenes(planner.dynamics, plan.scene, edits), captions, strict=True):
         print(f"\n{caption}\n{ruled(text(scene, [], coloured=shows_colours()), planner.dynamics.appearance.grid)}")
     if args.task is not None and args.statement is None:
         outcome = str(planner.outcome(plan, task)).replace("_", " ")
         print(f"outcome: {outcome} (the task's program: {task.program})")
-    if args.film is not None:
-        _film(args.film, plan, planner, f'"{statement}" Make it {str(task.target).lower()}.')
-        print(f"film: {args.film}")
     return 0
 
 
@@ -164,21 +157,6 @@ def _settings_and_task(args: argparse.Namespace) -> tuple[EnvConfig, Task]:
     tasks, *_ = task_sets_with_id(options.get("corpus", "builtin"), args.task, *found)
     name = configuration_name(tasks.provenance.appearance, tasks.provenance.start)
     return EnvConfig(name, **options), tasks.by_id(args.task)
-
-
-def _drawn(plan: ProgramPlan, planner: ProgramPlanner) -> Iterator[tuple[Scene, str]]:
-    """The plan's scenes with the actions that lead to them."""
-    *edits, _ = plan.actions
-    captions = ["start", *(f"{index}. {describe(action)}" for index, action in enumerate(edits, start=1))]
-    return zip(scenes(planner.dynamics, plan.scene, edits), captions, strict=True)
-
-
-def _film(path: Path, plan: ProgramPlan, planner: ProgramPlanner, task: str) -> None:
-    """Writes the plan's scenes with its actions as a GIF."""
-    shown = [*_drawn(plan, planner)]
-    stop = f"{len(plan.actions)}. STOP, succeeds with a probability of {100 * plan.success_probability:.0f} %"
-    shown.append((shown[-1][0], stop))
-    save_gif(path, [frame(scene, [task, caption], planner.dynamics.appearance) for scene, caption in shown])
 
 
 def _explain_program(args: argparse.Namespace) -> int:

@@ -15,10 +15,8 @@ from typing import Any
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
-from lilgym_mp.envs.rendering import caption
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.files import fresh_file, write_json
-from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.evaluation.options import (
     CommandError,
     add_configuration,
@@ -30,9 +28,7 @@ from lilgym_mp.evaluation.options import (
 from lilgym_mp.evaluation.terminal import Progress, shows_colours, table
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import Action, describe
-from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.characters import ruled, text
-from lilgym_mp.scene.render.frames import frame
 from lilgym_mp.solver import Solver, Status
 from lilgym_mp.solver.reports import Summary, TaskReport, report_json, solve_tasks, summarise, summary_rows
 
@@ -46,10 +42,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--limit", type=int, metavar="N", help="only the first N tasks of each split")
     parser.add_argument("--out", type=Path, metavar="FILE", help="write all solutions to FILE as JSON")
-    parser.add_argument("--force", action="store_true", help="overwrite the files named by --out and --film")
+    parser.add_argument("--force", action="store_true", help="overwrite the file named by --out")
     parser.add_argument("--task", nargs="+", metavar="ID", help="solve only these tasks, and print their solutions")
     parser.add_argument("--show", action="store_true", help="with --task: draw the scene before each action")
-    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="with --task: film the solutions")
     add_solving(parser)
     add_settings(parser)
 
@@ -70,8 +65,8 @@ def run(args: argparse.Namespace) -> int:
     chosen = [EnvConfig(name, **given_environment(args)) for name in args.configuration or CONFIGURATIONS]
     if args.task is not None:
         return _run_tasks(chosen, args)
-    if args.show or args.film is not None:
-        raise CommandError("--show and --film need --task ID")
+    if args.show:
+        raise CommandError("--show needs --task ID")
     summaries: dict[str, Summary] = {}
     records: list[dict[str, Any]] = []
     unsolved: list[str] = []
@@ -109,14 +104,11 @@ def _run_tasks(chosen: Sequence[EnvConfig], args: argparse.Namespace) -> int:
         raise CommandError("--task needs exactly one CONFIGURATION, and at most one --split")
     if args.out is not None or args.limit is not None:
         raise CommandError("--task excludes --out and --limit")
-    if args.film is not None:
-        fresh_file(args.film, force=args.force)
     (settings,) = chosen
     split = split_of(settings, *(args.split or [None]), *args.task)
     dynamics = settings.dynamics()
     solver = Solver(dynamics, args.budget)
     tasks = settings.tasks(split)
-    frames: list[UInt8Array] = []
     for task in [tasks.by_id(task_id) for task_id in args.task]:
         solution = solver.solve_from(dynamics.start(task))
         print(f'{task.id}: make "{task.statement}" {str(task.target).lower()}')
@@ -126,28 +118,19 @@ def _run_tasks(chosen: Sequence[EnvConfig], args: argparse.Namespace) -> int:
             continue
         proof = "proven shortest" if solution.proven_optimal else f"lower bound: {solution.least_edits} edits"
         print(f"  {solution.steps} actions, {proof}")
-        frames += _print_actions(dynamics, task, solution.actions, show=args.show)
-    if args.film is not None:
-        if not frames:
-            raise CommandError("--film: no solution was found")
-        save_gif(args.film, frames)
-        print(f"film: {args.film}")
+        _print_actions(dynamics, task, solution.actions, show=args.show)
     return 0
 
 
-def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> list[UInt8Array]:
-    """Prints each action, with `show` also the scene before it; returns the frames of a film."""
-    state, last = dynamics.start(task), None
-    frames = [frame(state.scene, caption(state, dynamics, None), dynamics.appearance)]
+def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *, show: bool) -> None:
+    """Prints each action, with `show` also the scene before it."""
+    state = dynamics.start(task)
     for step, action in enumerate(actions, 1):
         if show:
             print(ruled(text(state.scene, [], coloured=shows_colours()), dynamics.appearance.grid))
         transition = dynamics.step(state, action)
         print(f"  {step}. {describe(action)}: reward {transition.reward:+.1f}")
-        last = dynamics.appearance.encode(action), transition
         state = transition.state
-        frames.append(frame(state.scene, caption(state, dynamics, last), dynamics.appearance))
-    return frames
 
 
 def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:

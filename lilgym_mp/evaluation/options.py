@@ -186,20 +186,19 @@ def task_sets_with_id(corpus: str, task_id: str, *choices: Sequence[str]) -> lis
 def split_of(settings: EnvConfig, split: str | None, *task_ids: str | None) -> str:
     """`split` if given, else the first of dev, train and test that has the tasks; None stands for any task.
 
-    Raises CommandError naming the split of a task that is not in `split`, NoTasksError for a corpus without tasks.
+    Raises NoTasksError for a corpus without tasks.
     """
     wanted = {task_id for task_id in task_ids if task_id is not None}
-    ids: dict[str, set[str]] = {}  # by split
-    for name in ([split] if split else []) + PREFERRED_SPLITS:
+    found: list[str] = []  # splits with tasks
+    for name in PREFERRED_SPLITS if split is None else ():
         try:
-            ids[name] = set(settings.tasks(name).ids)
+            ids = settings.tasks(name).ids
         except NoTasksError:
             continue
-        if wanted <= ids[name]:
-            if split not in (None, name):
-                raise CommandError(f"{', '.join(sorted(wanted))} of {settings.configuration} is in {name}, not {split}")
+        if wanted <= set(ids):
             return name
-    return split or next(iter(ids), PREFERRED_SPLITS[0])
+        found.append(name)
+    return split or next(iter(found), PREFERRED_SPLITS[0])
 
 
 def given_environment(args: argparse.Namespace) -> dict[str, Any]:

@@ -92,23 +92,6 @@ random_legal = RandomLegal()
 random_unmasked = RandomUnmasked()
 
 
-@dataclass(frozen=True)
-class WithoutMask(Policy):
-    """A policy with a mask that allows every action."""
-
-    policy: Policy
-
-    @property
-    def stop_probabilities(self) -> FloatArray | None:  # pyright: ignore[reportIncompatibleVariableOverride]
-        return self.policy.stop_probabilities
-
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        return self.policy(observations, np.ones_like(legal), rng)
-
-    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput | None:
-        return self.policy.output(np.ones_like(legal), chosen)
-
-
 class RandomType(Policy):
     """Uniform over STOP, ADD and REMOVE, then over arguments, legal or not: the released baselines' random policy."""
 

@@ -6,10 +6,8 @@ import hashlib
 import re
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
-
-import numpy as np
 
 from lilgym_mp.corpus.tasks import TaskSet, contexts
 from lilgym_mp.corpus.tokens import statement_form
@@ -18,16 +16,16 @@ from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import Episode, Header, Recording, scenes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, writable_directory
-from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy, Observations, Policy
+from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy
 from lilgym_mp.evaluation.recording_metadata import software
-from lilgym_mp.evaluation.runs import Result, evaluate, training_statements
+from lilgym_mp.evaluation.runs import Result
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import STOP, Action, ActionError
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.actions import Action, ActionError
 from lilgym_mp.solver import Solver
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
+CHECKED = ("statement", "program", "target", "start", "outcome", "invalid_reason", "rewards")  # by `check_recording`
 
 
 def episodes_file(directory: Path, named: NamedPolicy, settings: EnvConfig, split: str, seed: int) -> Path:
@@ -148,60 +146,40 @@ def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
     return True if solver.solve_from(transition.state).steps == optimal.steps - 1 else None
 
 
-class _Replay(Policy):
-    """Repeats recorded actions, whose indices are given by episode."""
-
-    needs_masks = False
-
-    def __init__(self, actions: Sequence[Sequence[int]]) -> None:
-        self._actions = actions
-
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        steps = zip(observations.episodes.tolist(), observations.steps.tolist(), strict=True)
-        return np.array([self._actions[episode][step] for episode, step in steps], np.int64)
-
-
 def check_recording(recording: Recording) -> None:
-    """Raises EpisodesError naming the file and what is wrong, unless the results and the facts about tasks are true.
+    """Raises EpisodesError naming the file and what is wrong, unless the actions lead to the results.
 
-    The tasks must be those of the installed corpus, each played as often as the header says. The actions are played
-    again, and the facts computed again, with the lengths of the expert's solutions if the header says `expert`. Not
-    checked are the header's `package`, `agent`, `supervision`, `actions`, `mask`, `seed`, `training_seed`, `run`,
-    `recipe` and `training`, and the episodes' `stop_probabilities` and `decisions`.
+    The tasks must be those of the installed corpus, each played as often as the header says; their actions are played
+    again. Not checked is what the episodes say of training data, the expert and the agent.
     """
-    header = recording.header
-    tasks, encode = header.settings.tasks(header.split), header.settings.dynamics().appearance.encode
-    played = Counter(episode.task for episode in recording.episodes)
+    header, episodes = recording.header, recording.episodes
+    tasks, dynamics = header.settings.tasks(header.split), header.settings.dynamics()
+    if header.tasks_sha256 != tasks.provenance.sha256:
+        raise _error(recording, f"its tasks_sha256 is {header.tasks_sha256!r}, not {tasks.provenance.sha256!r}")
+    played = Counter(episode.task for episode in episodes)
     for task_id in dict.fromkeys((*tasks.ids, *played)):
-        if task_id not in tasks.ids or played[task_id] != header.passes:
-            count = header.passes if task_id in tasks.ids else 0
+        count = header.passes if task_id in tasks.ids else 0
+        if played[task_id] != count:
             raise _error(recording, f"the task {task_id} must be played {count} times, not {played[task_id]}")
-    true = {
-        "tasks_sha256": tasks.provenance.sha256,
-        "stop_forcing": False,  # STOP is never forced in evaluations
-        "start_scenes": len(tasks),
-        "contexts": contexts(tasks),
-        "corpus": tasks.provenance.name,
-    }
-    for name, value in true.items():
-        if getattr(header, name) != value:
-            raise _error(recording, f"its {name} is {getattr(header, name)!r:.80}, not {value!r:.80}")
-    try:
-        # STOP ends what does not end where the recording says.
-        indices = [[*map(encode, episode.actions), encode(STOP)] for episode in recording.episodes]
-    except ActionError as error:
-        raise _error(recording, str(error)) from None
-    ids = [episode.task for episode in recording.episodes]
-    again = evaluate(_Replay(indices), header.settings, header.split, task_ids=ids)
-    recorder = Recorder(header.settings, header.split, training_statements(header.settings), with_expert=header.expert)
-    for index, (episode, replayed) in enumerate(zip(recording.episodes, again, strict=True)):
-        unchecked = {"stop_probabilities": episode.stop_probabilities, "decisions": episode.decisions}
-        replayed = replace(recorder.recorded(replayed), **unchecked)
-        for each in fields(Episode):
-            found, value = getattr(episode, each.name), getattr(replayed, each.name)
+    for index, episode in enumerate(episodes):
+        place = f"episode {index} ({episode.task})"
+        transition, state = None, dynamics.start(tasks.by_id(episode.task))
+        for step, action in enumerate(episode.actions):
+            try:
+                dynamics.appearance.encode(action)
+            except ActionError as error:
+                raise _error(recording, f"{place}: {error}") from None
+            if transition is not None and transition.outcome is not Outcome.CONTINUES:
+                raise _error(recording, f"{place}: ends after {step} actions when played again")
+            transition = dynamics.step(state, action)
+            state = transition.state
+        assert transition is not None, "an episode has at least one action"
+        reason = None if transition.invalid is None else str(transition.invalid)
+        again = Episode.of(state.task, episode.actions, transition.outcome, dynamics, invalid_reason=reason)
+        for name in CHECKED:
+            found, value = getattr(episode, name), getattr(again, name)
             if found != value:
-                differs = f"its {each.name} is {found!r:.80}, but {value!r:.80} when played again"
-                raise _error(recording, f"episode {index} ({episode.task}): {differs}")
+                raise _error(recording, f"{place}: its {name} is {found!r:.80}, but {value!r:.80} when played again")
 
 
 def _error(recording: Recording, problem: str) -> EpisodesError:

@@ -1,4 +1,4 @@
-"""Evaluation results as Markdown tables, and as JSON with all that is needed to reproduce them."""
+"""Evaluation results as tables, and as JSON with all that is needed to reproduce them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from typing import Any
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.runs import Result, SuccessCount
-from lilgym_mp.evaluation.terminal import NUMBER
-from lilgym_mp.evaluation.terminal import table as aligned
+from lilgym_mp.evaluation.terminal import NUMBER, table
 
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
@@ -39,15 +38,6 @@ def _has_seen(results: Sequence[Result]) -> bool:
     return any(result.summary.seen.episodes for result in results)
 
 
-def table(results: Sequence[Result]) -> str:
-    """Markdown: the accuracy by policy and configuration if there are several, and a table with a row per result."""
-    heads, *rows = accuracies(results)
-    summary = f"{markdown_table([heads, *rows])}\n\n" if len(heads) > 2 else ""
-    seen = ("seen", "unseen") if _has_seen(results) else ()
-    heads = ("policy", "configuration", "episodes", "accuracy", *seen, "mean reward", "mean length", *FAILURES)
-    return summary + markdown_table([heads, *(_row(result, seen=bool(seen)) for result in results)])
-
-
 def accuracies(results: Sequence[Result]) -> list[list[str]]:
     """Rows of accuracies by policy and configuration, after a row of heads."""
     found = {(result.name, result.plan.settings.configuration): result.summary.accuracy for result in results}
@@ -56,37 +46,27 @@ def accuracies(results: Sequence[Result]) -> list[list[str]]:
     return [["accuracy", *configurations], *rows]
 
 
-def terminal_tables(results: Sequence[Result], width: int) -> str:
-    """Lays the tables out for a terminal of this many columns: one per configuration, in parts if it is narrow."""
+def results_text(results: Sequence[Result], width: int | None = None) -> str:
+    """The accuracy by policy and configuration if there are several of these, and a table for each configuration.
+
+    `width`: of a terminal to which tables are cut, by default that of standard output if it is one.
+    """
     heads, *rows = accuracies(results)
-    parts = [aligned(heads, rows, width)] if len(heads) > 2 else []
-    seen = ("seen", "unseen") if _has_seen(results) else ()
-    heads = ("policy", "accuracy", *seen, "reward", "length", *FAILURES)
+    parts = [table(heads, rows, width)] if len(heads) > 2 else []
+    has_seen = _has_seen(results)
+    heads = ("policy", "accuracy", *("seen", "unseen") * has_seen, "mean reward", "mean length", *FAILURES)
     for configuration in dict.fromkeys(result.plan.settings.configuration for result in results):
-        all_rows = [_row(result, seen=bool(seen)) for result in results]
-        rows = [(row[0], *row[3:]) for row in all_rows if row[1] == configuration]
-        episodes = next(r.summary.all.episodes for r in results if r.plan.settings.configuration == configuration)
-        parts += [f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}", aligned(heads, rows, width)]
+        found = [result for result in results if result.plan.settings.configuration == configuration]
+        episodes = found[0].summary.all.episodes
+        parts.append(f"{configuration}, {episodes:,} episode{'s' * (episodes > 1)}")
+        parts.append(table(heads, [_row(result, seen=has_seen) for result in found], width))
     supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
     notes = [*(f"supervision of {name}: {text}" for name, text in supervision), legend(results)]
-    return "\n\n".join([*parts, *(fill(note, width, subsequent_indent="  ") for note in notes)])
-
-
-def results_markdown(results: Sequence[Result]) -> str:
-    """All tables and the legend."""
-    return "\n\n".join([table(results), supervision_table(results), legend(results)])
-
-
-def shown_results(results: Sequence[Result]) -> str:
-    """The results laid out for the terminal, or as Markdown if standard output is none."""
-    columns = get_terminal_size().columns
-    return terminal_tables(results, columns) if sys.stdout.isatty() else results_markdown(results)
-
-
-def supervision_table(results: Sequence[Result]) -> str:
-    """A Markdown table of what each policy learnt from."""
-    supervision = dict.fromkeys((result.name, result.named.supervision) for result in results)
-    return markdown_table([("policy", "supervision"), *supervision])
+    if width is None and sys.stdout.isatty():
+        width = get_terminal_size().columns
+    if width is not None:
+        notes = [fill(note, width, subsequent_indent="  ") for note in notes]
+    return "\n\n".join([*parts, *notes])
 
 
 def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
@@ -94,8 +74,6 @@ def _row(result: Result, *, seen: bool) -> tuple[str, ...]:
     failures = (_percent(fraction) for outcome, fraction in summary.outcomes.items() if outcome != "success")
     return (
         result.name,
-        result.plan.settings.configuration,
-        str(summary.all.episodes),
         _percent(summary.accuracy),
         *((_percent_of(summary.seen), _percent_of(summary.unseen)) if seen else ()),
         f"{summary.mean_reward:+.2f}",

@@ -19,7 +19,7 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.evaluation import Settings, recording_metadata
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
-from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, WithoutMask, built_in_policy
+from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
 from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
@@ -105,16 +105,6 @@ def test_episodes_file__differs_for_each_agent_configuration_split_and_seed():
     ]
     assert len({str(name) for name in names}) == len(names)
     assert all(len(name.name) < 120 for name in names)
-
-
-def test_without_mask__policy_gets_a_mask_of_ones(tmp_path: Path):
-    def masked(observations: Observations, legal: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        return legal.sum(1) - 1  # the last action, if all are legal
-
-    rows = Observations(np.zeros((2, 50, 190, 3), np.uint8), ("a", "b"), np.ones(2, np.int64), *np.zeros((2, 2), int))
-    legal = np.zeros((2, 13), np.bool_)
-    assert WithoutMask(masked)(rows, legal, np.random.default_rng(0)).tolist() == [12, 12]
-    assert not legal.any()
 
 
 @pytest.fixture

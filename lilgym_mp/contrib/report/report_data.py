@@ -210,8 +210,6 @@ def _label(header: Header, headers: Sequence[Header]) -> str:
     differences = [f"{key} {format_setting(header.recipe.get(key))}" for key in keys]
     if len({other.actions for other in others}) > 1:
         differences.append(header.actions)
-    if len({other.mask for other in others}) > 1:
-        differences.append("with mask" if header.mask else "without mask")
     if len({other.supervision for other in others}) > 1 and not differences:
         differences.append(header.supervision)
     return f"{header.agent} ({', '.join(differences)})" if differences else header.agent
