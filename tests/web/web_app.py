@@ -23,30 +23,18 @@ from lilgym_mp.contrib.web.app import ServeOptions, create_app
 
 
 class Browser:
-    """A test client with its own cookie and CSRF token."""
+    """A test client with its own cookies."""
 
     def __init__(self, app: Any, **headers: str) -> None:
         self.app = app
         self.client = TestClient(app, raise_server_exceptions=False, headers=headers)
         self.client.portal = app.state.portal
-        self._token: str | None = None
 
     def get(self, path: str, **options: Any) -> Any:
         return self.client.get(path, **options)
 
-    @property
-    def csrf_token(self) -> str:
-        if self._token is None:
-            self._token = str(self.client.get("/api/session").json()["csrf_token"])
-        return self._token
-
-    def send(self, method: str, path: str, body: Any = None, **options: Any) -> Any:
-        """Sends a state-changing request with the CSRF token."""
-        headers = {"X-CSRF-Token": self.csrf_token, **options.pop("headers", {})}
-        return self.client.request(method, path, json=body, headers=headers, **options)
-
     def post(self, path: str, body: Any = None, **options: Any) -> Any:
-        return self.send("POST", path, body, **options)
+        return self.client.post(path, json=body, **options)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from lilgym_mp import __version__
 from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
 from lilgym_mp.contrib.web.responses import add_error_handlers
 from lilgym_mp.contrib.web.routes import ROUTERS
-from lilgym_mp.contrib.web.security import CurrentVisitor, Guard
+from lilgym_mp.contrib.web.security import Guard
 
 ASSETS = Path(__file__).parent / "assets"
 
@@ -30,8 +30,7 @@ def create_app(options: ServeOptions) -> FastAPI:
     app = FastAPI(
         title="lilgym-mp",
         version=__version__,
-        description="JSON API behind the pages of `lilgym-mp serve`. State-changing requests need the header "
-        "X-CSRF-Token; GET /api/session returns its value.",
+        description="JSON API behind the pages of `lilgym-mp serve`.",
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
@@ -39,12 +38,6 @@ def create_app(options: ServeOptions) -> FastAPI:
     app.state.services = services
     for router in ROUTERS:
         app.include_router(router)
-
-    @app.get("/api/session")
-    def session(visitor: CurrentVisitor) -> dict[str, str]:
-        """This browser's CSRF token, which state-changing requests need."""
-        return {"csrf_token": visitor.csrf_token}
-
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
     app.add_middleware(Guard, options)

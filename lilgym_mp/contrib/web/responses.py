@@ -50,10 +50,8 @@ def _environment() -> Environment:
 
 
 def render_page(request: Request, template: str, status_code: int = 200, **values: Any) -> HTMLResponse:
-    """Renders a template with the values and the common context: path, navigation, CSRF token, version."""
-    visitor = request.scope.get("visitor")
-    common = {"path": request.url.path, "csrf_token": visitor.csrf_token if visitor else ""}
-    text = _environment().get_template(template).render(**common, **values)
+    """Renders a template with the values and the common context: path, navigation, version."""
+    text = _environment().get_template(template).render(path=request.url.path, **values)
     return HTMLResponse(text, status_code, headers={"Cache-Control": "no-store"})
 
 

@@ -1,4 +1,4 @@
-"""Middleware for every request: security headers, allowed hosts, body size, the access token, CSRF, and visitors."""
+"""Middleware for every request: security headers, allowed hosts and origins, body size, the access token, visitors."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from lilgym_mp.contrib.web.responses import error_response
 
 VISITOR_COOKIE = "lilgym_visitor"
 _VISITOR_ID = re.compile(r"[A-Za-z0-9_-]{43}")
-CSRF_HEADER = "X-CSRF-Token"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 TOKEN_COOKIE = "lilgym_token"
 PUBLIC_PATHS = "/assets/"  # served without the token
@@ -44,15 +43,10 @@ class Visitor:
 
     id: str
 
-    @property
-    def csrf_token(self) -> str:
-        """A value that scripts of the server's own pages know, and that does not give the id away."""
-        return hashed("csrf", self.id)
 
-
-def hashed(purpose: str, secret: str) -> str:
-    """A value that proves knowledge of the secret without giving it away."""
-    return hashlib.sha256(f"lilgym-mp {purpose}:{secret}".encode()).hexdigest()
+def proof_of(token: str) -> str:
+    """A value that proves knowledge of the token without giving it away."""
+    return hashlib.sha256(f"lilgym-mp token:{token}".encode()).hexdigest()
 
 
 async def get_visitor(request: Request) -> Visitor:
@@ -71,7 +65,7 @@ class Guard:
     def __init__(self, app: ASGIApp, options: ServeOptions) -> None:
         self.app = app
         self._hosts = options.hosts
-        self._token_proof = None if options.token is None else hashed("token", options.token)
+        self._token_proof = None if options.token is None else proof_of(options.token)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -96,7 +90,7 @@ class Guard:
             receive_limited = _limited(receive, request.headers)
             response = self._check_token(request)
             if request.method not in SAFE_METHODS:
-                _check_csrf(request.headers, visitor.csrf_token)
+                _check_origin(request.headers)
         except HTTPException as refusal:
             response = error_response(request, refusal.status_code, refusal.detail)
             response.headers.update(refusal.headers or {})
@@ -120,7 +114,7 @@ class Guard:
         if self._token_proof is None or request.url.path.startswith(PUBLIC_PATHS):
             return None
         token = request.query_params.get("token")
-        proof = request.cookies.get(TOKEN_COOKIE, "") if token is None else hashed("token", token)
+        proof = request.cookies.get(TOKEN_COOKIE, "") if token is None else proof_of(token)
         if not hmac.compare_digest(proof.encode(), self._token_proof.encode()):
             wrong = "the link's token is wrong" if token is not None else "this server needs a token"
             raise HTTPException(401, f"{wrong}: open the link that it printed when it started")
@@ -133,14 +127,12 @@ class Guard:
         return response
 
 
-def _check_csrf(headers: Headers, token: str) -> None:
-    """Raises HTTPException unless the request was sent by a page of this server."""
-    origin = headers.get("origin")
-    if origin is not None and _split(origin).netloc != headers.get("host", ""):
+def _check_origin(headers: Headers) -> None:
+    """Raises HTTPException for a request sent by a page of another server, of which browsers tell (CSRF)."""
+    origin, site = headers.get("origin"), headers.get("sec-fetch-site", "none")
+    is_other = origin is not None and _split(origin).netloc != headers.get("host", "")
+    if is_other or site not in ("same-origin", "none"):
         raise HTTPException(403, "this request was not sent from a page of this server")
-    if not hmac.compare_digest(headers.get(CSRF_HEADER, "").encode(), token.encode()):
-        message = f"the header {CSRF_HEADER} is missing or stale; reload the page (GET /api/session returns its value)"
-        raise HTTPException(403, message)
 
 
 def _limited(receive: Receive, headers: Headers) -> Receive:

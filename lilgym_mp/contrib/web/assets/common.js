@@ -1,15 +1,12 @@
 "use strict";
 // Used by every page: requests to the server, messages, DOM elements.
 
-const csrfToken = document.querySelector('meta[name="csrf-token"]').content;
-
 /** An error with a message to display. */
 const requestError = (status, message) => Object.assign(new Error(message), { status });
 
 /** Sends a request and returns the JSON response; throws a requestError. */
 async function request(method, path, body) {
   const headers = { Accept: "application/json" };
-  if (method !== "GET") headers["X-CSRF-Token"] = csrfToken;
   if (body !== undefined) headers["Content-Type"] = "application/json";
   let response;
   try {
