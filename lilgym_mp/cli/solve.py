@@ -6,9 +6,7 @@ Finds shortest solutions of all tasks of the splits, and reports which are prove
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -53,9 +51,6 @@ def add_solving(parser: argparse.ArgumentParser) -> None:
     """Options that limit the expert's work."""
     options = parser.add_argument_group("expert")
     options.add_argument("--budget", type=int, metavar="N", help="search budget: maximum number of scenes per task")
-    options.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="processes (default: one per core)"
-    )
 
 
 def run(args: argparse.Namespace) -> int:
@@ -135,9 +130,9 @@ def _print_actions(dynamics: Dynamics, task: Task, actions: Sequence[Action], *,
 
 def solve_shown(tasks: Sequence[Task], settings: EnvConfig, split: str, args: argparse.Namespace) -> list[TaskReport]:
     """Solves tasks of the split, showing progress."""
+    reports: list[TaskReport] = []
     with Progress(len(tasks), f"tasks of {settings.configuration} {split}") as progress:
-        try:
-            limits = {"budget": args.budget, "jobs": args.jobs}
-            return solve_tasks(tasks, settings.dynamics(), **limits, on_report=lambda report: progress.advance())
-        except BrokenProcessPool:
-            raise CommandError("a worker process was killed; --jobs 1 solves without worker processes") from None
+        for report in solve_tasks(tasks, settings.dynamics(), budget=args.budget):
+            reports.append(report)
+            progress.advance()
+    return reports

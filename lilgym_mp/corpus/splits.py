@@ -21,7 +21,7 @@ from pathlib import Path
 from lilgym_mp.corpus.faults import CorpusError, NoTasksError
 from lilgym_mp.corpus.loading import load_tasks
 from lilgym_mp.corpus.locations import BUILTIN, is_split
-from lilgym_mp.corpus.records import GZIP_MAGIC, SCRATCH
+from lilgym_mp.corpus.records import GZIP_MAGIC, SCRATCH, read_bytes
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.programs.task import Task
@@ -122,7 +122,4 @@ def _contents(corpus: str) -> bytes:
     if corpus.startswith(f"{BUILTIN}:"):
         by = choose("split", corpus.partition(":")[2], {by: by for by in RULES})
         return (files("lilgym_mp.data") / f"{BUILTIN}-{by}.split.json.gz").read_bytes()
-    try:
-        return Path(corpus).read_bytes()
-    except OSError as error:
-        raise CorpusError(f"{corpus}: cannot be read: {error.strerror or error}") from None
+    return read_bytes(Path(corpus))

@@ -1,13 +1,9 @@
-"""Solving many tasks, optionally in several processes, and summaries of the results."""
+"""Solving many tasks, and summaries of the results."""
 
 from __future__ import annotations
 
-import itertools
-import signal
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from statistics import mean, median
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -16,8 +12,6 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.solver.solution import Solution, Status
 from lilgym_mp.solver.solver import Solver
-
-CHUNK_SIZE = 32  # tasks that a process gets at a time; consecutive tasks of one statement share caches
 
 
 class TaskReport(NamedTuple):
@@ -28,49 +22,13 @@ class TaskReport(NamedTuple):
     seconds: float
 
 
-def solve_tasks(
-    tasks: Sequence[Task],
-    dynamics: Dynamics,
-    *,
-    budget: int | None = None,
-    jobs: int = 1,
-    on_report: Callable[[TaskReport], object] = lambda report: None,
-) -> list[TaskReport]:
-    """Solves tasks in `jobs` processes. Returns their reports in order; solutions do not depend on `jobs`.
-
-    `budget`: scenes examined per task. `on_report` is called with each report, in order, as soon as it is ready. Ends
-    all processes when interrupted. Raises ValueError for fewer than one job or a budget below 1.
-    """
-    if jobs < 1:
-        raise ValueError(f"jobs must be at least 1, not {jobs}")
-    solve = partial(_solutions, dynamics, Solver(dynamics, budget).budget)
-    size = 1 if jobs == 1 else CHUNK_SIZE
-    chunks = [tasks[begin : begin + size] for begin in range(0, len(tasks), size)]
-    executor = ProcessPoolExecutor(max(1, min(jobs, len(chunks))), initializer=_ignore_interrupts)
-    reports: list[TaskReport] = []
-    try:
-        found = map(solve, chunks) if jobs == 1 else executor.map(solve, chunks)
-        for task, (solution, seconds) in zip(tasks, itertools.chain.from_iterable(found), strict=True):
-            reports.append(TaskReport(task, solution, seconds))
-            on_report(reports[-1])
-    finally:
-        executor.shutdown(wait=True, cancel_futures=True)
-    return reports
-
-
-def _solutions(dynamics: Dynamics, budget: int, tasks: Sequence[Task]) -> list[tuple[Solution, float]]:
-    """Solutions and seconds; without the tasks, which the parent process has."""
+def solve_tasks(tasks: Iterable[Task], dynamics: Dynamics, *, budget: int | None = None) -> Iterator[TaskReport]:
+    """Solves tasks in order; `budget`: scenes examined per task. Raises ValueError for a budget below 1."""
     solver = Solver(dynamics, budget)
-    found: list[tuple[Solution, float]] = []
     for task in tasks:
         begin = perf_counter()
-        found.append((solver.solve(task), perf_counter() - begin))
-    return found
-
-
-def _ignore_interrupts() -> None:
-    """Leaves Ctrl-C to the parent process."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+        solution = solver.solve(task)
+        yield TaskReport(task, solution, perf_counter() - begin)
 
 
 Summary = Mapping[str, float]  # statistics of reports; steps are of the solved tasks, STOP included

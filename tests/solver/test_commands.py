@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 
 import pytest
@@ -11,17 +10,16 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import make_dynamics
-from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import make_appearance
-from lilgym_mp.solver import Solution, Solver
+from lilgym_mp.solver import Solver
 
 Captured = pytest.CaptureFixture[str]
 
 
 def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, capsys: Captured):
     out = tmp_path / "solutions.json"
-    assert main(["solve", "--corpus", corpus, "--jobs", "1", "--out", str(out)]) == 0
+    assert main(["solve", "--corpus", corpus, "--out", str(out)]) == 0
     printed = capsys.readouterr()
     assert f"corpus {corpus}, rules paper, horizon 12, grid 19x5" in printed.out
     for name, count in (("TowerScratch dev", 3), ("ScatterFlipIt dev", 9)):
@@ -38,7 +36,7 @@ def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):
 
 
 def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
-    assert main(["solve", "TowerScratch", "--corpus", corpus, "--horizon", "1", "--jobs", "1"]) == 0
+    assert main(["solve", "TowerScratch", "--corpus", corpus, "--horizon", "1"]) == 0
     assert "unsolvable, no scene within 0 edits has that value" in capsys.readouterr().out
 
 
@@ -46,7 +44,6 @@ def test_solve__lists_tasks_without_solution(corpus: str, capsys: Captured):
     ("options", "message"),
     [
         (["--budget", "0"], "budget must be a positive whole number of scenes"),
-        (["--jobs", "0"], "jobs must be at least 1, not 0"),
         (["--limit", "0"], "--limit must be at least 1, not 0"),
         (["--horizon", "0"], "horizon must be a positive whole number"),
         (["--corpus", "nowhere.jsonl"], "nowhere.jsonl"),
@@ -58,17 +55,6 @@ def test_solve__names_the_mistake(options: list[str], message: str, capsys: Capt
     printed = capsys.readouterr()
     assert message in printed.err
     assert printed.out == ""
-
-
-def test_solve__reports_a_killed_process(corpus: str, monkeypatch: pytest.MonkeyPatch, capsys: Captured):
-    monkeypatch.setattr("lilgym_mp.solver.reports.Solver", _EndsItsProcess)
-    assert main(["solve", "TowerScratch", "--corpus", corpus, "--jobs", "2"]) == 2
-    assert "a worker process was killed" in capsys.readouterr().err
-
-
-class _EndsItsProcess(Solver):
-    def solve(self, task: Task) -> Solution:
-        os._exit(1)
 
 
 def test_solve__shows_single_tasks_action_by_action(corpus: str, capsys: Captured):

@@ -1,8 +1,7 @@
-"""Solving many tasks in one process or several, and summarising the results."""
+"""Solving many tasks, and summarising the results."""
 
 from __future__ import annotations
 
-import multiprocessing
 from pathlib import Path
 
 import pytest
@@ -10,28 +9,12 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.solver import Status
-from lilgym_mp.solver.reports import CHUNK_SIZE, TaskReport, report_json, solve_tasks, summarise, summary_rows
+from lilgym_mp.solver.reports import TaskReport, report_json, solve_tasks, summarise, summary_rows
 from lilgym_mp.solver.solution import Solution
 from tests.solver.tasks import mdp, outcome, task
 
-TASKS = load_tasks("builtin", "tower", "flipit", "dev")[: 2 * CHUNK_SIZE + 3]
 SOLVED = Solution(Status.SOLVED, (), 0, 7)
 UNSOLVABLE = Solution(Status.UNSOLVABLE, (), 12, 9, "no scene has that value")
-
-
-def test_reports__are_the_same_from_one_process_and_from_two():
-    alone = solve_tasks(TASKS, mdp("tower"))
-    together = solve_tasks(TASKS, mdp("tower"), jobs=2)
-    assert [(report.task, report.solution) for report in together] == [(r.task, r.solution) for r in alone]
-
-
-def test_interruption__ends_all_processes():
-    def interrupt(report: TaskReport) -> None:
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        solve_tasks(TASKS, mdp("tower"), jobs=2, on_report=interrupt)
-    assert not multiprocessing.active_children()
 
 
 def test_summary__excludes_unsolvable_tasks_from_the_share():
