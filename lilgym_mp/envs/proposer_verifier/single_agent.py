@@ -33,8 +33,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": RENDER_FPS}
 
     def __init__(self, env: Any, agent: str, partner: Partner | str) -> None:
-        """`env`: the game (`env`, `raw_env` or `parallel_env`), also wrapped in wrappers of this package, which apply to
-        both agents. The view takes it over: do not step it elsewhere.
+        """`env`: the game (`env`, `raw_env` or `parallel_env`), also in wrappers of this package, which apply to both
+        agents. The view takes it over: do not step it elsewhere.
         `partner`: a name in SCRIPTED, or a function of a PartnerTurn.
 
         Raises TypeError for another environment, for array observations and a partner that is not callable, ValueError
