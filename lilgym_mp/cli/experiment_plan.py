@@ -172,7 +172,9 @@ def _checked(command: Sequence[str], learner: Learner) -> tuple[tuple[str, float
     check_at_least(args, 0, "seed")
     settings, recipe, own, _ = requested(args, command[1], learner)
     if learner.plays_games:
-        settings.setup()
+        from lilgym_mp.envs.proposer_verifier import Game
+
+        Game(settings)
     return learner.budget(recipe, own), recipe
 
 

@@ -15,12 +15,12 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_count, checked_flag, checked_seed
 from lilgym_mp.envs.proposer_verifier.engine import agent_spaces, reset_options
-from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings, with_tasks
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.single import next_draws
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import Int64Array
@@ -72,17 +72,15 @@ class BatchedGames:
 
         Raises ValueError unless `num_games` is positive, for bad settings, and for tasks of another appearance.
         """
-        setup = GameSettings.of(settings).setup()
-        if tasks is not None:
-            setup = with_tasks(setup, tasks)
-        self._setup = setup
+        game = Game(GameSettings.of(settings))
+        self._game = game = game if tasks is None else game.with_tasks(tasks)
         self._sampler = sampler
         self.num_games = num_games = checked_count("num_games", num_games)
         self.possible_agents = list(AGENTS)
         self.single_observation_spaces: dict[str, spaces.Dict] = {}
         self.single_action_spaces: dict[str, spaces.Discrete] = {}
-        self._games = ObservedGames(setup, num_games)
-        for agent, parts, count in zip(AGENTS, self._games.parts, setup.game.action_counts, strict=True):
+        self._games = ObservedGames(game, num_games)
+        for agent, parts, count in zip(AGENTS, self._games.parts, game.action_counts, strict=True):
             self.single_observation_spaces[agent], self.single_action_spaces[agent] = agent_spaces(parts, count)
         self._copies = checked_flag("copy", copy)
         self._all = np.arange(num_games)
@@ -112,12 +110,12 @@ class BatchedGames:
     @property
     def tasks(self) -> TaskSet:
         """The tasks played; "task_index" in infos is an index of it."""
-        return self._setup.tasks
+        return self._game.tasks
 
     def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
-        setup = self._setup
-        if intent is None and not setup.game.rewards.draws_intent:
+        game = self._game
+        if intent is None and not game.draws_intent:
             intent = Intent.HELPFUL
         sampled = self._sampled(indices) if task is None and self._sampler is not None else None
         tasks = np.empty(len(indices), np.int64)
@@ -126,7 +124,7 @@ class BatchedGames:
             if sampled is None:
                 tasks[position] = self._sample_task_index(index) if task is None else task
             if intent is None:
-                intents[position] = int(setup.sample_intent(self._generators[index]))
+                intents[position] = int(game.sample_intent(self._generators[index]))
         self._own_turn_rewards[:, indices] = 0
         self._games.start(indices, tasks if sampled is None else sampled, intents)
 
@@ -139,11 +137,11 @@ class BatchedGames:
         return tasks.astype(np.int64, copy=False)
 
     def _sample_task_index(self, index: int) -> int:
-        generator, setup = self._generators[index], self._setup
-        if setup.game.rewards.draws_intent:  # tasks and intents are drawn alternately, so not in advance
-            return setup.sample_task_index(generator)
+        generator, game = self._generators[index], self._game
+        if game.draws_intent:  # tasks and intents are drawn alternately, so not in advance
+            return game.sample_task_index(generator)
         if not self._draws[index]:
-            self._draws[index] = next_draws(generator, len(setup.tasks))
+            self._draws[index] = next_draws(generator, len(game.tasks))
         return self._draws[index].pop()
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
@@ -164,7 +162,7 @@ class BatchedGames:
             "probability": games.probabilities,
             "is_success": games.successes,
         }
-        if self._setup.reveals_truth:
+        if self._game.reveals_truth:
             infos["holds"] = games.holds
         if len(ended):
             infos |= self._final_infos(ended)
@@ -176,7 +174,7 @@ class BatchedGames:
         """The info entries of the games now in play."""
         games = self._games
         infos = {"turns": games.movers.T.copy(), "task_index": games.tasks.copy(), "proposal": games.proposals.copy()}
-        if self._setup.reveals_truth:
+        if self._game.reveals_truth:
             infos["goal_reached"] = games.goals_reached().copy()
         return infos
 
@@ -191,7 +189,7 @@ class BatchedGames:
             raise ActionError(
                 f"actions of {AGENTS[role]} must be {self.num_games} whole numbers, not {array.dtype} {array.shape}"
             )
-        game = self._setup.game
+        game = self._game
         if array.astype(np.uint64, copy=False).max() >= game.action_counts[role]:  # negative ones wrap around to large
             for action in array.tolist():  # raises for the first bad one
                 game.checked_action(role, action)

@@ -14,12 +14,12 @@ from gymnasium.utils import seeding
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open, checked_options
 from lilgym_mp.envs.observation import image_space
-from lilgym_mp.envs.proposer_verifier.game import TurnError
+from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
 from lilgym_mp.envs.proposer_verifier.observations import IMAGE, MASK, PARTS, AgentObservation, ObservedGames, Part
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.settings import GameSettings, GameSetup, with_tasks
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
@@ -85,10 +85,9 @@ class Layer(Protocol):
 class GameEngine:
     """One game: a batch of one, with a random generator, rendering and wrappers."""
 
-    def __init__(self, setup: GameSetup, render_mode: str | None = None) -> None:
-        self.setup = setup  # from the next reset on
-        self.game = setup.game
-        self.games = ObservedGames(setup, 1)
+    def __init__(self, game: Game, render_mode: str | None = None) -> None:
+        self.game = game
+        self.games = ObservedGames(game, 1)
         self._rng: np.random.Generator | None = None  # made when it is first needed
         self._is_seeded = False
         self._renderer = Renderer(render_mode)
@@ -135,15 +134,15 @@ class GameEngine:
         Raises ValueError for bad options, ClosedEnvironmentError after `close`.
         """
         self.check_open()
-        setup = self.setup
+        game = self.game
         choice, intent = reset_options(options)
-        if self.games.setup is not setup:
-            self.games = ObservedGames(setup, 1)
+        if self.games.game is not game:  # with other tasks
+            self.games = ObservedGames(game, 1)
         chosen = None if choice is None else self.games.index_of(choice)
         if seed is not None:
             (self._rng, _), self._is_seeded = seeding.np_random(seed), True
-        task = setup.sample_task_index(self.rng) if chosen is None else chosen
-        intent = setup.sample_intent(self.rng) if intent is None else intent
+        task = game.sample_task_index(self.rng) if chosen is None else chosen
+        intent = game.sample_intent(self.rng) if intent is None else intent
         self.games.start(np.zeros(1, np.int64), np.array([task]), np.array([int(intent)]))
         self._is_started = True
         self._last_actions = self._last_result = ""
@@ -277,7 +276,7 @@ class BaseGameEnv:
     def __init__(self, settings: GameSettings, render_mode: str | None = None, observations: str = NESTED) -> None:
         """`observations`: a name in FORMS. Raises ValueError naming the choices."""
         form = choose("observations", observations, FORMS)
-        self.engine = engine = GameEngine(settings.setup(), render_mode)
+        self.engine = engine = GameEngine(Game(settings), render_mode)
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self.render_mode = engine.render_mode
@@ -290,7 +289,7 @@ class BaseGameEnv:
             if form is not None:
                 self.observation_spaces[agent], self._converters[agent] = form(cast("spaces.Dict", nested[PARTS]))
         self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
-        self.state_space = image_space(engine.setup.image_size)
+        self.state_space = image_space(engine.game.settings.image_size)
 
     def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
         """Both agents' infos, with the masks if these are not in the observations."""
@@ -308,7 +307,7 @@ class BaseGameEnv:
 
     def state(self) -> UInt8Array:
         """The image, a new array: (50, 190, 3), or (100, 380, 3) at native size."""
-        return draw(self.scene, self.engine.setup.image_size)
+        return draw(self.scene, self.engine.game.settings.image_size)
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
@@ -319,12 +318,12 @@ class BaseGameEnv:
 
     @property
     def tasks(self) -> TaskSet:
-        return self.engine.setup.tasks
+        return self.engine.game.tasks
 
     def change_tasks(self, change: Callable[[TaskSet], TaskSet]) -> None:
         """Replaces the tasks by `change(tasks)` from the next reset on; it must keep their statements."""
         self.engine.check_open()
-        self.engine.setup = with_tasks(self.engine.setup, change(self.tasks), keep_spaces=True)
+        self.engine.game = self.engine.game.with_tasks(change(self.tasks), keep_spaces=True)
 
     @property
     def dynamics(self) -> Dynamics:

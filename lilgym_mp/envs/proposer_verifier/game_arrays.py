@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.envs.batched import ResultTable
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
-from lilgym_mp.envs.proposer_verifier.game import SILENCE
+from lilgym_mp.envs.proposer_verifier.game import SILENCE, Game
 from lilgym_mp.envs.proposer_verifier.protocols import (
     NO_CHOICE,
     PROPOSER,
@@ -24,7 +24,6 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
     Role,
 )
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.envs.single import end_info
 from lilgym_mp.scene import Scene
@@ -64,15 +63,14 @@ def _as_integers(flags: BoolArray) -> Int64Array:
 class GameArrays:
     """The states of N games and the results of the last turn."""
 
-    def __init__(self, setup: GameSetup, num_games: int) -> None:
-        self.setup = setup
-        self.game = game = setup.game
+    def __init__(self, game: Game, num_games: int) -> None:
+        self.game = game
         dynamics = game.config.dynamics
-        actions, capacity = dynamics.appearance.action_count, setup.item_capacity
-        specs = buffer_specs(num_games, setup.image_size, actions, capacity, AutoresetMode.DISABLED)
+        actions, capacity = dynamics.appearance.action_count, game.sizes.item_capacity
+        specs = buffer_specs(num_games, game.settings.image_size, actions, capacity, AutoresetMode.DISABLED)
         self._buffers = Buffers.new(specs)
-        tasks = [*setup.tasks, setup.tasks[0]]  # with room for one that a caller chooses
-        self._core = make_core(dynamics, tasks, self._buffers, setup.image_size)
+        tasks = [*game.tasks, game.tasks[0]]  # with room for one that a caller chooses
+        self._core = make_core(dynamics, tasks, self._buffers, game.settings.image_size)
         self._mdp_results = results = ResultTable.of(dynamics)
         self._continues = ~(results.terminated | results.truncated)  # by step result
         self._indices = np.arange(num_games)
@@ -82,7 +80,7 @@ class GameArrays:
         if num_games == 1:
             self._where, self._minimum, self._as_integers = _select, min, int
         table = game.decision_table
-        is_shown = ~np.isnan(table.probabilities) & setup.reveals_truth
+        is_shown = ~np.isnan(table.probabilities) & game.reveals_truth
         self._needs_truth = is_shown | table.needs_truth  # (decisions,) whether rewards or infos depend on it
         self._judges = bool(self._needs_truth.any())
         self._rejections = np.zeros(num_games, np.int64)
@@ -149,7 +147,7 @@ class GameArrays:
             self.movers[:, every] = is_active
         for role, message in ((PROPOSER, proposer_message), (VERIFIER, verifier_message)):
             if message is not None:
-                self.rewards[role, every] -= game.message_cost * (message > SILENCE)
+                self.rewards[role, every] -= game.settings.message_cost * (message > SILENCE)
         if game.history_length:
             self.history[:, :-1] = self.history[:, 1:]
             self.history[every, -1] = np.stack([choice, answer, *self.messages[:, every]], axis=-1)
@@ -271,7 +269,7 @@ class GameArrays:
     def infos(self, index: int) -> tuple[Info, Info]:
         """Both agents' infos after a turn: outcome at the end, illegal choices, the truth if settings reveal it."""
         illegal, is_over = self._illegal[:, index].tolist(), self.terminated[index] or self.truncated[index]
-        if not (is_over or self.setup.reveals_truth or any(illegal)):
+        if not (is_over or self.game.reveals_truth or any(illegal)):
             return {}, {}
         shared = self.truth_info(index)
         if shared and (judgement := self.last_judgement(index)) is not None:
@@ -285,7 +283,7 @@ class GameArrays:
 
     def truth_info(self, index: int) -> Info:
         """The info entries of the setting `reveal_truth`; {} without it."""
-        if not self.setup.reveals_truth:
+        if not self.game.reveals_truth:
             return {}
         mdp = self.mdp(index)
         return {

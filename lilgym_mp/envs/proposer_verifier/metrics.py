@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import Role
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
@@ -93,23 +93,23 @@ def play_games(
     game_env = getattr(env, "unwrapped", env)
     if not isinstance(game_env, BaseGameEnv):
         raise TypeError(f"play_games needs a proposer-verifier environment, not {env!r}")
-    setup = replace(game_env.engine.setup, reveals_truth=True)
-    indices = np.array([setup.tasks.index_of(task) for task in (setup.tasks.ids if tasks is None else tasks)], np.int64)
+    game = game_env.engine.game.revealing_truth()
+    indices = np.array([game.tasks.index_of(task) for task in (game.tasks.ids if tasks is None else tasks)], np.int64)
     records: list[GameRecord] = []
     for first in range(0, len(indices), LARGEST_BATCH):
         played = indices[first : first + LARGEST_BATCH]
         numbers = first + np.arange(len(played))
-        records += _play_batch(setup, (proposer, verifier), played, numbers, seed)
+        records += _play_batch(game, (proposer, verifier), played, numbers, seed)
     return records
 
 
 def _play_batch(
-    setup: GameSetup, partners: tuple[Partner, Partner], tasks: Int64Array, numbers: Int64Array, seed: int
+    game: Game, partners: tuple[Partner, Partner], tasks: Int64Array, numbers: Int64Array, seed: int
 ) -> list[GameRecord]:
     """The records of games (k,) of these tasks and numbers; a game that has ended goes on, unrecorded."""
-    count, games = len(tasks), ObservedGames(setup, len(tasks))
+    count, games = len(tasks), ObservedGames(game, len(tasks))
     rngs = [np.random.default_rng([seed, number]) for number in numbers.tolist()]
-    intents = np.array([int(setup.sample_intent(rng)) for rng in rngs], np.int64)
+    intents = np.array([int(game.sample_intent(rng)) for rng in rngs], np.int64)
     games.start(np.arange(count), tasks, intents)
     returns, judgements = np.zeros((len(Role), count)), [list[Judgement]() for _ in rngs]
     records: dict[int, GameRecord] = {}
@@ -129,7 +129,7 @@ def _play_batch(
             judgements[index].append(judgement)
         over = games.terminated | games.truncated
         for index in np.flatnonzero(active & over).tolist():
-            task, outcome = setup.tasks[int(tasks[index])], games.last_outcome(index)
+            task, outcome = game.tasks[int(tasks[index])], games.last_outcome(index)
             assert outcome is not None
             earned, rounds = tuple(returns[:, index].tolist()), int(games.rounds[index])
             records[index] = GameRecord(

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from lilgym_mp.corpus.tokens import words
 from lilgym_mp.envs.observation import image_space, item_array
+from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays, Indices
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, PROPOSER, STOP_ACTION, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.envs.sampling import checked_task, naming
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, IMAGE_WIDTH, Item, Scene
@@ -69,17 +69,17 @@ class LazyTable:
 class ObservedGames(GameArrays):
     """Games with the observations of both agents. A part that both see is one shared object."""
 
-    def __init__(self, setup: GameSetup, num_games: int) -> None:
-        super().__init__(setup, num_games)
-        self._canvas = Canvas(setup.image_size)
-        self._text_length = BOX_COUNT * (setup.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
-        appearance = self.game.config.dynamics.appearance
+    def __init__(self, game: Game, num_games: int) -> None:
+        super().__init__(game, num_games)
+        self._canvas = Canvas(game.settings.image_size)
+        self._text_length = BOX_COUNT * (game.sizes.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
+        appearance = game.config.dynamics.appearance
         released = _box(NO_CHOICE, IMAGE_WIDTH - 1, len(self._released_array(0)))
         self._released_arrays = LazyTable(appearance.action_count, released, self._released_array, NO_CHOICE)
         self._tables: dict[str, LazyTable] = {}  # values of tasks by index, the last of a caller's task; by part
         made: dict[tuple[str, Any], Part] = {}
         proposer, verifier = (self._parts_of(role, made) for role in Role)
-        if self.game.homogeneous:
+        if game.settings.homogeneous:
             proposer, verifier = (
                 self._padded(proposer, verifier, PROPOSER),
                 self._padded(verifier, proposer, VERIFIER),
@@ -115,12 +115,12 @@ class ObservedGames(GameArrays):
 
         Raises ValueError for an unknown id, and for a task that cannot be played or shown.
         """
-        tasks = self.setup.tasks
+        tasks = self.game.tasks
         if not isinstance(choice, Task):
             return tasks.index_of(choice)
         if (index := tasks.find(choice)) is not None:
             return index
-        checked_task(choice, self.game.config.dynamics, self.setup.item_capacity)
+        checked_task(choice, self.game.config.dynamics, self.game.sizes.item_capacity)
         with naming(choice):
             values = {name: self._value_of(name, choice) for name in self._tables}
         for name, value in values.items():
@@ -132,7 +132,8 @@ class ObservedGames(GameArrays):
 
     def _parts_of(self, role: Role, made: dict[tuple[str, Any], Part]) -> Parts:
         """An agent's parts; `made`: those that exist, by key and what they depend on."""
-        setup, game, view = self.setup, self.game, self.setup.views[role]
+        game, sizes = self.game, self.game.sizes
+        view = game.views[role]
         parts: Parts = {}
 
         def add(key: str, make: Callable[[], tuple[spaces.Space[Any], Callable[[Indices], Any]]], *on: Any) -> None:
@@ -143,18 +144,18 @@ class ObservedGames(GameArrays):
         if view.scene != "none":
             # SB3 uses the keys in a torch ModuleDict, so a key must not be the name of one of its methods ("items").
             key, scene_space, encode, encode_scene = {
-                "image": (IMAGE, image_space(setup.image_size), self._images, self._image_of),
-                "structured": ("item_array", item_array_space(setup.item_capacity), self.item_arrays, self._items_of),
+                "image": (IMAGE, image_space(game.settings.image_size), self._images, self._image_of),
+                "structured": ("item_array", item_array_space(sizes.item_capacity), self.item_arrays, self._items_of),
                 "text": ("text", byte_space(self._text_length), self._texts, self._text_of),
             }[view.scene]
             add(key, lambda: (scene_space, encode))
             if view.proposed_scene and game.turn_based:
                 add(f"proposed_{key}", lambda: (scene_space, partial(self._proposed, encode, encode_scene)))
         if view.statement == "tokens":
-            highest = len(setup.vocabulary) - 1
-            add("statement", lambda: self._of_task("tokens", _box(0, highest, setup.statement_length)), "tokens")
+            highest = len(sizes.vocabulary) - 1
+            add("statement", lambda: self._of_task("tokens", _box(0, highest, sizes.statement_length)), "tokens")
         elif view.statement == "text":
-            add("statement", lambda: self._of_task("text", byte_space(setup.max_statement_bytes)), "text")
+            add("statement", lambda: self._of_task("text", byte_space(sizes.max_statement_bytes)), "text")
         if view.target:
             add("target", lambda: self._of_task("target", spaces.Discrete(2)))
         slots = len(self._released_array(0))
@@ -168,9 +169,9 @@ class ObservedGames(GameArrays):
             turns = _box(NO_CHOICE, largest, view.history, slots + 3)
             add("history", lambda: (turns, partial(self._past, view.history)), view.history)
         if game.message_sizes[role.other]:
-            size = max(game.message_sizes) if game.homogeneous else game.message_sizes[role.other]
+            size = max(game.message_sizes) if game.settings.homogeneous else game.message_sizes[role.other]
             add("message", lambda: (spaces.Discrete(size + 1), partial(self._messages, role.other)), role)
-        if role is PROPOSER and game.rewards.draws_intent:
+        if role is PROPOSER and game.draws_intent:
             add("intent", lambda: (spaces.Discrete(len(Intent)), self._intents))
         return parts
 
@@ -199,7 +200,7 @@ class ObservedGames(GameArrays):
         return self.items().take(indices, axis=0)
 
     def _items_of(self, scene: Scene) -> NDArray[Any]:
-        return item_array(scene, self.setup.item_capacity)
+        return item_array(scene, self.game.sizes.item_capacity)
 
     def proposed_item_arrays(self, indices: Indices) -> Any:
         """(..., 3, capacity, 5) after the pending proposals"""
@@ -227,7 +228,7 @@ class ObservedGames(GameArrays):
 
     def _of_task(self, name: str, space: spaces.Space[Any]) -> tuple[spaces.Space[Any], Callable[[Indices], Any]]:
         """The space and the encoder of a part that depends only on the task."""
-        tasks = self.setup.tasks
+        tasks = self.game.tasks
         self._tables[name] = LazyTable(len(tasks) + 1, space, partial(self._value_at, name))
         return space, partial(self._by_task, name)
 
@@ -235,19 +236,19 @@ class ObservedGames(GameArrays):
         return self._tables[name].take(self.tasks[indices])
 
     def _value_at(self, name: str, index: int) -> Any:
-        return self._value_of(name, self.setup.tasks[index])
+        return self._value_of(name, self.game.tasks[index])
 
     def _value_of(self, name: str, task: Task) -> Any:
         """Raises ValueError for a statement that does not fit the space."""
-        setup = self.setup
+        sizes = self.game.sizes
         if name == "target":
             return task.target
         if name == "text":
-            return as_bytes(task.statement, setup.max_statement_bytes)
-        length, count = setup.statement_length, len(words(task.statement))
+            return as_bytes(task.statement, sizes.max_statement_bytes)
+        length, count = sizes.statement_length, len(words(task.statement))
         if count > length:
             raise ValueError(f"its statement has {count} words, and observations have room for {length}")
-        return setup.vocabulary.encode(task.statement, length)
+        return sizes.vocabulary.encode(task.statement, length)
 
     def _released_array(self, action: int) -> list[int]:
         appearance = self.game.config.dynamics.appearance

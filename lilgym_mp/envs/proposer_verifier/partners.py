@@ -96,7 +96,7 @@ class BatchTurn:
 
     @property
     def tasks(self) -> TaskSet:
-        return self.games.setup.tasks
+        return self.games.game.tasks
 
     @property
     def game(self) -> Game:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import partial
 from typing import NamedTuple
@@ -41,7 +40,8 @@ def judgement_in(decision: TurnDecision, *, holds: bool) -> Judgement | None:
 
 
 AgentRewards = str | Mapping[str, float]  # a term, or weights by term
-# Both agents' rewards of a turn, indexed by role, from the MDP's reward (0 without a step), judgement and intent.
+# Both agents' rewards of a turn, indexed by role, from the MDP's reward (0 without a step), judgement and intent. It is
+# called once for each possible turn, so it must depend on its arguments alone.
 RewardFunction = Callable[[float, Judgement | None, Intent], tuple[float, float]]
 Rewards = str | Mapping[str, AgentRewards] | RewardFunction  # a name in PRESETS, rewards by agent, or a function
 
@@ -99,28 +99,13 @@ PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # indexed by role
 }
 
 
-@dataclass(frozen=True, slots=True)
-class RewardScheme:
-    """Both agents' rewards of a turn, by a function that is called once for each possible turn."""
+def make_rewards(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> tuple[RewardFunction, bool]:
+    """Both agents' rewards, and whether intents are drawn at reset; otherwise the proposer is helpful in every episode.
 
-    function: RewardFunction  # must depend on its arguments alone
-    draws_intent: bool = False  # at reset; otherwise the proposer is helpful in every episode
-
-    def __call__(self, mdp_reward: float, judgement: Judgement | None, intent: Intent) -> tuple[float, float]:
-        """Indexed by role. Raises ValueError for a function that returns anything else."""
-        returned = self.function(mdp_reward, judgement, intent)
-        try:
-            proposer, verifier = returned
-        except (TypeError, ValueError):
-            message = f"rewards must return the two rewards of {' and '.join(AGENTS)}, not {returned!r}"
-            raise ValueError(message) from None
-        return checked_number("the proposer's reward", proposer), checked_number("the verifier's reward", verifier)
-
-
-def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> RewardScheme:
-    """Raises ValueError naming the choices for unknown names, and for "brier" without probabilities."""
+    Raises ValueError naming the choices for unknown names, and for "brier" without probabilities.
+    """
     if callable(rewards):
-        return RewardScheme(rewards)
+        return rewards, False
     if isinstance(rewards, str):
         proposer, verifier = choose("rewards", rewards, PRESETS)
     else:
@@ -134,7 +119,17 @@ def make_reward_scheme(rewards: Rewards, costs: Costs, *, has_probabilities: boo
     named = {term for terms in weights for term in terms}
     if "brier" in named and not has_probabilities:
         raise ValueError("reward 'brier' scores a probability: it needs protocol=\"audit\" and verdict_bins")
-    return RewardScheme(partial(_weighted_sums, weights, costs), "hidden" in named)
+    return partial(_weighted_sums, weights, costs), "hidden" in named
+
+
+def checked_rewards(returned: object) -> tuple[float, float]:
+    """What a reward function returned. Raises ValueError unless it is the two agents' rewards."""
+    try:
+        proposer, verifier = returned  # pyright: ignore[reportGeneralTypeIssues]
+    except (TypeError, ValueError):
+        message = f"rewards must return the two rewards of {' and '.join(AGENTS)}, not {returned!r}"
+        raise ValueError(message) from None
+    return checked_number("the proposer's reward", proposer), checked_number("the verifier's reward", verifier)
 
 
 def _weighted_sums(

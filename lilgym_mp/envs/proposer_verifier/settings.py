@@ -1,30 +1,17 @@
-"""The settings of the game, with defaults, and the setup built from them: the game, its tasks and its views."""
+"""The settings of the game, with defaults, and the views of its agents."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import KW_ONLY, dataclass, fields, replace
-from functools import cached_property, partial
+from dataclasses import KW_ONLY, dataclass, fields
+from functools import partial
 from typing import Any, TypeAlias, TypeVar
 
-import numpy as np
-
-from lilgym_mp.corpus import TaskSet, Vocabulary
-from lilgym_mp.corpus.statement_arrays import default_length, training_tasks
 from lilgym_mp.envs.checks import checked_count, checked_flag
 from lilgym_mp.envs.config import EnvConfig, setting
-from lilgym_mp.envs.observation import item_capacity
-from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, GameProtocol, ProtocolConfig
-from lilgym_mp.envs.proposer_verifier.rewards import (
-    PRESETS,
-    Costs,
-    Intent,
-    Rewards,
-    checked_number,
-    make_reward_scheme,
-)
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, ProtocolConfig
+from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Rewards, checked_number
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import shrink_of
 
@@ -123,31 +110,19 @@ class GameSettings(EnvConfig):
         """Inverse of `to_json`, with the default views. Raises ValueError or TypeError."""
         return cls.of(data)
 
-    def setup(self) -> GameSetup:
-        """Builds the game. Raises ValueError naming the value and the choices."""
-        views = _for_both(self.views, _make_view)
-        protocol = choose("protocol", self.protocol, PROTOCOLS)
+    def check(self) -> None:
+        """Raises ValueError naming the value and the choices for the settings that no other method checks."""
         shrink_of(self.image_size)
-        sizes = protocol.message_sizes
-        if self.message_size is not None:
-            sizes = _for_both(self.message_size, partial(checked_count, "message_size", least=0))
-        costs = [checked_number(name, getattr(self, name)) for name in ("false_accept_cost", "false_reject_cost")]
-        game = Game(
-            protocol,
-            self._config(protocol),
-            make_reward_scheme(self.rewards, Costs(*costs), has_probabilities=self.verdict_bins is not None),
-            message_sizes=sizes,
-            message_cost=checked_number("message_cost", self.message_cost),
-            history_length=max(view.history for view in views),
-            homogeneous=checked_flag("homogeneous", self.homogeneous),
-        )
-        if not 0 <= checked_number("deceptive_share", self.deceptive_share) <= 1:
+        for name in ("false_accept_cost", "false_reject_cost", "message_cost", "deceptive_share"):
+            checked_number(name, getattr(self, name))
+        if not 0 <= self.deceptive_share <= 1:
             raise ValueError(f"deceptive_share must be between 0 and 1, not {self.deceptive_share!r}")
-        reveals_truth = checked_flag("reveal_truth", self.reveal_truth)
-        tasks = self.tasks()
-        return GameSetup(game, tasks, tasks, self.image_size, views, self.deceptive_share, reveals_truth)
+        for name in ("reveal_truth", "homogeneous"):
+            checked_flag(name, getattr(self, name))
 
-    def _config(self, protocol: GameProtocol) -> ProtocolConfig:
+    def protocol_config(self) -> ProtocolConfig:
+        """The settings that the protocol's decisions depend on. Raises ValueError naming the value and the choices."""
+        protocol = choose("protocol", self.protocol, PROTOCOLS)
         ending = protocol.endings[0] if self.ending is None else self.ending
         choose(f"ending of protocol {protocol.name!r}", ending, dict.fromkeys(protocol.endings))
         if self.verdict_bins is not None and not protocol.takes_bins:
@@ -159,8 +134,17 @@ class GameSettings(EnvConfig):
             checked_count("exchanges", self.exchanges, least=0),
         )
 
+    def views_by_role(self) -> tuple[View, View]:
+        return _by_role(self.views, _make_view)
 
-def _for_both(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
+    def message_sizes(self) -> tuple[int, int]:
+        """Numbers of messages besides silence, indexed by role."""
+        if self.message_size is None:
+            return PROTOCOLS[self.protocol].message_sizes
+        return _by_role(self.message_size, partial(checked_count, "message_size", least=0))
+
+
+def _by_role(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value]:
     """Both agents' values, from {agent: value} or one value for both."""
     if not (isinstance(given, Mapping) and set(given) & set(AGENTS)):
         value = checked(given)
@@ -169,61 +153,3 @@ def _for_both(given: Any, checked: Callable[[Any], Value]) -> tuple[Value, Value
         raise ValueError(f"name both {' and '.join(AGENTS)}, not only {', '.join(map(str, given))}")
     proposer, verifier = (checked(given[agent]) for agent in AGENTS)
     return proposer, verifier
-
-
-@dataclass(frozen=True)
-class GameSetup:
-    """The parts that all episodes share: the game, tasks, image size and views."""
-
-    game: Game
-    tasks: TaskSet
-    space_tasks: TaskSet  # determine the sizes of observation spaces
-    image_size: str
-    views: tuple[View, View]  # indexed by role
-    deceptive_share: float  # probability of a deceptive episode, if intents are drawn
-    reveals_truth: bool  # in infos
-
-    def sample_task_index(self, rng: np.random.Generator) -> int:
-        """The index of the next episode's task, uniformly drawn."""
-        return int(rng.integers(len(self.tasks)))
-
-    def sample_intent(self, rng: np.random.Generator) -> Intent:
-        """The next episode's intent; uses `rng` only if intents are drawn."""
-        if self.game.rewards.draws_intent and rng.random() < self.deceptive_share:
-            return Intent.DECEPTIVE
-        return Intent.HELPFUL
-
-    @cached_property
-    def vocabulary(self) -> Vocabulary:
-        """The words of the corpus's train split, whatever the split in play."""
-        return Vocabulary.from_statements(task.statement for task in self._training_tasks)
-
-    @cached_property
-    def statement_length(self) -> int:
-        """Number of token ids per statement, as in `TokenizedStatement`; the longest statement of the split fits."""
-        return default_length(task.statement for tasks in (self.space_tasks, self._training_tasks) for task in tasks)
-
-    @cached_property
-    def _training_tasks(self) -> TaskSet:
-        return training_tasks(self.space_tasks)
-
-    @cached_property
-    def item_capacity(self) -> int:
-        """The most items a box can have."""
-        return item_capacity(self.space_tasks, self.game.config.dynamics)
-
-    @cached_property
-    def max_statement_bytes(self) -> int:
-        """UTF-8 length of the longest statement."""
-        return max(len(task.statement.encode()) for task in self.space_tasks)
-
-
-def with_tasks(setup: GameSetup, tasks: TaskSet, *, keep_spaces: bool = False) -> GameSetup:
-    """The game with other tasks; `keep_spaces`: whether observation spaces stay the same, which must fit these tasks.
-
-    Raises ValueError for tasks of another appearance.
-    """
-    own, given = setup.tasks.provenance.appearance, tasks.provenance.appearance
-    if own != given:
-        raise ValueError(f"the game is played on {own}; tasks of {given} do not fit it")
-    return replace(setup, tasks=tasks, space_tasks=setup.space_tasks if keep_spaces else tasks)

@@ -153,7 +153,7 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
 
     def make(description: ModelDescription) -> nn.ModuleDict:
         settings, recipe, names = parts(description)
-        game, details = settings.setup().game, description.details
+        game, details = Game(settings), description.details
         own = settings, recipe, details["words"], details["sizes"], game
         return nn.ModuleDict({name: make_network(*own) for name in dict.fromkeys(names.values())})
 

@@ -13,7 +13,6 @@ from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
 from lilgym_mp.learning.game.recipe import GameRecipe
@@ -130,14 +129,14 @@ class RolloutPlayer:
 
     def __init__(
         self,
-        setup: GameSetup,
+        game: Game,
         tasks: TrainingTasks,
         recipe: GameRecipe,
         partners: Mapping[Role, Sequence[Partner]],
     ) -> None:
-        """`setup`: a game of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
-        self._setup, self._recipe, self._partners = setup, recipe, partners
-        self._arrays = ObservedGames(setup, recipe.envs)
+        """`game`: of these tasks that reveals the truth. `partners`: who plays an agent that does not learn."""
+        self._game, self._recipe, self._partners = game, recipe, partners
+        self._arrays = ObservedGames(game, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
         self._games = np.arange(recipe.envs)
@@ -189,8 +188,7 @@ class RolloutPlayer:
         )
 
     def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
-        setup = self._setup
-        intents = np.array([int(setup.sample_intent(rng)) for _ in indices], np.int64)
+        intents = np.array([int(self._game.sample_intent(rng)) for _ in indices], np.int64)
         self._arrays.start(indices, np.array(self._sampler.sample(indices, rng), np.int64), intents)
         self._episodes[indices] = self._episodes.max() + 1 + np.arange(len(indices))
 

@@ -33,6 +33,6 @@ def read_situations(games: ObservedGames, role: Role, indices: Int64Array) -> tu
         context[:, PENDING] = np.minimum(games.proposals[indices] + 1, EDIT_PENDING)
         return games.proposed_item_arrays(indices), context
     context[:, REFUSED] = games.refused[indices] + 1
-    if games.game.rewards.draws_intent:
+    if games.game.draws_intent:
         context[:, INTENT] = games.intents[indices] + 1
     return games.item_arrays(indices), context

@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from lilgym_mp.corpus import Vocabulary
 from lilgym_mp.envs.proposer_verifier import AGENTS, GameSettings, Partner, Role
 from lilgym_mp.envs.proposer_verifier.game import Game
-from lilgym_mp.envs.proposer_verifier.settings import with_tasks
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
@@ -124,19 +123,19 @@ class Run(TrainingRun[Progress]):
         if not self.roles:
             raise ValueError("no agent is left to learn: name partners for one of them only")
         self.tasks = training_tasks(settings.single(), recipe)
-        setup = with_tasks(settings.setup(), self.tasks.tasks)
+        game = Game(settings).with_tasks(self.tasks.tasks)
         opened = {
             role: [_partner(one, role, settings, str(self.device)) for one in given] for role, given in partners.items()
         }
         given = {} if start_from is None else open_agent(start_from, "cpu").box_transformers()
         torch.manual_seed(recipe.seed)
-        self._actors = self._make_networks(given, setup.game)
+        self._actors = self._make_networks(given, game)
         self.networks = nn.ModuleDict(self._actors).to(self.device)
         self.begin(_identity(settings, recipe, self.tasks.sha256, partners, start_from))
         self._network_of = network_names(self.roles, recipe)
         self._optimisers = {name: make_optimiser(network, recipe) for name, network in self._actors.items()}
         self._rng = np.random.default_rng(recipe.seed)
-        self._player = RolloutPlayer(setup, self.tasks, recipe, opened)
+        self._player = RolloutPlayer(game, self.tasks, recipe, opened)
         self._memory = ClaimMemory(recipe)
         self.load()
 

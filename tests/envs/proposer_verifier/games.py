@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +10,6 @@ from lilgym_mp.corpus import Provenance, TaskSet
 from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Intent, Role
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameArrays, GameState
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup, with_tasks
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Colour, Scene
@@ -37,12 +35,8 @@ CONTINUE, STOP_NOW = 0, 1
 WAIT = TOWER.action_count  # the proposer's, in turn-based games without messages
 
 
-def setup(**settings: Any) -> GameSetup:
-    return with_tasks(GameSettings.of(settings).setup(), TASKS)
-
-
 def game(**settings: Any) -> Game:
-    return setup(**settings).game
+    return Game(GameSettings.of(settings)).with_tasks(TASKS)
 
 
 class Step(NamedTuple):
@@ -61,7 +55,7 @@ class OneGame:
     """A game of the only task, played with the actions of the agents to move."""
 
     def __init__(self, game: Game, intent: Intent = Intent.HELPFUL) -> None:
-        self.games = GameArrays(replace(setup(), game=game, reveals_truth=True), 1)
+        self.games = GameArrays(game.revealing_truth(), 1)
         self.games.start(np.zeros(1, int), np.zeros(1, int), np.array([intent]))
 
     @property

@@ -31,7 +31,6 @@ from tests.envs.proposer_verifier.games import (
     all_steps,
     final_step,
     game,
-    setup,
 )
 
 ACTIONS = {
@@ -194,7 +193,7 @@ def test_rewards__are_weighted_sums():
 
 
 def test_engine__needs_the_action_of_the_agent_to_move():
-    engine = GameEngine(setup())
+    engine = GameEngine(game())
     with pytest.raises(ResetNeeded, match="call reset first"):
         engine.step(ADD_BLUE, None)
     engine.reset(0, None)
@@ -206,7 +205,7 @@ def test_engine__needs_the_action_of_the_agent_to_move():
 
 @pytest.mark.parametrize("action", [-1, 14, 1.0, "1", True, [1]])
 def test_engine__refuses_invalid_actions(action: Any):
-    engine = GameEngine(setup())
+    engine = GameEngine(game())
     engine.reset(0, None)
     with pytest.raises(ActionError, match="proposer_0"):
         engine.step(action, None)

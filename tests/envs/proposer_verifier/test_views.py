@@ -13,14 +13,14 @@ from gymnasium.utils.env_checker import data_equivalence
 from lilgym_mp.envs.proposer_verifier import AGENTS, Role, View, parallel_env, read_text
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.scene.render import draw
-from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, setup
+from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLACK, ADD_BLUE, REJECT, game
 
 PROPOSER, VERIFIER = AGENTS
 
 
 def engine(**settings: Any) -> GameEngine:
     """The engine after reset, with the only task."""
-    started = GameEngine(setup(**settings))
+    started = GameEngine(game(**settings))
     started.reset(0, None)
     return started
 
@@ -56,7 +56,7 @@ def test_text__can_be_decoded():
 def test_tokens__encode_the_statement():
     game = engine()
     tokens = game.observe(Role.PROPOSER)["observation"]["statement"]
-    assert game.setup.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
+    assert game.game.sizes.vocabulary.decode(tokens) == ["some", "block", "is", "blue"]
     assert tokens.shape == (8,)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lilgym_mp.envs.observation import item_array
-from lilgym_mp.envs.proposer_verifier import GameSettings, Role
+from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
@@ -70,8 +70,8 @@ def test_own_turns__do_not_earn_rewards_of_the_next_game():
 
 def test_situations__show_each_agent_what_it_may_know():
     settings = GameSettings(protocol="critique", rewards="hidden", views=VIEWS)
-    setup = settings.setup()
-    games = ObservedGames(setup, 2)
+    game = Game(settings)
+    games = ObservedGames(game, 2)
     games.start(np.arange(2), np.array([0, 1]), np.array([Intent.DECEPTIVE, Intent.HELPFUL]))
     rows = np.arange(2)
     _, context = read_situations(games, Role.PROPOSER, rows)
@@ -82,7 +82,7 @@ def test_situations__show_each_agent_what_it_may_know():
     assert context[:, PENDING].tolist() == [STOP_PENDING, EDIT_PENDING]
     assert not context[:, INTENT].any()
     capacity = items.shape[2]
-    edited = setup.game.config.dynamics.step(games.mdp(1), setup.game.config.dynamics.appearance.decode(add)).state
+    edited = game.config.dynamics.step(games.mdp(1), game.config.dynamics.appearance.decode(add)).state
     assert np.array_equal(items[0], item_array(games.mdp(0).scene, capacity))
     assert np.array_equal(items[1], item_array(edited.scene, capacity))
     games.step(np.zeros(2, np.int64), np.zeros(2, np.int64))  # both proposals are rejected

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from lilgym_mp.envs.proposer_verifier import GameSettings, measure
+from lilgym_mp.envs.proposer_verifier import Game, GameSettings, measure
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
 from lilgym_mp.envs.proposer_verifier.partners import ClaimingProposer
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
@@ -41,7 +41,7 @@ def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probabil
 def test_verifier__reports_the_nearest_probability():
     model: Any = SureModel(0.74)
     settings = GameSettings("TowerFlipIt", protocol="audit", corpus="builtin", split="dev", verdict_bins=5)
-    setup = settings.setup()
-    state = setup.game.config.dynamics.start(setup.tasks[0])  # never a goal
-    turn: Any = SimpleNamespace(game=setup.game, state=SimpleNamespace(mdp=state, proposal=STOP_ACTION))
+    game = Game(settings)
+    state = game.config.dynamics.start(game.tasks[0])  # never a goal
+    turn: Any = SimpleNamespace(game=game, state=SimpleNamespace(mdp=state, proposal=STOP_ACTION))
     assert RewardModelVerifier(model)(turn) == 1  # of 0, 1/4, 1/2, 3/4, 1

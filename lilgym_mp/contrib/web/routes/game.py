@@ -37,6 +37,7 @@ from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
     PROTOCOLS,
     SCRIPTED,
+    Game,
     GameSettings,
     Intent,
     Partner,
@@ -46,7 +47,6 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
-from lilgym_mp.envs.proposer_verifier.settings import GameSetup
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
 from lilgym_mp.scene.actions import STOP, Action, describe, named
@@ -115,7 +115,7 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
         raise http_error(422, "at least one of the seats must be taken by a person")
     partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
     try:
-        engine = GameEngine(_game_setup(services.options.corpus, new.configuration, new.protocol, new.rewards))
+        engine = GameEngine(_game(services.options.corpus, new.configuration, new.protocol, new.rewards))
     except CorpusError:
         raise
     except ValueError as fault:
@@ -148,9 +148,9 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
 
 
 @lru_cache(maxsize=64)
-def _game_setup(corpus: str, configuration: str, protocol: str, rewards: str) -> GameSetup:
+def _game(corpus: str, configuration: str, protocol: str, rewards: str) -> Game:
     """Raises ValueError for settings that do not go together, CorpusError for missing tasks."""
-    return GameSettings(
+    settings = GameSettings(
         configuration,
         corpus,
         split="dev",
@@ -159,7 +159,8 @@ def _game_setup(corpus: str, configuration: str, protocol: str, rewards: str) ->
         verdict_bins=VERDICT_BINS.get(rewards),
         views=dict.fromkeys(AGENTS, VIEW),
         image_size="native",
-    ).setup()
+    )
+    return Game(settings)
 
 
 @api.get("/seats/{key}")
