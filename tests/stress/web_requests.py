@@ -35,7 +35,7 @@ BODIES = (
 HEADERS = (
     *({"Content-Type": "text/plain"}, {"Content-Type": "application/json; charset=utf-99"}, {"Content-Type": "\x01"}),
     *({"Cookie": "lilgym_visitor=a.b"}, {"Cookie": "=;=;" * 40}, {"Origin": "http://["}, {"Host": "["}, {"Host": ""}),
-    *({"Content-Length": "-1"}, {"Accept": "\xe9"}, {"Range": "bytes=5-1"}, {"X-CSRF-Token": "é"}),
+    *({"Content-Length": "-1"}, {"Accept": "\xe9"}, {"Range": "bytes=5-1"}, {"Origin": "é"}),
 )
 
 
