@@ -47,7 +47,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.cli.experiment_plan import read_plan
     from lilgym_mp.cli.experiment_ray import run_on_ray
-    from lilgym_mp.cli.experiment_runs import RunStatus, make_attempts, run_locally
+    from lilgym_mp.cli.experiment_runs import FINISHED, RunStatus, make_attempts, run_locally
     from lilgym_mp.envs.machine import usable_cores
 
     check_at_least(args, 1, "jobs")
@@ -60,11 +60,14 @@ def run(args: argparse.Namespace) -> int:
         plan = [choose("run", name, by_name) for name in dict.fromkeys(args.only)]
     if args.list:
         for planned in plan:
-            print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands if words))
+            print("\n".join(f"{planned.name}: lilgym-mp {' '.join(words)}" for words in planned.commands))
         return 0
     results = args.out or RESULTS / args.file.stem
     threads = 1 if args.ray is not None else max(1, usable_cores() // jobs)
-    attempts = make_attempts(plan, results, threads, split=args.split)
+    for planned in plan if args.split else ():
+        if planned.train and not (results / FINISHED / f"{planned.name}.json").exists():
+            raise CommandError(f"{planned.name}: was not trained; execute the experiment without --split first")
+    attempts = make_attempts(plan, results, threads)
     with display(attempts) as update:
         if args.ray is None:
             run_locally(attempts, jobs, update, UPDATE_SECONDS)

@@ -35,8 +35,8 @@ class PlannedRun:
 
     @property
     def commands(self) -> list[list[str]]:
-        """The commands as JSON; they identify the run."""
-        return [list(self.train), *map(list, self.evaluate)]
+        """The commands in order, as JSON."""
+        return [list(words) for words in (self.train, *self.evaluate) if words]
 
 
 class _Experiment(NamedTuple):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
-from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts, mark_finished
+from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts
 from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.options import CommandError
 
@@ -55,8 +55,6 @@ def run_on_ray(
                     attempt.status, attempt.error = RunStatus.FAILED, _first_line(error)
                     continue
                 unpack(files, attempt)
-                if status is RunStatus.FINISHED:
-                    mark_finished(attempt)
                 attempt.status = status
             on_poll()
     finally:
@@ -78,6 +76,7 @@ def run_on_node(planned: PlannedRun, results: Path, threads: int, files: bytes) 
     with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
         (attempt,) = make_attempts([planned], results, threads, Path(directory))
         unpack(files, attempt)
+        attempt.load()
         attempt.execute()
         return attempt.status, attempt.error, attempt.seconds, pack(attempt)
 
@@ -86,7 +85,7 @@ def pack(attempt: Attempt) -> bytes:
     """The run's files as a tar archive, with paths relative to the results directory."""
     content = io.BytesIO()
     with tarfile.open(fileobj=content, mode="w") as archive:
-        for path in (attempt.run, attempt.episodes, attempt.log):
+        for path in (attempt.run, attempt.episodes, attempt.log, attempt.marker):
             if path.exists():
                 archive.add(path, path.relative_to(attempt.directory))
     return content.getvalue()

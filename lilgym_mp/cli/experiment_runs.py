@@ -14,7 +14,6 @@ import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from enum import StrEnum
-from itertools import zip_longest
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
@@ -38,95 +37,76 @@ class RunStatus(StrEnum):
 
 
 class Attempt:
-    """An execution of a planned run."""
+    """An execution of a planned run, which remembers the commands that are done in `FINISHED/NAME.json`."""
 
-    def __init__(
-        self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path(), split: str | None = None
-    ) -> None:
-        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`.
-
-        `split`: that of a finished run's further evaluation.
-        """
+    def __init__(self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path()) -> None:
+        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`."""
         self.planned = planned
         self.results = results
         self.cwd = cwd
         self.directory = cwd / results
         self.run = self.directory / RUNS / planned.name
-        self.trained = self.run / "trained"  # marks completed training
         self.episodes = self.directory / EPISODES / planned.name
         self.log = self.directory / LOGS / f"{planned.name}.log"
-        self.marker = self.directory / FINISHED / (split or "") / f"{planned.name}.json"
+        self.marker = self.directory / FINISHED / f"{planned.name}.json"
         self.threads = threads
         self.status = RunStatus.WAITING
+        self.done: list[list[str]] = []
         self.seconds = 0.0
         self.error = ""
         self._process: subprocess.Popen[bytes] | None = None
         self._stopped = threading.Event()
 
-    def load_finished(self) -> None:
-        """Loads the result if the run was finished earlier.
-
-        Raises CommandError if its commands were different, or if there is no trained run to be evaluated on a split.
-        """
-        first = self.directory / FINISHED / self.marker.name  # of the run with the splits of the file
-        if first != self.marker and self.planned.train:
-            if not first.exists():
-                raise CommandError(f"{self.run}: was not trained; execute the experiment without --split first")
-            self._check_finished(first, self.planned.commands[:1])
-        if self.marker.exists():
-            self.seconds = self._check_finished(self.marker, self.planned.commands)
+    def load(self) -> None:
+        """Loads what was done earlier. Raises CommandError if the run was trained with other options."""
+        if not self.marker.exists():
+            return
+        try:
+            saved = json.loads(self.marker.read_text(encoding="utf-8"))
+            self.done, self.seconds = list(saved["commands"]), float(saved["seconds"])
+            trained, *_ = self.done
+        except (ValueError, KeyError, TypeError) as error:
+            raise CommandError(f"{self.marker}: damaged: {error!r}; delete it to execute the run again") from None
+        if self.planned.train and trained != list(self.planned.train):
+            raise CommandError(
+                f"{self.marker}: the run {self.planned.name} was made with other options: {trained}, not"
+                f" {list(self.planned.train)}; choose another directory with --out"
+            )
+        if all(words in self.done for words in self.planned.commands):
             self.status = RunStatus.FINISHED
 
-    def _check_finished(self, marker: Path, planned: Sequence[Sequence[str]]) -> float:
-        """The seconds of a finished run. Raises CommandError if its commands do not begin with those planned."""
-        try:
-            finished = json.loads(marker.read_text(encoding="utf-8"))
-            commands, seconds = list(finished["commands"]), float(finished["seconds"])
-        except (ValueError, KeyError, TypeError) as error:
-            raise CommandError(f"{marker}: damaged: {error!r}; delete it to evaluate the run again") from None
-        for before, now in zip_longest(commands if marker == self.marker else commands[:1], planned):
-            if before != now:
-                raise CommandError(
-                    f"{marker}: the run {self.planned.name} was made with other options: {before}, not {now};"
-                    " choose another directory with --out"
-                )
-        return seconds
-
     def execute(self) -> None:
-        """Trains or resumes training, unless already trained, then evaluates. Failures are stored, never raised."""
-        began = time.monotonic()
+        """Trains or resumes training, then evaluates, unless it is done. Failures are stored, never raised."""
         try:
-            if self.planned.train:
-                self._train()
-            self._evaluate()
+            for words in self.planned.commands:
+                if words not in self.done:
+                    began = time.monotonic()
+                    self._train(words) if words[0] == "train" else self._evaluate(words)
+                    self.done.append(words)
+                    self.seconds = round(self.seconds + time.monotonic() - began, 1)
+                    write_json(self.marker, {"commands": self.done, "seconds": self.seconds})
         except _Failed as error:
             self.error = str(error)
             self.status = RunStatus.INTERRUPTED if self._stopped.is_set() else RunStatus.FAILED
         except OSError as error:
             self.error, self.status = f"{error.filename}: {error.strerror}", RunStatus.FAILED
         else:
-            self.seconds = round(time.monotonic() - began, 1)
-            mark_finished(self)
             self.status = RunStatus.FINISHED
 
-    def _train(self) -> None:
+    def _train(self, words: Sequence[str]) -> None:
         self.status = RunStatus.TRAINING
-        if self.trained.exists():
-            return
         resumed = (self.run / CHECKPOINT_FILE).exists()
         if self.run.exists() and not resumed:
             shutil.rmtree(self.run)
         options = ["--out", str(self.results / RUNS / self.planned.name), "--threads", str(self.threads)]
-        self._call([*self.planned.train, *options, *["--resume"] * resumed])
-        self.trained.touch()
+        self._call([*words, *options, *["--resume"] * resumed])
 
-    def _evaluate(self) -> None:
+    def _evaluate(self, words: Sequence[str]) -> None:
         self.status = RunStatus.EVALUATING
         run, episodes = (str(self.results / parent / self.planned.name) for parent in (RUNS, EPISODES))
         agent = [run, "--alone", "--threads", str(self.threads)] if self.planned.train else []
-        for first, *rest in self.planned.evaluate:
-            place = ["--record", episodes] if self.planned.records else ["--out", f"{episodes}-{rest[-1]}.json"]
-            self._call([first, *agent[:1], *rest, *agent[1:], *place, "--force"])
+        place = ["--record", episodes] if self.planned.records else ["--out", f"{episodes}-{words[-1]}.json"]
+        self._call([words[0], *agent[:1], *words[1:], *agent[1:], *place, "--force"])
 
     def _call(self, words: Sequence[str]) -> None:
         """Runs `lilgym-mp` with these arguments. Raises _Failed with the last line of the log."""
@@ -180,11 +160,6 @@ class _Failed(Exception):
     """A command failed."""
 
 
-def mark_finished(attempt: Attempt) -> None:
-    """Marks the run so that it is not repeated."""
-    write_json(attempt.marker, {"commands": attempt.planned.commands, "seconds": attempt.seconds})
-
-
 if sys.platform == "linux":
     _LIBC = ctypes.CDLL(None)
     _PR_SET_PDEATHSIG = 1
@@ -195,17 +170,15 @@ def _end_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def make_attempts(
-    plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path(), split: str | None = None
-) -> list[Attempt]:
+def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
     """An attempt for each run of the plan, its status FINISHED if it was before.
 
     Raises CommandError, OutputError.
     """
-    attempts = [Attempt(planned, results, threads, cwd, split) for planned in plan]
+    attempts = [Attempt(planned, results, threads, cwd) for planned in plan]
     for attempt in attempts:
-        attempt.load_finished()
-    for name in (RUNS, EPISODES, LOGS, f"{FINISHED}/{split or ''}"):
+        attempt.load()
+    for name in (RUNS, EPISODES, LOGS, FINISHED):
         writable_directory(cwd / results / name)
     return attempts
 

@@ -167,9 +167,7 @@ def test_experiment__threads_of_a_run_are_its_share_of_the_usable_cores(
 ):
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: cores)
     seen: list[int] = []
-    monkeypatch.setattr(
-        experiment_runs, "make_attempts", lambda plan, results, threads, split: seen.append(threads) or []
-    )
+    monkeypatch.setattr(experiment_runs, "make_attempts", lambda plan, results, threads: seen.append(threads) or [])
     file = str(write_file(tmp_path / "a.toml", SMALL))
     assert main(["experiment", file, "--out", str(tmp_path / "out"), *jobs]) == 0
     assert seen == [threads]
@@ -317,9 +315,23 @@ def test_attempts__reject_a_run_made_with_other_options(tmp_path: Path):
     (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["other"]], "seconds": 1}))
     with pytest.raises(CommandError, match=r"a\.json: the run a was made with other options: \['other'\]"):
         make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
-    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["before"]], "seconds": 1}))
-    with pytest.raises(CommandError, match=r"other options: \['before'\], not \['evaluate'\]"):
-        make_attempts([PlannedRun("a", ("mine",), (("evaluate",),))], tmp_path, 1)
+    (tmp_path / "finished" / "a.json").write_text("{}")
+    with pytest.raises(CommandError, match=r"a\.json: damaged"):
+        make_attempts([PlannedRun("a", ("mine",), ())], tmp_path, 1)
+
+
+def test_attempts__execute_the_commands_that_are_not_done(tmp_path: Path):
+    for name in ("runs", "episodes", "logs", "finished"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "finished" / "a.json").write_text(json.dumps({"commands": [["mine"], ["fine"]], "seconds": 1}))
+    plan = [PlannedRun("a", ("mine",), (("fine",),)), PlannedRun("a", ("mine",), (("fine", "test"),))]
+    before, after = (attempt for one in plan for attempt in make_attempts([one], tmp_path, 1))
+    assert (before.status, after.status) == (RunStatus.FINISHED, RunStatus.WAITING)
+    again = Script(plan[1], tmp_path, threads=1)
+    again.load()
+    run_locally([again], 1, lambda: None, 0.1)
+    assert again.status is RunStatus.FINISHED
+    assert json.loads(again.marker.read_text())["commands"] == [["mine"], ["fine"], ["fine", "test"]]
 
 
 @pytest.mark.long
