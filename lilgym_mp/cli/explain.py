@@ -68,7 +68,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--file", type=Path, metavar="FILE", help="parse every statement of a text file, one a line; needs --json"
     )
     parser.add_argument(
-        "--json", action="store_true", help="print words, corrections and candidate programs as JSON, without a plan"
+        "--json", action="store_true", help="with --file: print words, corrections and candidate programs as JSON"
     )
     program = parser.add_argument_group("programs")
     program.add_argument(
@@ -93,8 +93,8 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
     from lilgym_mp.learning.parsing.planning import explanation_lines
 
-    if args.file is not None and (not args.json or args.statement is not None or args.task is not None):
-        raise CommandError("--file needs --json, and neither a statement nor --task")
+    if args.json != (args.file is not None) or (args.json and (args.statement is not None or args.task is not None)):
+        raise CommandError("--file needs --json, and --json --file; neither goes with a statement or --task")
     if args.statement is None and args.task is None and args.file is None:
         raise CommandError("name a statement, a task with --task, a program with --program, or --file FILE --json")
     torch.set_num_threads(max(1, args.threads))
@@ -121,13 +121,9 @@ def run(args: argparse.Namespace) -> int:
 
 def _print_parses(agent: ParseAndPlanAgent, args: argparse.Namespace) -> int:
     """Prints a JSON array with an object for each statement, as soon as it is parsed."""
-    if args.file is None:
-        settings, task = _settings_and_task(args)
-        statements = [args.statement or task.statement]
-    else:
-        settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
-        content, _ = read_text(args.file)
-        statements = [line for line in content.splitlines() if line.strip()]
+    settings = EnvConfig(args.configuration or DEFAULT_CONFIGURATION, **given_environment(args))
+    content, _ = read_text(args.file)
+    statements = [line for line in content.splitlines() if line.strip()]
     appearance = agent.planner(settings).dynamics.appearance.name
     for index, statement in enumerate(statements):
         parse = agent.parser.parse(statement, appearance)

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-
-import numpy as np
 
 from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation.film import save_gif
-from lilgym_mp.scene import Shape, Size
-from lilgym_mp.scene.actions import STOP, ActionError, AddItem, RemoveItem, describe
+from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.characters import ruled, text
@@ -33,7 +30,6 @@ class Session:
         self.is_over = False
         self._commands: Mapping[str, Callable[[], object]] = {
             "hint": self._hint,
-            "legal": self._legal,
             "show": self._show,
             "back": lambda: self.begin(task_id=self._env.task.id),
             "next": self.begin,
@@ -103,10 +99,6 @@ class Session:
         else:
             self._say(f"no solution found: {solution.reason}")
 
-    def _legal(self) -> None:
-        legal = np.flatnonzero(self._env.action_masks())
-        self._say("\n".join(legal_commands(self._env.dynamics.appearance, legal.tolist())))
-
     def _quit(self) -> None:
         self.is_over = True
 
@@ -141,29 +133,9 @@ def usage(appearance: Appearance) -> str:
     return f"write stop, remove COLUMN ROW or add COLUMN ROW SHAPE COLOUR SIZE, {example}; {cell}"
 
 
-def legal_commands(appearance: Appearance, legal: Sequence[int]) -> Iterator[str]:
-    """Lines that list the legal actions, given by index; ADDs to cells are counted by size and shape."""
-    actions = [appearance.decode(index) for index in legal]
-    if appearance.grid is None:
-        yield from map(describe, actions)
-        return
-    yield describe(STOP)
-    removals = [describe(action) for action in actions if isinstance(action, RemoveItem)]
-    yield ", ".join(removals) or "nothing to remove"
-    for shape in Shape:
-        for size in Size:
-            cells = {
-                (action.column, action.row)
-                for action in actions
-                if isinstance(action, AddItem) and action.size == size and action.shape == shape
-            }
-            yield f"ADD({shape.name}, any colour, {size.name}): {len(cells)} cells"
-
-
 HELP = (
     "stop             end the episode, once the statement has the target value",
     "hint             show an optimal action",
-    "legal            list the legal actions",
     "show             show the picture again",
     "next             go to another task",
     "back             restart this task",

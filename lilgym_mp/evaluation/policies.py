@@ -84,9 +84,6 @@ class RandomUnmasked(Policy):
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         return rng.integers(legal.shape[1], size=len(legal))
 
-    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        return PolicyOutput(np.full(legal.shape, 1 / legal.shape[1]))
-
 
 random_legal = RandomLegal()
 random_unmasked = RandomUnmasked()
@@ -105,12 +102,6 @@ class RandomType(Policy):
         types = rng.integers(len(ActionType), size=len(observations.statements))
         indices = [self._indices[action_type] for action_type in types.tolist()]
         return np.array([actions[rng.integers(len(actions))] for actions in indices], np.int64)
-
-    def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
-        probabilities = np.empty((len(chosen), sum(map(len, self._indices))))
-        for indices in self._indices:
-            probabilities[:, indices] = 1 / (len(self._indices) * len(indices))
-        return PolicyOutput(probabilities)
 
 
 class ExpertPolicy(Policy):

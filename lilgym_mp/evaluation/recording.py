@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 
 from lilgym_mp.corpus.tasks import TaskSet, contexts
@@ -21,7 +22,7 @@ from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.runs import Result
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import Action, ActionError
+from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.solver import Solver
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
@@ -55,9 +56,12 @@ class Recorder:
         self._dynamics: Dynamics = env.dynamics
         self._training_statements = set(training_statements)
         self._training_forms = set(map(statement_form, self._training_statements))
-        self._solver = Solver(self._dynamics) if with_expert else None
-        self._judge = Solver(self._dynamics) if judges_decisions else None
+        self._with_expert, self._judges_decisions = with_expert, judges_decisions
         self._solution_lengths: dict[tuple[str, Scene], int | None] = {}  # cache by task and scene; None: unsolved
+
+    @cached_property
+    def _solver(self) -> Solver:
+        return Solver(self._dynamics)
 
     def write(self, directory: Path, result: Result) -> Path:
         """Writes the result's episodes to a file in the directory; returns its path. Raises OutputError."""
@@ -87,7 +91,7 @@ class Recorder:
             contexts=contexts(self._tasks),
             corpus=provenance.name,
             tasks_sha256=provenance.sha256,
-            expert=self._solver is not None,
+            expert=self._with_expert,
             run=details.get("run"),
             recipe=details.get("recipe", {}),
             training=details.get("training", {}),
@@ -97,53 +101,38 @@ class Recorder:
         """The episode with the facts that follow from its task, the training tasks and the expert."""
         task = self._tasks.by_id(episode.task)
         visited = scenes(self._dynamics, task.start, episode.actions)
-        is_wrong = episode.outcome == Outcome.WRONG_STOP
+        is_wrong = self._with_expert and episode.outcome == Outcome.WRONG_STOP
         return replace(
             episode,
             statement_seen=task.statement in self._training_statements,
             form_seen=statement_form(task.statement) in self._training_forms,
             tags=self._tasks.tags(task.id),
-            optimal_actions=self._actions_to_success(task, task.start),
+            optimal_actions=self._actions_to_success(task, task.start) if self._with_expert else None,
             actions_left=self._actions_to_success(task, visited[-1]) if is_wrong else None,
-            decisions=self._judged(episode, [State(task, scene, step) for step, scene in enumerate(visited)]),
+            decisions=self._judged(episode, task, visited),
         )
 
-    def _judged(self, episode: Episode, states: Sequence[State]) -> tuple[Decision, ...] | None:
-        """The episode's decisions, with the expert's judgement if requested."""
-        judge = self._judge
-        if episode.decisions is None or judge is None:
+    def _judged(self, episode: Episode, task: Task, visited: Sequence[Scene]) -> tuple[Decision, ...] | None:
+        """The episode's decisions, if requested with the judgement of the expert.
+
+        An action is optimal if a shortest solution is one action shorter after it.
+        """
+        if episode.decisions is None or not self._judges_decisions:
             return episode.decisions
+        left = [self._actions_to_success(task, scene) for scene in visited[:-1]]
+        after = [*left[1:], 0 if episode.is_success else None]
         return tuple(
-            replace(
-                decision,
-                optimal=_is_optimal(judge, state, action),
-                steps_to_go=judge.optimal_actions(state).steps or None,
-            )
-            for decision, state, action in zip(episode.decisions, states, episode.actions, strict=False)
+            replace(decision, optimal=None if steps is None else remaining == steps - 1, steps_to_go=steps)
+            for decision, steps, remaining in zip(episode.decisions, left, after, strict=True)
         )
 
     def _actions_to_success(self, task: Task, scene: Scene) -> int | None:
-        """Length of the expert's solution with the whole horizon left, None if not asked or unsolved."""
-        if self._solver is None:
-            return None
+        """Length of the expert's solution with the whole horizon left, None if unsolved."""
         key = task.id, scene
         if key not in self._solution_lengths:
             solution = self._solver.solve_from(State(task, scene, 0))
             self._solution_lengths[key] = solution.steps if solution.solved else None
         return self._solution_lengths[key]
-
-
-def _is_optimal(solver: Solver, state: State, action: Action) -> bool | None:
-    """Tells whether the action begins a shortest solution; None if unknown to the expert."""
-    optimal, dynamics = solver.optimal_actions(state), solver.dynamics
-    if dynamics.appearance.encode(action) in optimal.actions:
-        return True
-    if not optimal.actions:
-        return None
-    transition = dynamics.step(state, action)
-    if optimal.complete or transition.outcome is not Outcome.CONTINUES:
-        return False
-    return True if solver.solve_from(transition.state).steps == optimal.steps - 1 else None
 
 
 def check_recording(recording: Recording) -> None:

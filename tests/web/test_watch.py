@@ -37,7 +37,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     thin = str(write_thin_corpus(tmp_path_factory.mktemp("corpus") / "thin.jsonl", 3))
     record(place / "tower", "random-legal", corpus=thin)
     record(place / "tower", "expert", corpus=thin)
-    record(place / "scatter", "random-type", "ScatterFlipIt", corpus=thin)
+    record(place / "scatter", "random-legal", "ScatterFlipIt", corpus=thin)
     record(place / "old", "random-legal", "TowerScratch", decisions=False)
     return place
 
