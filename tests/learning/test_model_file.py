@@ -5,18 +5,14 @@ from __future__ import annotations
 import dataclasses
 import json
 import pickle
-import resource
-import time
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 from safetensors.torch import save_file
-from torch import Tensor, nn
+from torch import nn
 
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.model_file import (
     METADATA_KEY,
@@ -30,9 +26,6 @@ from lilgym_mp.learning.common.model_file import (
     select_device,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
-from lilgym_mp.learning.ppo.agent import describe, make_model
-from lilgym_mp.learning.ppo.recipe import PPORecipe
-from lilgym_mp.scene.appearances import make_appearance
 
 DESCRIPTION = ModelDescription(
     "imitation", 1, ("TowerScratch",), "programs", {"seed": 3}, {"vocabulary": ["a", "blue", "block"]}
@@ -119,7 +112,7 @@ def test_load__rejects_missing_and_irregular_files(tmp_path: Path):
 
 
 def test_load_weights__rejects_other_shapes_and_nan(model: Path):
-    with pytest.raises(ModelFileError, match=r"weight has shape \(2, 3\), not \(2, 4\)"):
+    with pytest.raises(ModelFileError, match="size mismatch for weight"):
         load_weights(nn.Linear(4, 2), TENSORS, model)
     with pytest.raises(ModelFileError, match="bias holds non-finite values"):
         load_weights(nn.Linear(3, 2), {**TENSORS, "bias": torch.tensor([0.0, float("nan")])}, model)
@@ -128,56 +121,16 @@ def test_load_weights__rejects_other_shapes_and_nan(model: Path):
     assert torch.equal(layer.weight, TENSORS["weight"])
 
 
-NAN = float("nan")
-CLAIMS: dict[str, dict[str, tuple[object, ...]]] = {  # by agent: values of keys in its description
-    "parse-and-plan": {
-        "hidden": (1_000_000,),
-        "layers": (1_000_000,),
-        "width": (1_000_000_000, -4, True),
-        "heads": (0, NAN, 7),
-        "temperature": (NAN, None),
-        "slope": (float("inf"), "much"),
-    },
-    "imitation-tower": {"width": (8_000_000, -8), "text_layers": (1_000_000,), "threshold": (NAN, "high")},
-    "ppo": {"width": (1_000_000_000, -4), "text_layers": (1_000_000,), "heads": (0, NAN), "words": (["a"] * 9,)},
-}
-
-
-@pytest.mark.parametrize(
-    ("name", "key", "value"),
-    [(name, key, value) for name in CLAIMS for key in CLAIMS[name] for value in CLAIMS[name][key]],
-)
-def test_open_agent__rejects_other_sizes_than_the_tensors_at_once(name: str, key: str, value: object, tmp_path: Path):
-    description, tensors = _ppo_agent() if name == "ppo" else _shipped_agent(name)
+@pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower"])
+@pytest.mark.parametrize("width", [64, "wide", -8, None])
+def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, width: object, tmp_path: Path):
+    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
+        description, tensors = load_model(path)
     details = json.loads(json.dumps(description.details))
-    assert _replace(details, key, value)
-    if key.endswith("layers"):
-        tensors = {name: tensor for name, tensor in tensors.items() if tensor.numel() < 10_000}
+    details["network" if "network" in details else "sizes"]["width"] = width
     save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
-    memory, begin = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, time.process_time()
     with pytest.raises(ModelFileError, match=r"description cannot be used|do not match the network"):
         open_agent(tmp_path)
-    assert time.process_time() - begin < 5
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - memory < 500_000  # KB
-
-
-def _shipped_agent(name: str) -> tuple[ModelDescription, dict[str, Tensor]]:
-    with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
-        return load_model(path)
-
-
-def _ppo_agent() -> tuple[ModelDescription, dict[str, Tensor]]:
-    recipe = PPORecipe.of("TowerScratch")
-    model = make_model(recipe, make_appearance("tower"), statements=["there is a blue block"])
-    return describe(Settings("TowerScratch"), recipe, "ours", ("TowerScratch",), model, {}), model.state_dict()
-
-
-def _replace(details: dict[str, Any], key: str, value: object) -> bool:
-    """Replaces the key's values wherever it is; returns whether it was found."""
-    found = key in details
-    if found:
-        details[key] = value
-    return any([found, *(_replace(part, key, value) for part in details.values() if isinstance(part, dict))])
 
 
 def test_open_agent__rejects_unknown_kinds_with_the_choices(model: Path):

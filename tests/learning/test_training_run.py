@@ -35,7 +35,8 @@ def test_checkpoint__that_does_not_fit_leaves_the_old_one(tmp_path: Path, full_d
     with pytest.raises(OSError, match="File too large") as error:
         run.save_checkpoint({"weights": torch.zeros(10_000)})
     assert error.value.filename == str(tmp_path / CHECKPOINT_FILE)
-    assert run.load_checkpoint() == {"step": 1}
+    with run.checkpoint() as state:
+        assert state == {"step": 1}
     assert sorted(os.listdir(tmp_path)) == [CHECKPOINT_FILE, "run.json"]
 
 
@@ -59,11 +60,11 @@ def test_checkpoint__pickled_objects_are_never_built(protocol: int, tmp_path: Pa
     run, opened = begin_run(tmp_path / "run", {}), tmp_path / "opened"
     path = run.path / CHECKPOINT_FILE
     torch.save({"trap": _Trap(opened)}, path, pickle_protocol=max(2, protocol))
-    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
-        run.load_checkpoint()
+    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
+        pass
     path.write_bytes(pickle.dumps(_Trap(opened), protocol))
-    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this package"):
-        run.load_checkpoint()
+    with pytest.raises(TrainingRunError, match="damaged, or not a checkpoint of this run"), run.checkpoint():
+        pass
     assert not opened.exists()
 
 
@@ -77,7 +78,6 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
         for _ in range(rng.choice([1, 2, 5, 40])):
             damaged[rng.randrange(len(whole))] = rng.randrange(256)
         path.write_bytes(damaged)
-        with suppress(TrainingRunError):  # any other error fails the test
-            run.load_checkpoint()
+        with suppress(TrainingRunError), run.checkpoint():  # any other error fails the test
             loaded += 1
     assert loaded < 300

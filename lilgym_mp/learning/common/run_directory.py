@@ -36,7 +36,6 @@ PROGRESS_FILE = "progress.jsonl"
 AGENT_FILE = "agent.safetensors"
 EVALUATIONS_FILE = "evaluations.jsonl"  # of PPO: on dev, with --evaluate-every
 VALIDATIONS_FILE = "validations.jsonl"  # of PPO: on held-out tasks
-LARGEST_DESCRIPTION = 1 << 20  # bytes
 
 
 class TrainingRunError(ValueError):
@@ -85,30 +84,20 @@ class RunDirectory:
         torch.save(dict(state), data)
         write_atomically(self.path / CHECKPOINT_FILE, lambda unfinished: unfinished.write_bytes(data.getbuffer()))
 
-    def load_checkpoint(self, device: torch.device | str = "cpu") -> dict[str, Any]:
-        """The latest checkpoint; never executes the file's contents. Raises TrainingRunError."""
+    @contextmanager
+    def checkpoint(self, device: torch.device | str = "cpu") -> Iterator[dict[str, Any]]:
+        """The latest checkpoint; never executes the file's contents. Raises TrainingRunError if it is damaged, or the
+        block cannot use it."""
         import torch
 
         path = self.path / CHECKPOINT_FILE
         try:
             with warnings.catch_warnings(action="ignore"):
                 state = torch.load(path, map_location=device, weights_only=True)
+            yield state
         except Exception as error:  # a damaged file causes errors of any kind
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: {reason}") from None
-        if not isinstance(state, dict):
-            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this package: it holds no dict")
-        return state
-
-    @contextmanager
-    def checkpoint(self, device: torch.device | str = "cpu") -> Iterator[dict[str, Any]]:
-        """The latest checkpoint; raises TrainingRunError also if the block cannot use it."""
-        state = self.load_checkpoint(device)
-        try:
-            yield state
-        except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, IndexError) as error:
-            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-            raise TrainingRunError(f"the checkpoint in {self.path} is not of this run: {reason}") from None
+            raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this run: {reason}") from None
 
     def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
         from lilgym_mp.learning.common.model_file import save_model
@@ -164,8 +153,6 @@ def _differences(saved: Mapping[str, Any], requested: Mapping[str, Any]) -> Iter
 def _read_run(path: Path) -> RunDirectory:
     file = path / RUN_FILE
     try:
-        if file.stat().st_size > LARGEST_DESCRIPTION:
-            raise TrainingRunError(f"{file}: larger than {LARGEST_DESCRIPTION} bytes")
         content = json.loads(file.read_text(encoding="utf-8"))
         if (content["format"], content["version"]) != (FORMAT, VERSION) or not isinstance(content["identity"], dict):
             raise TrainingRunError(f"{file}: must have format {FORMAT!r}, version {VERSION}")

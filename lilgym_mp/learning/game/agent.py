@@ -157,6 +157,6 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
         own = settings, recipe, details["words"], details["sizes"], game
         return nn.ModuleDict({name: make_network(*own) for name in dict.fromkeys(names.values())})
 
-    description, networks = load_network(KIND, VERSION, path, device, make, outlined=False)
+    description, networks = load_network(KIND, VERSION, path, device, make)
     settings, recipe, names = parts(description)
     return GameAgent(description, settings, recipe, {role: networks[name] for role, name in names.items()})

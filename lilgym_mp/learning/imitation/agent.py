@@ -11,10 +11,10 @@ import numpy as np
 
 from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Policy, Settings
+from lilgym_mp.evaluation import Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, check_numbers, check_sizes, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
@@ -25,7 +25,6 @@ from lilgym_mp.perception import PerceptionError, read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import RELEASED_GRID
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.choices import choose
 
 KIND = "imitation"
 VERSION = 1
@@ -40,13 +39,9 @@ def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecip
 
 
 def make_network(built: Mapping[str, Any], dropout: float = 0.0) -> ImitationNetwork:
-    """A new network of this architecture. Raises ValueError, TypeError, KeyError for an invalid one."""
-    words, sizes = built["vocabulary"], {name: built[name] for name in SIZES}
-    if not all(isinstance(word, str) for word in words):
-        raise ValueError("vocabulary must be a list of words")
-    choose("appearance", built["appearance"], dict.fromkeys(("scatter", "tower")))
-    check_sizes({**sizes, "heads": 8})  # the recipe allows multiples of 8 only
-    return ImitationNetwork(built["appearance"], len(Vocabulary(tuple(words))), dropout=dropout, **sizes)
+    """A new network of this architecture."""
+    vocabulary, sizes = Vocabulary(tuple(built["vocabulary"])), {name: built[name] for name in SIZES}
+    return ImitationNetwork(built["appearance"], len(vocabulary), dropout=dropout, **sizes)
 
 
 @dataclass(frozen=True)
@@ -122,17 +117,6 @@ def _scenes(images: UInt8Array, appearance: str) -> tuple[list[Scene], list[int]
 
 def load_agent(path: Path, device: str = "auto") -> ImitationAgent:
     """The agent in the file. Raises ModelFileError naming the file and what is wrong, DeviceError without CUDA."""
-
-    def rules_of(description: ModelDescription) -> dict[str, StopRule]:
-        stop_rules = description.details["stop_rules"]
-        return {name: StopRule(**stop_rules[name]) for name in description.configurations}
-
-    def make(description: ModelDescription) -> ImitationNetwork:
-        built = description.details["network"]
-        check_numbers({name: rule.threshold for name, rule in rules_of(description).items()})
-        if any(CONFIGURATIONS[name][0] != built["appearance"] for name in description.configurations):
-            raise ValueError(f"a network for {built['appearance']} cannot play {', '.join(description.configurations)}")
-        return make_network(built)
-
-    description, network = load_network(KIND, VERSION, path, device, make)
-    return ImitationAgent(network, rules_of(description), description)
+    description, network = load_network(KIND, VERSION, path, device, lambda made: make_network(made.details["network"]))
+    rules = {name: StopRule(**rule) for name, rule in description.details["stop_rules"].items()}
+    return ImitationAgent(network, rules, description)

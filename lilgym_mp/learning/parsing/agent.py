@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
-from lilgym_mp.learning.common.model_file import ModelDescription, check_numbers, load_network
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
-from lilgym_mp.learning.common.program_network import ParserNetwork
 from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser
 from lilgym_mp.learning.parsing.planning import ProgramPlanner
@@ -43,11 +42,5 @@ class ParseAndPlanAgent(Agent):
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:
     """The agent in a model file. Raises ModelFileError naming the file and what is wrong with it."""
-
-    def make(description: ModelDescription) -> ParserNetwork:
-        parser, calibration = Parser.from_details(description.details), description.details["calibration"]
-        check_numbers({"temperature": parser.temperature, **asdict(Calibration(**calibration))})
-        return parser.network
-
-    description, network = load_network(KIND, VERSION, path, device, make)
-    return ParseAndPlanAgent(description, replace(Parser.from_details(description.details), network=network))
+    description, network = load_network(KIND, VERSION, path, device, lambda made: Parser.of(made.details).network)
+    return ParseAndPlanAgent(description, replace(Parser.of(description.details), network=network))

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.spelling import corrections, unread_words
-from lilgym_mp.learning.common.model_file import check_sizes, torch_threads
+from lilgym_mp.learning.common.model_file import torch_threads
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import (
     TOKENS,
@@ -227,7 +227,7 @@ class Parser:
         return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked)
 
     def to_details(self) -> dict[str, Any]:
-        """The part of a model description that `from_details` reads."""
+        """The part of a model description that `of` reads."""
         return {
             "words": list(self.vocabulary.symbols),
             "tokens": list(self.tokens.symbols),
@@ -236,14 +236,9 @@ class Parser:
         }
 
     @classmethod
-    def from_details(cls, details: Mapping[str, Any]) -> Parser:
-        """A parser with an uninitialised network. Raises ValueError, TypeError, KeyError."""
-        tokens = TokenTable(tuple(details["tokens"]))
-        words = details["words"]
-        if not isinstance(words, list) or not all(isinstance(word, str) for word in words) or UNKNOWN not in words:
-            raise ValueError(f"its vocabulary is not a list of words that includes {UNKNOWN!r}")
-        vocabulary = SymbolTable(tuple(words))
-        check_sizes(details["sizes"])
+    def of(cls, details: Mapping[str, Any]) -> Parser:
+        """A parser with an untrained network. Raises ValueError, TypeError, KeyError."""
+        vocabulary, tokens = SymbolTable(tuple(details["words"])), TokenTable(tuple(details["tokens"]))
         network = ParserNetwork(len(vocabulary), len(tokens), Sizes(**details["sizes"]))
         return cls(network.eval(), vocabulary, float(details["temperature"]), tokens)
 

@@ -18,7 +18,7 @@ from lilgym_mp.learning.common.agents import SHARED, Agent, AgentError, check_co
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS, FactoredPolicy
 from lilgym_mp.learning.common.model import Model, SeparateCritic, WeightsError
-from lilgym_mp.learning.common.model_file import ModelDescription, check_sizes, load_network, read_description
+from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.states import BoxImageTable
 from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
@@ -68,9 +68,7 @@ def _box_transformer(
     recipe: PPORecipe, appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None
 ) -> Make:
     words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
-    sizes = {} if details is None else dict(details["sizes"])
-    if details is not None:
-        check_sizes(sizes)
+    sizes = {} if details is None else details["sizes"]
     separators = recipe.model == "ours-separators"
     return lambda has_actor, has_critic: BoxTransformer(appearance, words, separators=separators, **sizes)
 
@@ -153,7 +151,6 @@ def load_agent(path: Path, device: str = "auto") -> PPOAgent:
         appearance = make_appearance(settings.appearance, settings.grid)
         return make_model(recipe, appearance, details=description.details["model"])
 
-    outlined = read_description(path).recipe.get("model") not in TRANSFORMERS  # whose sizes are their weights'
-    description, model = load_network(KIND, VERSION, path, device, make, outlined=outlined)
+    description, model = load_network(KIND, VERSION, path, device, make)
     settings, recipe = Settings.from_json(description.details["settings"]), PPORecipe.from_json(description.recipe)
     return PPOAgent(description, settings, model, recipe.mask)

@@ -232,7 +232,7 @@ def test_resume__rejects_other_games_and_damaged_checkpoints(tmp_path: Path):
     copy = shutil.copytree(tmp_path / "run", tmp_path / "copy")
     state = torch.load(copy / "checkpoint.pt", weights_only=True)
     torch.save({**state, "networks": {}}, copy / "checkpoint.pt")
-    with pytest.raises(TrainingRunError, match="is not of this run"):
+    with pytest.raises(TrainingRunError, match="not a checkpoint of this run"):
         trained(copy, 256, resume=True)
 
 

@@ -443,7 +443,7 @@ def test_parser__rejects_tokens_that_the_language_lacks(trained: Path):
     assert isinstance(agent, ParseAndPlanAgent)
     details = agent.parser.to_details()
     with pytest.raises(ValueError, match=r"this version of the program language has no 'is_aardvark\(1\)'"):
-        Parser.from_details({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
+        Parser.of({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
 
 
 def test_planner__plans_for_the_return_or_for_accuracy():

@@ -392,7 +392,7 @@ def test_resume__rejects_a_changed_corpus(tmp_path: Path):
 def test_resume__rejects_a_checkpoint_of_another_run(begun: Path, part: str, value: Any):
     state = torch.load(begun / "checkpoint.pt", weights_only=True)
     torch.save({**state, part: value}, begun / "checkpoint.pt")
-    with pytest.raises(TrainingRunError, match="is not of this run"):
+    with pytest.raises(TrainingRunError, match="not a checkpoint of this run"):
         trained(begun, 64, resume=True)
 
 
