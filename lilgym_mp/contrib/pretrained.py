@@ -34,16 +34,16 @@ VILT_PATCHES = 5, 19  # like the action grid
 VILT_COLOURS = (0.5, 0.5, 0.5), (0.5, 0.5, 0.5)  # mean and deviation of each colour
 FLAVA_COLOURS = (0.48145466, 0.4578275, 0.40821073), (0.26862954, 0.26130258, 0.27577711)
 TARGET_TOKEN = "<TARGET>"
-CONFIG, TENSORS, INDEX = "config.json", "model.safetensors", "model.safetensors.index.json"
-TOKENIZERS = ("tokenizer.json", "vocab.txt")  # one of them is required
+CONFIG = "config.json"
 
 
-def check_weights(path: Path | None, model: str, architecture: str) -> dict[str, Any]:
-    """The directory's config.json, checked for `model`. Raises WeightsError naming the path and what is wrong."""
+def checked_config(path: Path | None, model: str) -> dict[str, Any]:
+    """The directory's config.json, of the model's architecture. Raises WeightsError naming what is wrong."""
+    architecture = ARCHITECTURES[model]
     if path is None:
         raise WeightsError(
             f"the model {model!r} needs pretrained weights: name a directory with --weights, of the architecture"
-            f" {architecture}, with {CONFIG}, {TENSORS} and a tokenizer"
+            f" {architecture}, with {CONFIG}, model.safetensors and a tokenizer"
         )
     if not path.is_dir():
         raise WeightsError(f"{path}: not a directory of weights" + (": it does not exist" * (not path.exists())))
@@ -53,10 +53,6 @@ def check_weights(path: Path | None, model: str, architecture: str) -> dict[str,
         raise WeightsError(f"{path / CONFIG}: cannot be read: {error}") from None
     if found != architecture:
         raise WeightsError(f"{path / CONFIG}: architecture {found!r}; the model {model!r} needs {architecture}")
-    if not any((path / name).is_file() for name in (TENSORS, INDEX)):
-        raise WeightsError(f"{path}: incomplete: it has no {TENSORS}; files of pickled objects are not read")
-    if not any((path / name).is_file() for name in TOKENIZERS):
-        raise WeightsError(f"{path}: incomplete: it has no tokenizer ({' or '.join(TOKENIZERS)})")
     return config
 
 
@@ -68,12 +64,14 @@ def model_maker(
     Raises WeightsError.
     """
     path = Path(details["weights"]) if details is not None else weights
-    config = check_weights(path, model, ARCHITECTURES[model])
+    config = checked_config(path, model)
     assert path is not None
     try:
-        import transformers  # noqa: F401  # pyright: ignore[reportMissingImports]
+        from transformers.utils import logging  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise WeightsError(f"the model {model!r} needs the package transformers: {install('transformers')}") from None
+    logging.set_verbosity_error()  # no warnings about unused tensors; missing ones raise an error here
+    logging.disable_progress_bar()
     if model in FINE_TUNED:
         own = None if details is None else config  # the tensors of a model file replace the pretrained ones
         return lambda has_actor, has_critic: JointModel(
@@ -90,20 +88,11 @@ def model_maker(
 
 def _pretrained(load: Any, path: Path, **options: Any) -> Any:
     """The result of `load`. Raises WeightsError for an incomplete or damaged directory."""
-    from transformers.utils import logging  # pyright: ignore[reportMissingImports]
-
-    verbosity, bars = logging.get_verbosity(), logging.is_progress_bar_enabled()
-    logging.set_verbosity_error()  # no warnings about unused tensors; missing ones raise an error here
-    logging.disable_progress_bar()
     try:
         return load(path, local_files_only=True, **options)
     except Exception as error:  # parsers of tokenizers raise anything, and safetensors has its own exception
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise WeightsError(f"{path}: cannot be loaded: {reason}") from None
-    finally:
-        logging.set_verbosity(verbosity)
-        if bars:
-            logging.enable_progress_bar()
 
 
 def _pretrained_network(load: Any, path: Path, **options: Any) -> Any:

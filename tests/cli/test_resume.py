@@ -14,9 +14,9 @@ from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import begin_run
 from lilgym_mp.learning.imitation import training as imitation
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.parsing import training as parsing
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.ppo.recipe import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.corpora import write_own_corpus

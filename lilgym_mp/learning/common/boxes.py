@@ -1,9 +1,11 @@
-"""Distinct boxes by index, and arrays of their items."""
+"""Distinct boxes by index, and arrays of their items and features."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from functools import cache
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +48,36 @@ class BoxIndex:
         """The scene of three boxes by index."""
         left, middle, right = (self.boxes[index] for index in boxes)
         return Scene((left, middle, right))
+
+
+class FeatureTable(BoxIndex, ABC):
+    """A growing table of distinct boxes with arrays of their features, computed once per box; K items fit in a box."""
+
+    item_axes: ClassVar[Mapping[str, int]]  # by name of an array: the number of axes of items after the first axis
+
+    def __init__(self, item_capacity: int, appearance: str | None = None) -> None:
+        super().__init__(appearance)
+        self.item_capacity = item_capacity
+        self._updated = 0  # boxes with features
+
+    @abstractmethod
+    def columns(self, boxes: Sequence[Box], items: NDArray[np.int64]) -> Mapping[str, NDArray[Any]]:
+        """The arrays' rows, by name, of new boxes, which hold these items (n, K, 5)."""
+
+    def update_features(self) -> None:
+        """Computes the features of boxes added since the last call; call it before reading the arrays."""
+        new = self.boxes[self._updated :]
+        if not new:
+            return
+        self._updated = len(self.boxes)
+        extra = max(0, max(len(box.items) for box in new) - self.item_capacity)
+        self.item_capacity += extra
+        for name, rows in self.columns(new, item_arrays(new, self.item_capacity)).items():
+            known = getattr(self, name)
+            if extra:
+                axes = range(1, 1 + self.item_axes.get(name, 0))
+                known = np.pad(known, [(0, extra if axis in axes else 0) for axis in range(known.ndim)])
+            setattr(self, name, np.concatenate([known, rows]))
 
 
 def item_arrays(boxes: Sequence[Box], capacity: int) -> NDArray[np.int64]:

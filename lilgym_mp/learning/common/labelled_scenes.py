@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.learning.common.boxes import BoxIndex, box_distances
@@ -19,12 +17,7 @@ from lilgym_mp.scene import (
     BOX_SIDE,
     IMAGE_HEIGHT,
     IMAGE_WIDTH,
-    Box,
-    Colour,
-    Item,
     Scene,
-    Shape,
-    Size,
 )
 from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
@@ -249,37 +242,3 @@ def _recent(length: int, count: int, rng: Rng) -> Int64Array:
 
 def truths_of(entry: Entry, indices: Int64Array) -> BoolArray:
     return np.array([entry.known[index].truth for index in indices.tolist()])
-
-
-def stored(entries: Sequence[Entry], table: BoxIndex) -> dict[str, Tensor]:
-    """The labelled scenes, as tensors for a checkpoint."""
-    items = [item for box in table.boxes for item in box.items]
-    arrays = {
-        "items": np.array(items, np.int16).reshape(-1, 5),
-        "box_sizes": np.array([len(box.items) for box in table.boxes], np.int16),
-        "scenes": np.array([scene for entry in entries for scene in entry.scenes], np.int32).reshape(-1, BOX_COUNT),
-        "known": np.array([known for entry in entries for known in entry.known], np.int16).reshape(-1, 3),
-        "pairs": np.array([pair for entry in entries for pair in entry.pairs], np.int32).reshape(-1, 2),
-        "sizes": np.array([(len(entry.scenes), len(entry.pairs)) for entry in entries], np.int64).reshape(-1, 2),
-    }
-    return {name: torch.from_numpy(array) for name, array in arrays.items()}
-
-
-def restored(entries: Sequence[Entry], table: BoxIndex, data: Mapping[str, Tensor]) -> None:
-    """Inverse of `stored`, into new entries and a new table. Raises KeyError, ValueError or IndexError."""
-    items = iter(data["items"].tolist())
-    new: list[int] = []
-    for size in data["box_sizes"].tolist():
-        rows = (next(items) for _ in range(size))
-        box = Box(tuple(Item(x, y, Shape(shape), Colour(colour), Size(size)) for x, y, shape, colour, size in rows))
-        new.append(table.index(box))
-    scenes, known, pairs = (iter(data[name].tolist()) for name in ("scenes", "known", "pairs"))
-    for entry, (scene_count, pair_count) in zip(entries, data["sizes"].tolist(), strict=True):
-        for index in range(scene_count):
-            left, middle, right = (new[box] for box in next(scenes))
-            task, edits, truth = next(known)
-            entry.index[left, middle, right] = index
-            entry.scenes.append((left, middle, right))
-            entry.known.append(Known(task, edits, bool(truth)))
-            entry.by_truth[bool(truth)].append(index)
-        entry.pairs.extend((one, other) for one, other in (next(pairs) for _ in range(pair_count)))

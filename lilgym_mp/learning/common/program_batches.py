@@ -1,11 +1,10 @@
-"""Training batches of statement-program pairs, sampled from a corpus and from the generator."""
+"""Training on statement-program pairs, sampled from a corpus and from the generator."""
 
 from __future__ import annotations
 
 import math
 import random
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import torch
@@ -13,7 +12,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
-from lilgym_mp.learning.common.program_pairs import Pair, Variations, normalise_statement, pair_of, slots_of
+from lilgym_mp.learning.common.program_pairs import Pair, normalise_statement, pair_of, slots_of, varied
+from lilgym_mp.learning.common.recipes import PairRecipe
 from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
@@ -63,19 +63,14 @@ def _pair(example: Example, known: Collection[str]) -> Pair | None:
     return pair_of(normalised, example.program, most_tokens=Sizes.longest_program)
 
 
-@dataclass(frozen=True)
-class ExampleStream:
-    """An infinite stream of examples."""
-
-    examples: Iterator[Example]
-    known: Collection[str]
-
-    def sample(self, rng: random.Random) -> Pair:
-        """The next pair; examples without one are skipped."""
-        return next(pair for example in self.examples if (pair := _pair(example, self.known)) is not None)
+def pairs_of(examples: Iterator[Example], known: Collection[str]) -> Iterator[Pair]:
+    """The examples' pairs; those without one are skipped."""
+    for example in examples:
+        if (pair := _pair(example, known)) is not None:
+            yield pair
 
 
-PairSource = ExamplePool | ExampleStream
+PairSource = Callable[[random.Random], Pair]
 
 
 class Batch(NamedTuple):
@@ -86,33 +81,60 @@ class Batch(NamedTuple):
     slots: Slots
 
 
-def generated_fraction(initial: float, done: float) -> float:
-    """The fraction of generated pairs, annealed linearly in the training progress `done`, 0 to 1."""
-    return initial * (1 + (FINAL_GENERATED - 1) * done)
+class ProgramTrainer:
+    """Trains a network to write the programs of statements, from a corpus and from generated pairs."""
 
+    def __init__(
+        self,
+        network: ParserNetwork,
+        recipe: PairRecipe,
+        corpus: PairSource,
+        generated: PairSource | None,
+        indices: Callable[[Pair], tuple[list[int], list[int]]],
+        rng: random.Random,
+    ) -> None:
+        """`indices`: the word and token indices of a pair."""
+        self.network, self._recipe = network, recipe
+        self.optimiser = torch.optim.AdamW(
+            network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
+        )
+        self._device = network.logits.weight.device
+        self._corpus, self._generated, self._indices, self._rng = corpus, generated, indices, rng
+        self._done = 0.0
+        self._batches = self._sampled()
 
-def sample_batches(
-    corpus: PairSource,
-    generated: PairSource | None,
-    current_fraction: Callable[[], float],
-    variations: Variations,
-    indices: Callable[[Pair], tuple[list[int], list[int]]],
-    size: int,
-    rng: random.Random,
-    device: torch.device,
-) -> Iterator[Batch]:
-    """Infinite batches of `size` pairs of similar length.
+    def step(self, done: float, learning_rate: float, norm: float = 1.0) -> float:
+        """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises NotFiniteError.
 
-    `current_fraction`: the fraction of generated pairs now; `indices`: the word and token indices of a pair.
-    """
-    while True:
-        fraction = 0.0 if generated is None else current_fraction()
-        chosen = (generated if generated and rng.random() < fraction else corpus for _ in range(POOL * size))
-        pool = [variations.of(source.sample(rng), rng) for source in chosen]
-        pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
-        batches = [pool[first : first + size] for first in range(0, len(pool), size)]
-        rng.shuffle(batches)
-        yield from (_batch([indices(pair) for pair in pairs], device) for pairs in batches)
+        `done`: the training progress, 0 to 1. `norm`: the largest of the gradient.
+        """
+        self._done = done
+        for group in self.optimiser.param_groups:
+            group["lr"] = learning_rate
+        self.network.train()
+        words, tokens, slots = next(self._batches)
+        logits = self.network(words, tokens, slots).flatten(0, 1)
+        smoothing = self._recipe.smoothing
+        loss = functional.cross_entropy(logits, tokens.flatten(), ignore_index=0, label_smoothing=smoothing)
+        if not math.isfinite(loss.item()):
+            raise NotFiniteError(f"text {loss.item():g}")
+        self.optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.network.parameters(), norm)
+        self.optimiser.step()
+        return loss.item()
+
+    def _sampled(self) -> Iterator[Batch]:
+        """Infinite batches of pairs of similar length; the fraction of generated ones falls linearly."""
+        recipe, size, rng, generated = self._recipe, self._recipe.batch_size, self._rng, self._generated
+        while True:
+            fraction = recipe.generated * (1 + (FINAL_GENERATED - 1) * self._done) if generated else 0.0
+            chosen = (generated if generated and rng.random() < fraction else self._corpus for _ in range(POOL * size))
+            pool = [varied(source(rng), recipe.shapes, recipe.numbers, rng) for source in chosen]
+            pool.sort(key=lambda pair: (len(pair.tokens), len(pair.words)))
+            batches = [pool[first : first + size] for first in range(0, len(pool), size)]
+            rng.shuffle(batches)
+            yield from (_batch([self._indices(pair) for pair in pairs], self._device) for pairs in batches)
 
 
 def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -> Batch:
@@ -131,20 +153,3 @@ def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -
             padded([[slot.argument for slot in row] for row in slots]),
         ),
     )
-
-
-def training_step(
-    network: ParserNetwork, batch: Batch, optimiser: torch.optim.Optimizer, smoothing: float, norm: float = 1.0
-) -> float:
-    """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises NotFiniteError."""
-    network.train()
-    words, tokens, slots = batch
-    logits = network(words, tokens, slots)
-    loss = functional.cross_entropy(logits.flatten(0, 1), tokens.flatten(), ignore_index=0, label_smoothing=smoothing)
-    if not math.isfinite(loss.item()):
-        raise NotFiniteError(f"text {loss.item():g}")
-    optimiser.zero_grad()
-    loss.backward()
-    nn.utils.clip_grad_norm_(network.parameters(), norm)
-    optimiser.step()
-    return loss.item()

@@ -7,7 +7,6 @@ the program language are symmetric in the colours, so the parser need not learn 
 from __future__ import annotations
 
 import random
-import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,9 +25,8 @@ MAX_NUMBER = 7  # largest number in an augmented statement
 MAX_WORDS = 64  # including the appearance word; longer statements are truncated
 SHAPES = ("circle", "square", "triangle")
 COLOURS = tuple(colour.name.lower() for colour in Colour)
-_COLOUR_TOKEN = re.compile(r"is_(yellow|black|blue)\(1\)|Color\.(YELLOW|BLACK|BLUE)")
 
-Exchange = Mapping[str, str]  # colour name in lower case -> its replacement
+Exchange = Mapping[str, str]  # colour name in lower case, or another symbol -> its replacement
 
 
 def standard_colours(words: Iterable[str]) -> dict[str, str]:
@@ -37,8 +35,8 @@ def standard_colours(words: Iterable[str]) -> dict[str, str]:
     return dict(zip(named, COLOURS, strict=True))
 
 
-def words_recoloured(words: Sequence[str], exchange: Exchange) -> list[str]:
-    return [exchange.get(word, word) for word in words]
+def exchanged(symbols: Sequence[str], exchange: Exchange) -> list[str]:
+    return [exchange.get(symbol, symbol) for symbol in symbols]
 
 
 def inverse(exchange: Exchange) -> dict[str, str]:
@@ -47,15 +45,14 @@ def inverse(exchange: Exchange) -> dict[str, str]:
 
 def tokens_recoloured(tokens: Sequence[str], exchange: Exchange) -> list[str]:
     """Program tokens with their colours replaced."""
+    return exchanged(tokens, _exchange_of_tokens("Color", exchange))
 
-    def recoloured(token: str) -> str:
-        found = _COLOUR_TOKEN.fullmatch(token)
-        if found is None:
-            return token
-        name = exchange[(found[1] or found[2]).lower()]
-        return f"is_{name}(1)" if found[1] else f"Color.{name.upper()}"
 
-    return [recoloured(token) for token in tokens]
+def _exchange_of_tokens(kind: str, exchange: Exchange) -> dict[str, str]:
+    """The exchange of the tokens that name colours or shapes; `kind`: "Color" or "Shape"."""
+    names = exchange.items()
+    constants = {f"{kind}.{old.upper()}": f"{kind}.{new.upper()}" for old, new in names}
+    return {**{f"is_{old}(1)": f"is_{new}(1)" for old, new in names}, **constants}
 
 
 @dataclass(frozen=True)
@@ -116,7 +113,7 @@ def normalise_statement(statement: str, appearance: str, known: Collection[str])
     """`known`: candidate corrections of misspelt words; colours and numbers are always known."""
     words = normalised_words(statement, known)[: MAX_WORDS - 1]
     exchange = standard_colours(words)
-    return NormalisedStatement((APPEARANCE_WORDS[appearance], *words_recoloured(words, exchange)), exchange)
+    return NormalisedStatement((APPEARANCE_WORDS[appearance], *exchanged(words, exchange)), exchange)
 
 
 def pair_of(normalised: NormalisedStatement, program: str, *, most_tokens: int) -> Pair | None:
@@ -135,34 +132,26 @@ def program_of(tokens: Sequence[str], exchange: Mapping[str, str]) -> str:
     return compile_program(source_of(tree)).source
 
 
-@dataclass(frozen=True)
-class Variations:
-    """Augmentation: exchanges shapes and numbers at random where statement and program name the same ones."""
+def varied(pair: Pair, shapes: float, numbers: float, rng: random.Random) -> Pair:
+    """Augmentation: exchanges shapes and numbers at random where statement and program name the same ones.
 
-    shapes: float = 0.5  # fraction of the pairs
-    numbers: float = 0.5
-
-    def of(self, pair: Pair, rng: random.Random) -> Pair:
-        if rng.random() < self.shapes:
-            pair = _with_other_shapes(pair, rng)
-        if rng.random() < self.numbers:
-            pair = _with_other_numbers(pair, rng)
-        return pair
+    `shapes`, `numbers`: the fractions of the pairs in which they are exchanged.
+    """
+    if rng.random() < shapes:
+        pair = _with_other_shapes(pair, rng)
+    if rng.random() < numbers:
+        pair = _with_other_numbers(pair, rng)
+    return pair
 
 
 def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
     in_words = {shape for shape in SHAPES if shape in pair.words or f"{shape}s" in pair.words}
-    in_program = {shape for shape in SHAPES for token in pair.tokens if token in _shape_tokens(shape)}
+    in_program = {shape for shape in SHAPES if {f"is_{shape}(1)", f"Shape.{shape.upper()}"} & {*pair.tokens}}
     if in_words != in_program or not in_words:
         return pair
-    exchange: dict[str, str] = {}
-    for old, new in zip(SHAPES, rng.sample(SHAPES, len(SHAPES)), strict=True):
-        exchange |= {old: new, f"{old}s": f"{new}s"} | dict(zip(_shape_tokens(old), _shape_tokens(new), strict=True))
-    return _exchanged(pair, exchange)
-
-
-def _shape_tokens(shape: str) -> tuple[str, str]:
-    return f"is_{shape}(1)", f"Shape.{shape.upper()}"
+    names = dict(zip(SHAPES, rng.sample(SHAPES, len(SHAPES)), strict=True))
+    plurals = {f"{old}s": f"{new}s" for old, new in names.items()}
+    return _exchanged(pair, {**names, **plurals, **_exchange_of_tokens("Shape", names)})
 
 
 def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
@@ -173,15 +162,14 @@ def _with_other_numbers(pair: Pair, rng: random.Random) -> Pair:
     new = rng.sample(range(2, MAX_NUMBER + 1), min(len(in_words), MAX_NUMBER - 1))
     if len(new) < len(in_words):
         return pair
-    ordered = sorted(new)
     exchange: dict[str, str] = {}
-    for old, number in zip(sorted(in_words, key=int), ordered, strict=True):
+    for old, number in zip(sorted(in_words, key=int), sorted(new), strict=True):
         exchange |= {old: str(number), f"#{old}": f"#{number}"}
     return _exchanged(pair, exchange)
 
 
 def _exchanged(pair: Pair, exchange: Mapping[str, str]) -> Pair:
-    return Pair(*(tuple(words_recoloured(part, exchange)) for part in pair))
+    return Pair(*(tuple(exchanged(part, exchange)) for part in pair))
 
 
 class Slot(NamedTuple):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import permutations
 
 import numpy as np
@@ -37,10 +37,9 @@ class StatementTokenizer:
         self.vocabulary = vocabulary
         self._known = frozenset(vocabulary.words)
         names = [colour.name.lower() for colour in Colour]
-        self._recoloured = np.tile(np.arange(len(vocabulary)), (len(COLOUR_ORDERS), 1))
-        if all(vocabulary.token_id(name) != UNKNOWN for name in names):
-            for row, order in zip(self._recoloured, COLOUR_ORDERS, strict=True):
-                row[[vocabulary.token_id(name) for name in names]] = [vocabulary.token_id(names[new]) for new in order]
+        self._recoloured = exchange_table(
+            vocabulary, [{old: names[new] for old, new in zip(names, order, strict=True)} for order in COLOUR_ORDERS]
+        )
         self._cache: dict[str, Int64Array] = {}
 
     def encode(self, statement: str) -> Int64Array:
@@ -56,6 +55,17 @@ class StatementTokenizer:
     def recoloured(self, indices: Int64Array, order: int) -> Int64Array:
         """The word indices with colour words permuted; `order`: an index into COLOUR_ORDERS."""
         return self._recoloured[order][indices]
+
+
+def exchange_table(vocabulary: Vocabulary, exchanges: Sequence[Mapping[str, str]]) -> Int64Array:
+    """(E, words) the index that each word's index becomes under each exchange, as far as both words are known."""
+    table = np.tile(np.arange(len(vocabulary)), (len(exchanges), 1))
+    for row, exchange in zip(table, exchanges, strict=True):
+        for old, new in exchange.items():
+            pair = vocabulary.token_id(old), vocabulary.token_id(new)
+            if UNKNOWN not in pair:
+                row[pair[0]] = pair[1]
+    return table
 
 
 def pad_rows(rows: Sequence[Int64Array], min_length: int = 0) -> Int64Array:

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from lilgym_mp.learning.common.words import COLOUR_ORDERS
+from lilgym_mp.learning.common.augmentation import RECOLOURINGS
 from lilgym_mp.learning.imitation.box_features import CELLS
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Colour
 from lilgym_mp.scene.actions import STOP, Action, AddBlock, AddItem, RemoveBlock, RemoveItem
@@ -32,7 +32,7 @@ class ActionHeads:
     item_types: int
     action_of: Int64Array  # (size,) logit index -> action index
     index_of: Int64Array  # (actions,) action index -> logit index; -1 for actions without a logit
-    recoloured: Int64Array  # (6, size) logit index under each of COLOUR_ORDERS
+    recoloured: Int64Array  # (6, size) logit index under each of RECOLOURINGS
 
     @property
     def add_count(self) -> int:
@@ -59,17 +59,11 @@ def action_heads(appearance: Appearance) -> ActionHeads:
         adds = [AddItem(*cell, *item_type) for cell in cells for item_type in ITEM_TYPES]
         removes = [RemoveItem(*cell) for cell in cells]
     actions = [STOP, *adds, *removes]
-    action_of = np.array([appearance.encode(action) for action in actions], np.int64)
+    action_of = np.array([*map(appearance.encode, actions)], np.int64)
     index_of = np.full(appearance.action_count, -1, np.int64)
     index_of[action_of] = np.arange(len(action_of))
     recoloured = [
-        [index_of[appearance.encode(_recoloured(action, order))] for action in actions] for order in COLOUR_ORDERS
+        [index_of[appearance.encode(recolouring.action(action))] for action in actions] for recolouring in RECOLOURINGS
     ]
     per_box, item_types = len(removes) // BOX_COUNT, len(adds) // len(removes)
     return ActionHeads(per_box, item_types, action_of, index_of, np.array(recoloured, np.int64))
-
-
-def _recoloured(action: Action, order: tuple[int, ...]) -> Action:
-    if isinstance(action, AddBlock | AddItem):
-        return action._replace(colour=Colour(order[action.colour]))
-    return action

@@ -1,35 +1,180 @@
-"""The imitation agent: its model file, and its policy on images."""
+"""The imitation agent: the network as a policy on scenes and on images, its stop rule, and its model file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
+import torch
+import torch.nn.functional as F  # noqa: N812
+from torch import Tensor
 
 from lilgym_mp.corpus.tokens import Vocabulary
-from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Observations, Policy, Settings
+from lilgym_mp.envs.rules import Dynamics, Outcome
+from lilgym_mp.evaluation import Episode, Observations, Policy, Settings
 from lilgym_mp.evaluation.decisions import PolicyOutput
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, load_network
-from lilgym_mp.learning.common.words import StatementTokenizer
-from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, action_heads
+from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, pad_rows
+from lilgym_mp.learning.imitation.action_heads import STOP_INDEX, ActionHeads, action_heads
+from lilgym_mp.learning.imitation.batches import DistinctBoxes, box_inputs
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
-from lilgym_mp.learning.imitation.network import ImitationNetwork
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
+from lilgym_mp.learning.imitation.network import ImitationNetwork, Inputs, Outputs
 from lilgym_mp.perception import PerceptionError, read_scene
+from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action
 from lilgym_mp.scene.appearances import RELEASED_GRID
-from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.arrays import Float32Array, Int64Array, UInt8Array
 
 KIND = "imitation"
 VERSION = 1
 MAX_CACHED_BOXES = 50_000
 SIZES = "width", "text_layers", "item_layers"  # settings of the recipe that make the network
+BATCH_SIZE = 128  # scenes per forward pass
+THRESHOLDS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)
+
+
+@dataclass(frozen=True, slots=True)
+class StopRule:
+    """When to take STOP; tuned on held-out training statements."""
+
+    threshold: float = 0.0  # greedy play stops when STOP's logit exceeds it
+    never_first: bool = False  # no STOP as the first action: a FlipIt start is never solved
+    always_last: bool = True  # STOP as the last action within the horizon: anything else fails
+    sampled: bool = False  # whether sampled actions did better than greedy ones
+
+
+class NetworkPolicy:
+    """Action probabilities of the network for any number of statements and scenes."""
+
+    def __init__(
+        self,
+        network: ImitationNetwork,
+        table: BoxFeatureTable,
+        heads: ActionHeads,
+        tokenizer: StatementTokenizer,
+        *,
+        reduced_precision: bool = False,
+    ) -> None:
+        self.network, self.table, self.heads, self.tokenizer = network, table, heads, tokenizer
+        self.reduced_precision = reduced_precision
+
+    @property
+    def device(self) -> torch.device:
+        return next(self.network.parameters()).device
+
+    @torch.inference_mode()
+    def log_probabilities(self, statements: Sequence[str], boxes: Int64Array, targets: Int64Array) -> Float32Array:
+        """(B, logits) for B scenes, given as (B, 3) box indices in the table."""
+        self.network.eval()
+        self.table.update_features()
+        log_probabilities = np.empty((len(statements), self.heads.size), np.float32)
+        for first in range(0, len(statements), BATCH_SIZE):
+            rows = slice(first, first + BATCH_SIZE)
+            words = pad_rows([self.tokenizer.encode(statement) for statement in statements[rows]], MIN_PADDED_WORDS)
+            distinct = DistinctBoxes.of(boxes[rows, None], 1)
+            inputs = Inputs(
+                words=torch.from_numpy(words).to(self.device),
+                **box_inputs(self.table, distinct, np.zeros(len(words), np.int64), self.device),
+            )
+            batch_targets = torch.from_numpy(targets[rows, None]).to(self.device)
+            with precision(self.device, reduced=self.reduced_precision):
+                outputs = self.network(inputs, batch_targets)
+            log_probabilities[rows] = log_policy(outputs, batch_targets)[:, 0].cpu().numpy()
+        return log_probabilities
+
+
+def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
+    """(S, A, logits) log-probabilities of all actions in the first A scenes, in the order of `ActionHeads`."""
+    truth = outputs.truth[:, : targets.shape[1]]
+    signed = torch.where(targets == 1, truth, -truth)  # P(STOP) is the probability of the target value
+    stop, edit = F.logsigmoid(signed), F.logsigmoid(-signed)
+    types = outputs.types.log_softmax(-1) + edit[..., None]
+    return torch.cat(
+        [
+            stop[..., None],
+            types[..., :1] + outputs.adds.log_softmax(-1),
+            types[..., 1:] + outputs.removes.log_softmax(-1),
+        ],
+        -1,
+    )
+
+
+def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:
+    """Autocast to bfloat16 if `reduced`."""
+    return torch.autocast(device.type, torch.bfloat16) if reduced else nullcontext()
+
+
+def choose_actions(
+    log_probabilities: Float32Array, steps: Int64Array, horizon: int, rule: StopRule, rng: np.random.Generator | None
+) -> Int64Array:
+    """(B,) logit indices from (B, logits): sampled with `rng`, greedy without."""
+    stop = log_probabilities[:, STOP_INDEX].astype(np.float64)
+    if rng is None:
+        stops = stop - np.log(-np.expm1(np.minimum(stop, -1e-12))) > rule.threshold  # the logit of STOP
+    else:
+        stops = np.log(rng.random(len(stop))) < stop
+    if rule.never_first:
+        stops &= steps > 0
+    if rule.always_last:
+        stops |= steps >= horizon - 1
+    edits = log_probabilities[:, STOP_INDEX + 1 :]
+    best = (edits if rng is None else edits + rng.gumbel(size=edits.shape)).argmax(1)
+    return np.where(stops, STOP_INDEX, STOP_INDEX + 1 + best)
+
+
+def play_episodes(
+    policy: NetworkPolicy, dynamics: Dynamics, tasks: Iterable[Task], rule: StopRule, rng: np.random.Generator | None
+) -> list[Episode]:
+    """One episode of each task, in parallel: sampled with `rng`, greedy without."""
+    states = [dynamics.start(task) for task in tasks]
+    actions: list[list[Action]] = [[] for _ in states]
+    outcomes = [Outcome.CONTINUES] * len(states)
+    running = list(range(len(states)))
+    while running:
+        now = [states[index] for index in running]
+        boxes, targets = policy.table.indices([state.scene for state in now]), [state.task.target for state in now]
+        found = policy.log_probabilities([state.task.statement for state in now], boxes, np.array(targets, np.int64))
+        steps = np.array([state.steps for state in now])
+        still_running: list[int] = []
+        chosen = choose_actions(found, steps, dynamics.horizon, rule, rng)
+        for index, logit_index in zip(running, chosen.tolist(), strict=True):
+            actions[index].append(dynamics.appearance.decode(int(policy.heads.action_of[logit_index])))
+            transition = dynamics.step(states[index], actions[index][-1])
+            states[index], outcomes[index] = transition.state, transition.outcome
+            if transition.outcome is Outcome.CONTINUES:
+                still_running.append(index)
+        running = still_running
+    return [
+        Episode.of(state.task, played, outcome, dynamics)
+        for state, played, outcome in zip(states, actions, outcomes, strict=True)
+    ]
+
+
+def tune_stop_rule(
+    policy: NetworkPolicy, dynamics: Dynamics, tasks: Sequence[Task], rng: np.random.Generator
+) -> tuple[StopRule, float]:
+    """The stop rule with the highest accuracy on the tasks, and that accuracy; ties go to the first one tried."""
+    tried: list[tuple[float, StopRule]] = []
+
+    def attempt(rule: StopRule) -> float:
+        episodes = play_episodes(policy, dynamics, tasks, rule, rng if rule.sampled else None)
+        accuracy = float(np.mean([episode.is_success for episode in episodes]))
+        tried.append((accuracy, rule))
+        return accuracy
+
+    never_first = attempt(StopRule(never_first=True)) > attempt(StopRule())
+    for threshold in sorted(THRESHOLDS, key=abs)[1:]:
+        attempt(StopRule(threshold, never_first))
+    attempt(StopRule(never_first=never_first, sampled=True))
+    best, rule = max(tried, key=lambda pair: pair[0])
+    return rule, best
 
 
 def architecture(appearance: str, vocabulary: Vocabulary, recipe: ImitationRecipe) -> dict[str, Any]:

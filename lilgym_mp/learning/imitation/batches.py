@@ -15,8 +15,8 @@ from lilgym_mp.learning.common.words import COLOUR_ORDERS, MIN_PADDED_WORDS, Sta
 from lilgym_mp.learning.imitation.action_heads import ActionHeads
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Inputs
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene.arrays import Int64Array
 
 Rng = np.random.Generator

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
+from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable, one_hot
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
 from lilgym_mp.scene.appearances.legality import box_legality
 
@@ -20,12 +21,13 @@ OFFSETS = 2 * MAX_OFFSET + 1
 FIXED_FEATURES = 3 + 3 + 4 * GAP_BINS + 2 * CELLS  # shape, size, wall gaps, cell; not the colour
 
 
-class BoxFeatureTable(BoxIndex):
+class BoxFeatureTable(FeatureTable):
     """A growing table of N distinct boxes, with capacity for K items each."""
 
+    item_axes: ClassVar[Mapping[str, int]] = {"features": 1, "colours": 1, "relations": 2, "offsets": 1}
+
     def __init__(self, item_capacity: int = 4) -> None:
-        super().__init__()
-        self.item_capacity = item_capacity
+        super().__init__(item_capacity)
         self.counts = np.zeros(0, np.int64)  # (N,)
         self.features = np.zeros((0, item_capacity, FIXED_FEATURES), np.uint8)  # (N, K, F) binary
         self.colours = np.zeros((0, item_capacity), np.int64)  # (N, K)
@@ -40,39 +42,19 @@ class BoxFeatureTable(BoxIndex):
         """(B, 3) box indices."""
         return np.array([self.of(scene) for scene in scenes], np.int64).reshape(-1, 3)
 
-    def update_features(self) -> None:
-        """Computes the features of boxes added since the last call; call it before reading the arrays."""
-        first, total = len(self.counts), len(self.boxes)
-        if first == total:
-            return
-        new = self.boxes[first:]
-        self._grow_capacity(max(len(box.items) for box in new))
-        items = item_arrays(new, self.item_capacity)
-        columns = {
+    def columns(self, boxes: Sequence[Box], items: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+        return {
             "counts": (items[:, :, 2] >= 0).sum(1),
             "features": item_features(items),
             "colours": items[:, :, 3].clip(0),
             "relations": item_relations(items),
             "offsets": cell_offsets(items),
-            "legal": np.stack([self._legal(box) for box in new]),
+            "legal": np.stack([self._legal(box) for box in boxes]),
         }
-        for name, rows in columns.items():
-            setattr(self, name, np.concatenate([getattr(self, name), rows]))
 
     def _legal(self, box: Box) -> NDArray[np.bool_]:
         adds = self._legality.addable(box.items).reshape(CELLS * CELLS, FOOTPRINT_COUNT)
         return np.concatenate([adds, self._legality.removable(box.items).reshape(-1, 1)], axis=1)
-
-    def _grow_capacity(self, most_items: int) -> None:
-        """Increases the item capacity if needed."""
-        extra = most_items - self.item_capacity
-        if extra <= 0:
-            return
-        self.item_capacity = most_items
-        for name, axes in (("features", 1), ("colours", 1), ("relations", 2), ("offsets", 1)):  # with items from axis 1
-            array = getattr(self, name)
-            padding = [(0, extra if 1 <= axis <= axes else 0) for axis in range(array.ndim)]
-            setattr(self, name, np.pad(array, padding))
 
 
 def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -6,12 +6,64 @@ statements alone, without planning.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
+from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.learners import Learner
-from lilgym_mp.learning.common.recipes import UpdateBudget, setting
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
+from lilgym_mp.scene.choices import choose
+
+
+@dataclass(frozen=True, slots=True)
+class ImitationRecipe(Recipe):
+    """Imitation of sets of optimal first actions; docs/imitation.md has ablations."""
+
+    width: int = setting(128, "network width; a multiple of 8", 8, multiple_of=8)
+    text_layers: int = setting(2, "layers of the text encoder", 0)
+    item_layers: int = setting(2, "layers of the item encoder, which attend to the statement", 1)
+    dropout: float = setting(0.1, "dropout rate", 0, 0.9)
+    statements: int = setting(24, "statements per batch", 1)
+    solved: int = setting(8, "scenes with optimal actions per statement in a batch", 1)
+    truth_only: int = setting(8, "further scenes per statement, half of them true where possible", 2)
+    learning_rate: float = setting(1.5e-3, "peak learning rate of AdamW", 0, 1)
+    warmup: float = setting(0.03, "fraction of the budget for linear warm-up; cosine decay follows", 0, 1)
+    weight_decay: float = setting(0.02, "weight decay of AdamW")
+    gradient_norm: float = setting(1.0, "gradient clipping norm")
+    truth: float = setting(3.0, "coefficient of the truth loss, which trains STOP")
+    steps: float = setting(0.1, "coefficient of the steps-to-go loss")
+    legal: float = setting(1.0, "coefficient of the legal-edits loss (Scatter)")
+    recolour: bool = setting(True, "permute colours at random in words and scenes where both name the same ones")
+    unknown_words: float = setting(0.02, "word dropout: fraction of training words replaced by the unknown word", 0, 1)
+    collect_every: int = setting(13, "updates between collections: visiting scenes and querying the expert", 1)
+    own_states: float = setting(
+        0.5, "fraction of data collection on the network's own states (DAgger), after the first fifth of the run", 0, 1
+    )
+    empty_starts: float = setting(
+        0.25,
+        "fraction of trajectories from the empty scene in a FlipIt run; above 0 the agent also plays Scratch",
+        0,
+        1,
+    )
+    first_scenes: int = setting(3, "scenes with optimal actions per statement before imitation begins", 1)
+    pretraining: float = setting(
+        0.25, "fraction of the updates, at the start, that pretrain the text encoder on writing programs", 0, 0.9
+    )
+    budget: int = setting(20_000, "maximum scenes the expert expands per query", 1)
+    held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
+
+    @classmethod
+    def defaults(cls, configuration: str) -> Mapping[str, Any]:
+        return _BY_APPEARANCE[choose("configuration", configuration, CONFIGURATIONS)[0]]
+
+
+_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
+    "tower": {"solved": 16, "truth_only": 32},
+    "scatter": {"collect_every": 10, "own_states": 0.4, "first_scenes": 2},
+}
+
 
 _TEACHER = "imitate this reward model's search, from rewards and the rules of editing, instead of the expert"
 

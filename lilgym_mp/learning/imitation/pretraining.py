@@ -13,30 +13,16 @@ from torch.nn import functional
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
-from lilgym_mp.learning.common.program_batches import (
-    Example,
-    ExamplePool,
-    ExampleStream,
-    generated_fraction,
-    sample_batches,
-    training_step,
-)
+from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, pairs_of
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
-from lilgym_mp.learning.common.program_pairs import (
-    COLOURS,
-    TOKENS,
-    Pair,
-    Variations,
-    tokens_recoloured,
-    words_recoloured,
-)
+from lilgym_mp.learning.common.program_pairs import COLOURS, TOKENS, Pair, exchanged, tokens_recoloured
 from lilgym_mp.learning.common.recipes import PairRecipe
 from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.words import MAX_WORDS, StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 
 PARSER = PairRecipe()  # hyperparameters shared with parse and plan
 GEOMETRY_LEARNING_RATE = 0.01
@@ -62,39 +48,25 @@ class TextPretraining:
         """`excluded`: digests of dev and test statements, which are dropped from the generated ones."""
         self._tokenizer, self._recipe = tokenizer, recipe
         self._rng = random.Random(f"text {seed}")
-        self._done = 0.0
         device = next(network.parameters()).device
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width, longest_statement=MAX_WORDS)
-        self._parser = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
-        self._optimiser = torch.optim.AdamW(
-            self._parser.parameters(), PARSER.learning_rate, weight_decay=PARSER.weight_decay, fused=True
-        )
+        parser = ParserNetwork(0, len(TOKENS), sizes, recipe.dropout, network.text).to(device)
         known = frozenset(tokenizer.vocabulary.words)
-        examples = [Example(entry.statement, entry.program.source, appearance) for entry in entries]
-        self._batches = sample_batches(
-            ExamplePool(examples, known),
-            ExampleStream(generated_examples(appearance, seed, excluded), known),
-            lambda: generated_fraction(PARSER.generated, self._done),
-            Variations(PARSER.shapes, PARSER.numbers),
-            self._indices,
-            PARSER.batch_size,
-            self._rng,
-            device,
+        corpus = ExamplePool([Example(entry.statement, entry.program.source, appearance) for entry in entries], known)
+        generated = pairs_of(generated_examples(appearance, seed, excluded), known)
+        self._trainer = ProgramTrainer(
+            parser, PARSER, corpus.sample, lambda rng: next(generated), self._indices, self._rng
         )
 
     def step(self, done: float) -> float:
         """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises NotFiniteError."""
-        self._done = done
-        for group in self._optimiser.param_groups:
-            group["lr"] = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
-        return training_step(
-            self._parser, next(self._batches), self._optimiser, PARSER.smoothing, self._recipe.gradient_norm
-        )
+        learning_rate = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
+        return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         rng, token_id = self._rng, self._tokenizer.vocabulary.token_id
         exchange = dict(zip(COLOURS, rng.sample(COLOURS, len(COLOURS)), strict=True))
-        recoloured = words_recoloured(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
+        recoloured = exchanged(pair.words[1:], exchange)[:MAX_WORDS]  # without the appearance token
         words = [UNKNOWN if rng.random() < PARSER.unknown else token_id(word) for word in recoloured]
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 

@@ -1,11 +1,12 @@
-"""Imitation runs: budget, pretraining, checkpoints, progress, and finally the stop rule.
+"""Imitation of sets of optimal actions with dataset aggregation (DAgger): a run from pretraining to the stop rule.
 
-The algorithm itself is in `update`.
+Start reading at `train_imitation`, then `_Run.learn`.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,27 +14,46 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
+from torch import nn
 
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
+from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
 from lilgym_mp.learning.common.tasks import train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
-from lilgym_mp.learning.imitation.agent import KIND, VERSION, ImitationAgent, architecture, make_network
+from lilgym_mp.learning.imitation.agent import (
+    KIND,
+    VERSION,
+    ImitationAgent,
+    NetworkPolicy,
+    StopRule,
+    architecture,
+    make_network,
+    play_episodes,
+    precision,
+    tune_stop_rule,
+)
+from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
-from lilgym_mp.learning.imitation.policy import StopRule, tune_stop_rule
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
+from lilgym_mp.learning.imitation.losses import losses
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
-from lilgym_mp.learning.imitation.update import Imitation, StepResult
 from lilgym_mp.programs.task import Task
+from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import make_appearance
 
+ENTRIES_PER_COLLECTION = 32
+ON_POLICY_AFTER = 0.2  # fraction of the budget after which the network's own states are collected
+LAST_SCENES = 3  # of each of the network's episodes that are labelled
+LOWEST_RATE = 0.02  # the last learning rate relative to the peak
 GEOMETRY_UPDATES = 4  # of geometry pretraining per update of text pretraining (Scatter); short, outside the budget
 MAX_STOP_RULE_TASKS = 600
 VOCABULARY_PAIRS = 2000  # generated statements whose words are in the vocabulary
@@ -57,6 +77,14 @@ class Progress(NamedTuple):
         if self.actions is None or self.truth_accuracy is None:
             return f"text layers, loss {self.text or 0:.2f}"
         return f"{self.states:,} states, loss {self.actions:.2f}, truth {100 * self.truth_accuracy:.1f} %"
+
+
+class StepResult(NamedTuple):
+    """Measurements of one optimiser step."""
+
+    truth: float  # truth loss
+    actions: float  # loss of the sets of optimal actions
+    truth_accuracy: float
 
 
 @dataclass
@@ -124,14 +152,21 @@ class _Run(TrainingRun[StepResult]):
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
-        network = make_network(self._architecture, recipe.dropout).to(self.device)
-        rng, table, is_flipit = np.random.default_rng(seed), BoxFeatureTable(), settings.start == FLIPIT
-        empty_starts = recipe.empty_starts if is_flipit else 0.0
-        collector = DataCollector(self._dynamics, table, rng, recipe.budget, empty_starts)
+        self._network = network = make_network(self._architecture, recipe.dropout).to(self.device)
+        self._entries, self._rng, table = entries, np.random.default_rng(seed), BoxFeatureTable()
+        self._is_flipit = settings.start == FLIPIT  # no start is solved, and any statement is judged on all
+        starts = dict.fromkeys(start for entry in entries for start in entry.starts)
+        self._other_scenes: Sequence[Scene] = [*starts] if self._is_flipit else []
+        empty_starts = recipe.empty_starts if self._is_flipit else 0.0
+        self._collector = DataCollector(self._dynamics, table, self._rng, recipe.budget, empty_starts)
         if self._teacher is not None:
-            collector = TaughtCollector(self._teacher.planner(settings), list(played.values()), table, rng)
-        self._imitation = Imitation(
-            recipe, network, self._dynamics, self._tokenizer, entries, rng, collector, is_flipit=is_flipit
+            planner = self._teacher.planner(settings)
+            self._collector = TaughtCollector(planner, list(played.values()), table, self._rng)
+        heads = self._collector.heads
+        self._policy = NetworkPolicy(network, table, heads, self._tokenizer, reduced_precision=True)
+        self._batches = BatchSampler(table, heads, self._tokenizer, self.device, recipe)
+        self._optimiser = torch.optim.AdamW(
+            network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
         self.load()
 
@@ -150,7 +185,7 @@ class _Run(TrainingRun[StepResult]):
         if self.stop.requested:
             return
         with self.collecting():
-            self._imitation.collect_first()
+            self._collect_first()
         if not self.counters.begun_at:
             with self.errors_located():
                 self._pretrain_geometry()
@@ -161,18 +196,72 @@ class _Run(TrainingRun[StepResult]):
         counters, done = self.counters, self.progress()
         if counters.updates % self._recipe.collect_every == 0:
             with self.collecting():
-                self._imitation.collect_more(done)
-        result = self._imitation.step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
+                self._collect_more(done)
+        return self._step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
+
+    def _step(self, done: float) -> StepResult:
+        """One optimiser step at a training progress `done` since pretraining, 0 to 1. Raises NotFiniteError."""
+        recipe, network, counters = self._recipe, self._network, self.counters
+        solvable = [entry for entry in self._entries if entry.with_actions]
+        entries = self._sample(solvable, recipe.statements)
+        batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
+        for group in self._optimiser.param_groups:
+            group["lr"] = recipe.learning_rate * learning_rate(recipe, done)
+        network.train()
+        with precision(self.device, reduced=True):
+            outputs = network(batch.inputs, batch.targets)
+        parts = losses(outputs, batch)
+        loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
+        if not math.isfinite(loss.item()):
+            raise NotFiniteError(", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items()))
+        self._optimiser.zero_grad()
+        loss.backward()
+        nn.utils.clip_grad_norm_(network.parameters(), recipe.gradient_norm)
+        self._optimiser.step()
         counters.updates += 1
-        counters.states += result.states
-        return result
+        counters.states += batch.truths.numel()
+        right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
+        return StepResult(float(parts.truth.detach()), float(parts.actions.detach()), float(right))
+
+    def _sample(self, entries: Sequence[DatasetEntry], count: int) -> list[DatasetEntry]:
+        chosen = self._rng.choice(len(entries), count, replace=len(entries) < count)
+        return [entries[index] for index in chosen]
+
+    # Data collection
+
+    def _collect_first(self) -> None:
+        """Labels scenes of every statement. Raises TrainingError if the expert solves none of them."""
+        for entry in self._entries:
+            if not entry.with_actions:
+                self._collector.collect(entry, self._recipe.first_scenes, self._recipe.truth_only, self._other_scenes)
+        if not any(entry.with_actions for entry in self._entries):
+            raise TrainingError("nothing to imitate: the expert solves no scene of any training statement")
+
+    def _collect_more(self, done: float) -> None:
+        """Labels scenes of some statements: along the expert's solutions, or of the network's own episodes."""
+        entries = self._sample(self._entries, ENTRIES_PER_COLLECTION)
+        if done > ON_POLICY_AFTER and self._rng.random() < self._recipe.own_states:
+            self._collect_on_policy(entries)
+        else:
+            for entry in entries:
+                self._collector.collect(entry, 1, 2, self._other_scenes)
+
+    def _collect_on_policy(self, entries: Sequence[DatasetEntry]) -> None:
+        """Labels the last scenes of the network's episodes, half of the time sampled ones (DAgger)."""
+        tasks = [self._collector.task(entry) for entry in entries]
+        rng = self._rng if self._rng.random() < 0.5 else None
+        played = play_episodes(self._policy, self._dynamics, tasks, StopRule(never_first=self._is_flipit), rng)
+        for entry, task, episode in zip(entries, tasks, played, strict=True):
+            visited = scenes(self._dynamics, task.start, episode.actions)[:-1]  # before each action
+            self._collector.add_last_scenes(entry, task, visited, LAST_SCENES)
+
+    # Pretraining
 
     def _pretrain_geometry(self) -> None:
-        imitation, updates = self._imitation, GEOMETRY_UPDATES * self.counters.updates
-        heads = imitation.network.scatter
+        heads, updates = self._network.scatter, GEOMETRY_UPDATES * self.counters.updates
         if heads is None or not updates:
             return
-        geometry = GeometryPretraining(heads.geometry, imitation.policy.table, self._recipe.warmup, imitation.rng)
+        geometry = GeometryPretraining(heads.geometry, self._policy.table, self._recipe.warmup, self._rng)
         for update in range(updates):
             geometry.step(update / updates)
 
@@ -181,9 +270,9 @@ class _Run(TrainingRun[StepResult]):
         if self._teacher is not None or self.progress() >= fraction:
             return
         text = TextPretraining(
-            self._imitation.network,
+            self._network,
             self._tokenizer,
-            self._imitation.entries,
+            self._entries,
             self._settings.appearance,
             self._excluded,
             self._recipe,
@@ -200,7 +289,7 @@ class _Run(TrainingRun[StepResult]):
     # Files
 
     def progress_line(self, recent: Sequence[StepResult]) -> Progress:
-        truth, actions, truth_accuracy, _ = np.mean(recent, axis=0).round(4).tolist()
+        truth, actions, truth_accuracy = np.mean(recent, axis=0).round(4).tolist()
         return self._line(truth=truth, actions=actions, truth_accuracy=truth_accuracy)
 
     def _line(self, **losses: float) -> Progress:
@@ -210,26 +299,28 @@ class _Run(TrainingRun[StepResult]):
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
             collection_seconds=round(counters.collection_seconds, 1),
-            sets=self._imitation.collector.expert_queries,
+            sets=self._collector.expert_queries,
             **losses,
         )
 
     def state(self) -> dict[str, Any]:
-        return self._imitation.state()
+        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes anew."""
+        return {"network": self._network.state_dict(), "optimiser": self._optimiser.state_dict()}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._imitation.restore(state, np.random.default_rng([self._seed, self.counters.updates]))
+        self._network.load_state_dict(state["network"])
+        self._optimiser.load_state_dict(state["optimiser"])
+        self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> ImitationAgent:
         """Tunes the stop rules on the held-out statements, and saves the agent."""
-        imitation = self._imitation
         rules: dict[str, StopRule] = {}
         accuracies: dict[str, float | None] = {}
         for name, tasks in self._held_out_tasks.items():
             rules[name], accuracies[name] = StopRule(never_first=CONFIGURATIONS[name][1] == FLIPIT), None
             if tasks:
                 chosen = tasks[:: max(1, len(tasks) // MAX_STOP_RULE_TASKS)]
-                rules[name], accuracies[name] = tune_stop_rule(imitation.policy, self._dynamics, chosen, imitation.rng)
+                rules[name], accuracies[name] = tune_stop_rule(self._policy, self._dynamics, chosen, self._rng)
         corpus = self._settings.corpus
         details = {
             "network": self._architecture,
@@ -243,17 +334,24 @@ class _Run(TrainingRun[StepResult]):
             "held_out_accuracy": accuracies,
         }
         supervision = f"programs of train statements (corpus {corpus}): truth of scenes, optimal actions"
-        if isinstance(imitation.collector, TaughtCollector):
-            played = imitation.collector.played
+        if isinstance(self._collector, TaughtCollector):
+            played = self._collector.played
             details |= {"stops": played.stops, "steps": played.steps}
             supervision = f"rewards; search that knows the rules of editing, imitated (corpus {corpus})"
         elif self._recipe.pretraining:
             supervision += "; their programs and those of generated statements (pretraining)"
         description = ModelDescription(KIND, VERSION, tuple(rules), supervision, self._recipe.to_json(), details)
-        self.files.save_agent(description, imitation.network.state_dict())
-        return ImitationAgent(imitation.network.eval(), rules, description)
+        self.files.save_agent(description, self._network.state_dict())
+        return ImitationAgent(self._network.eval(), rules, description)
 
 
 def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:
     statements = {entry.statement for entry in entries}
     return [task for task in tasks if task.statement in statements]
+
+
+def learning_rate(recipe: ImitationRecipe, done: float) -> float:
+    """The learning rate relative to its peak: linear warm-up, then cosine decay."""
+    done = min(1.0, done)
+    warm_up = min(1.0, (done + 1e-3) / recipe.warmup) if recipe.warmup else 1.0
+    return warm_up * (LOWEST_RATE + (1 - LOWEST_RATE) * 0.5 * (1 + math.cos(math.pi * done)))

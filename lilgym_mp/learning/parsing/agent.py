@@ -10,9 +10,8 @@ from lilgym_mp.evaluation import Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
-from lilgym_mp.learning.parsing.calibration import Calibration
 from lilgym_mp.learning.parsing.parser import Parser
-from lilgym_mp.learning.parsing.planning import ProgramPlanner
+from lilgym_mp.learning.parsing.planning import Calibration, ProgramPlanner
 
 KIND = "parse-and-plan"
 VERSION = 1
@@ -25,15 +24,15 @@ class ParseAndPlanAgent(Agent):
     description: ModelDescription
     parser: Parser
 
-    def planner(self, settings: Settings, *, votes: bool = True, objective: str | None = None) -> ProgramPlanner:
-        """`votes` and `objective` as in `ProgramPlanner`; None is the recipe's objective, or accuracy if it names none.
+    def planner(self, settings: Settings, *, objective: str | None = None) -> ProgramPlanner:
+        """`objective` as in `ProgramPlanner`; None is the recipe's, or accuracy if it names none.
 
         Raises AgentError for a configuration it does not play.
         """
         check_configuration(self.description, settings)
         calibration = Calibration(**self.description.details["calibration"])
         objective = objective or str(self.description.recipe.get("objective", "accuracy"))
-        return ProgramPlanner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, votes, objective)
+        return ProgramPlanner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, objective)
 
     def policy(self, settings: Settings, *, sampled: bool = False, objective: str | None = None) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""

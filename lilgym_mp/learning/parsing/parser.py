@@ -21,11 +21,11 @@ from lilgym_mp.learning.common.program_pairs import (
     Slot,
     SymbolTable,
     TokenTable,
+    exchanged,
     inverse,
     normalise_statement,
     open_slots_of,
     program_of,
-    words_recoloured,
 )
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.prefix import PrefixError
@@ -178,34 +178,34 @@ class Parser:
     temperature: float = 1.0  # divides log-probabilities
     tokens: TokenTable = TOKENS
     _known: frozenset[str] = field(init=False, repr=False)
-    _parses: dict[tuple[str, str, int], Parse] = field(init=False, repr=False, default_factory=dict)
+    _parses: dict[tuple[str, str], Parse] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self._known = frozenset(self.vocabulary.symbols)
 
-    def parse(self, statement: str, appearance: str, beam_width: int = BEAM_WIDTH) -> Parse:
+    def parse(self, statement: str, appearance: str) -> Parse:
         """The candidate programs of any text, the most probable first; for an empty one, the most common programs.
 
         `appearance`: "tower" or "scatter". Words are corrected first (`lilgym_mp.corpus.spelling`), and each word that
         stays unknown multiplies the probabilities by UNKNOWN_FACTOR. Equal texts are parsed once.
         """
-        key = (statement, appearance, beam_width)
+        key = statement, appearance
         found = self._parses.get(key)
         if found is None:
             if len(self._parses) >= MAX_CACHED_STATEMENTS:
                 self._parses.clear()
             with torch_threads(1):  # networks as small as this run slower on several
-                found = self._parse(statement, appearance, beam_width)
+                found = self._parse(statement, appearance)
             self._parses[key] = found
         return found
 
-    def _parse(self, statement: str, appearance: str, beam_width: int) -> Parse:
+    def _parse(self, statement: str, appearance: str) -> Parse:
         normalised = normalise_statement(statement, appearance, self._known)
         unknown = self.vocabulary.index(UNKNOWN)
         words = [self.vocabulary.index(word, unknown) for word in normalised.words]
         scores: dict[tuple[bool | None, ...], list[float]] = {}
         programs: dict[tuple[bool | None, ...], str] = {}
-        found = beam_search(self.network, words, beam_width, self.tokens)
+        found = beam_search(self.network, words, BEAM_WIDTH, self.tokens)
         total = sum(math.exp(candidate.log_probability) for candidate in found)
         for candidate in found:
             try:
@@ -220,7 +220,7 @@ class Parser:
                 continue
             programs.setdefault(truth_vector, program)  # keeps the most probable, which comes first
             scores.setdefault(truth_vector, []).append(candidate.log_probability / self.temperature)
-        original_words = words_recoloured(normalised.words, inverse(normalised.exchange))
+        original_words = exchanged(normalised.words, inverse(normalised.exchange))
         unknown_words = [word for word in original_words if word not in self._known]
         unknown_words = unread_words(statement, self._known) + unknown_words
         ranked = _ranked(programs, scores, UNKNOWN_FACTOR ** len(unknown_words))

@@ -1,15 +1,18 @@
-"""Plans that maximise the total probability of the candidate programs they satisfy."""
+"""Plans that maximise the total probability of the candidate programs they satisfy, and its calibration."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.learning.common.planning import Plan, Planner
-from lilgym_mp.learning.parsing.calibration import Calibration
-from lilgym_mp.learning.parsing.parser import BEAM_WIDTH, Parse, Parser, truths
-from lilgym_mp.learning.parsing.recipe import OBJECTIVES
+from lilgym_mp.learning.parsing.learner import OBJECTIVES
+from lilgym_mp.learning.parsing.parser import Parse, Parser, truths
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
@@ -19,8 +22,54 @@ from lilgym_mp.solver import Solver, WeightedGoal
 from lilgym_mp.solver.solution import edit_cost
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
-IDENTITY = Calibration()
 MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
+NEWTON_STEPS = 50
+CLIP = 1e-3  # probabilities are clipped to [CLIP, 1 - CLIP]
+PRIOR = 1.0  # precision of the Gaussian prior on the identity, slope 1 and shift 0
+
+
+class Forecast(NamedTuple):
+    """A predicted probability of success, and the outcome."""
+
+    probability: float
+    success: bool
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Logistic recalibration of a probability (Platt 1999)."""
+
+    slope: float = 1.0
+    shift: float = 0.0
+
+    def __call__(self, probability: float) -> float:
+        return 0.0 if probability <= 0 else _logistic(self.slope * _logit(probability) + self.shift)
+
+
+IDENTITY = Calibration()
+
+
+def fit_calibration(forecasts: Iterable[Forecast]) -> Calibration:
+    """The maximum a posteriori calibration; the identity without forecasts."""
+    points = [(_logit(probability), float(success)) for probability, success in forecasts]
+    logits, successes = np.array(points).reshape(-1, 2).T
+    features = np.stack([logits, np.ones_like(logits)])
+    prior = fitted = np.array([1.0, 0.0])  # slope and shift
+    for _ in range(NEWTON_STEPS):
+        predicted = np.array([_logistic(x) for x in fitted @ features])
+        gradient = PRIOR * (fitted - prior) + features @ (predicted - successes)
+        curvature = PRIOR * np.eye(2) + features * (predicted * (1 - predicted)) @ features.T
+        fitted = fitted - np.linalg.solve(curvature, gradient)
+    return Calibration(max(0.0, float(fitted[0])), float(fitted[1]))
+
+
+def _logit(probability: float) -> float:
+    clipped = min(1 - CLIP, max(CLIP, probability))
+    return math.log(clipped / (1 - clipped))
+
+
+def _logistic(x: float) -> float:
+    return 1 / (1 + math.exp(-max(-30.0, min(30.0, x))))
 
 
 @dataclass(frozen=True)
@@ -51,9 +100,7 @@ class ProgramPlanner(Planner):
     dynamics: Dynamics
     is_flipit: bool  # a FlipIt start never satisfies the target
     calibration: Calibration = IDENTITY
-    votes: bool = True  # plan for all candidates; else for the most probable one alone
     objective: str = "accuracy"  # "accuracy": the probability of success; "return": the expected return
-    beam_width: int = BEAM_WIDTH
     _solver: Solver = field(init=False, repr=False)
     _edit_cost: float = field(init=False, repr=False)
 
@@ -63,13 +110,12 @@ class ProgramPlanner(Planner):
         self._edit_cost = edit_cost(self.dynamics) if self.objective == "return" else 0.0
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> ProgramPlan:
-        parse = self.parser.parse(statement, self.dynamics.appearance.name, self.beam_width)
+        parse = self.parser.parse(statement, self.dynamics.appearance.name)
         goals = self._goals(parse, scene, target, steps)
         edits_left = self.dynamics.horizon - steps - 1
         if not goals or edits_left < 0:
             return ProgramPlan((STOP,), 0.0, scene, parse, goals)
-        considered = goals if self.votes else goals[:1]
-        planned = self._solver.plan_for(considered, scene, edits_left, edit_cost=self._edit_cost)
+        planned = self._solver.plan_for(goals, scene, edits_left, edit_cost=self._edit_cost)
         mass = sum(goals[index].probability for index in planned.satisfied)
         probability = self.calibration(mass) * parse.known_share**2
         return ProgramPlan(planned.actions or (STOP,), probability, scene, parse, goals, planned.satisfied)

@@ -22,16 +22,15 @@ from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
-from lilgym_mp.learning.common import program_batches
 from lilgym_mp.learning.common.model_file import ModelDescription
+from lilgym_mp.learning.common.program_batches import FINAL_GENERATED, Example, ExamplePool, ProgramTrainer
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
-from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable, Variations
+from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.parsing.agent import KIND, VERSION, ParseAndPlanAgent
-from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
+from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import UNKNOWN, Parser, truths
-from lilgym_mp.learning.parsing.planning import ProgramPlanner
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.planning import Forecast, ProgramPlanner, fit_calibration
 
 MIN_WORD_COUNT = 2  # rarer words are not in the vocabulary
 TEMPERATURES = tuple(0.6 + 0.1 * step for step in range(20))
@@ -55,9 +54,9 @@ class Progress(NamedTuple):
 class TrainingData(NamedTuple):
     """Training and held-out data."""
 
-    corpus: program_batches.ExamplePool
-    generated: program_batches.ExamplePool
-    held_out: Sequence[program_batches.Example]
+    corpus: ExamplePool
+    generated: ExamplePool
+    held_out: Sequence[Example]
     vocabulary: SymbolTable
     sha256: str  # checksum of the corpus's statements and programs
     held_out_sha256: str  # checksum of the digests of the dev and test statements that are not generated
@@ -85,28 +84,28 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
-    pools = program_batches.ExamplePool(kept, known), program_batches.ExamplePool(generated, known)
+    pools = ExamplePool(kept, known), ExamplePool(generated, known)
     return TrainingData(*pools, held_out, vocabulary, digest, digests_sha256(excluded))
 
 
-def corpus_examples(corpus: str) -> list[program_batches.Example]:
+def corpus_examples(corpus: str) -> list[Example]:
     """The distinct training examples of the corpus."""
-    found: dict[program_batches.Example, None] = {}
+    found: dict[Example, None] = {}
     for tasks in load_all_tasks(corpus, splits=("train",)):
         appearance = tasks.provenance.appearance
-        found |= dict.fromkeys(program_batches.Example(task.statement, task.program, appearance) for task in tasks)
+        found |= dict.fromkeys(Example(task.statement, task.program, appearance) for task in tasks)
     return list(found)
 
 
 def _generated(
     recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
-) -> Iterator[program_batches.Example]:
-    needed = int(recipe.generated * (1 + program_batches.FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
+) -> Iterator[Example]:
+    needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
     count = min(recipe.generated_pairs, needed) // len(appearances)
     for appearance in appearances:
         pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
         yield from (
-            program_batches.Example(pair.statement, pair.program, appearance)
+            Example(pair.statement, pair.program, appearance)
             for pair in pairs
             if statement_digest(pair.statement) not in excluded
         )
@@ -133,20 +132,14 @@ class _Run(TrainingRun[float]):
         torch.manual_seed(recipe.seed)
         sizes = Sizes(width=recipe.width, hidden=3 * recipe.width)
         self._network = ParserNetwork(len(data.vocabulary), len(TOKENS), sizes, recipe.dropout).to(self.device)
-        self._optimiser = torch.optim.AdamW(
-            self._network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
-        )
         self._rng = random.Random(f"batches {recipe.seed}")
-        self._batches = self._drawn()
+        generated = data.generated.sample if len(data.generated) else None
+        self._trainer = ProgramTrainer(self._network, recipe, data.corpus.sample, generated, self._indices, self._rng)
         self.load()
 
     def step(self) -> float:
         """One optimiser step; returns the loss. Raises NotFiniteError."""
-        for group in self._optimiser.param_groups:
-            group["lr"] = self._recipe.learning_rate * self._schedule()
-        loss = program_batches.training_step(
-            self._network, next(self._batches), self._optimiser, self._recipe.smoothing
-        )
+        loss = self._trainer.step(self.progress(), self._recipe.learning_rate * self._schedule())
         self.counters.updates += 1
         return loss
 
@@ -154,21 +147,6 @@ class _Run(TrainingRun[float]):
         """The learning rate relative to its peak: linear warm-up times cosine decay."""
         decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
         return decay * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
-
-    def _drawn(self) -> Iterator[program_batches.Batch]:
-        recipe, data = self._recipe, self._data
-        variations = Variations(recipe.shapes, recipe.numbers)
-        generated = data.generated if len(data.generated) else None
-        return program_batches.sample_batches(
-            data.corpus,
-            generated,
-            lambda: program_batches.generated_fraction(recipe.generated, self.progress()),
-            variations,
-            self._indices,
-            recipe.batch_size,
-            self._rng,
-            self.device,
-        )
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         vocabulary, rng = self._data.vocabulary, self._rng
@@ -183,11 +161,11 @@ class _Run(TrainingRun[float]):
         return Progress(self.counters.updates, self._recipe.updates, sum(recent) / len(recent), self.seconds())
 
     def state(self) -> dict[str, Any]:
-        return {"network": self._network.state_dict(), "optimiser": self._optimiser.state_dict()}
+        return {"network": self._network.state_dict(), "optimiser": self._trainer.optimiser.state_dict()}
 
     def restore(self, state: dict[str, Any]) -> None:
         self._network.load_state_dict(state["network"])
-        self._optimiser.load_state_dict(state["optimiser"])
+        self._trainer.optimiser.load_state_dict(state["optimiser"])
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 
     def finish(self) -> ParseAndPlanAgent:
@@ -195,7 +173,6 @@ class _Run(TrainingRun[float]):
         data, recipe, corpus = self._data, self._recipe, self._corpus
         parser = Parser(self._network.eval(), data.vocabulary)
         predictions = [_prediction(parser, example) for example in data.held_out]
-        covered = [correct is not None for _, correct in predictions]
         parser.temperature = calibrated_temperature(predictions)
         calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
         appearances = data.corpus.appearances
@@ -203,7 +180,6 @@ class _Run(TrainingRun[float]):
         supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
         details = {
             **parser.to_details(),
-            "coverage": sum(covered) / len(covered) if covered else 1.0,
             "calibration": asdict(calibration),
             "cpu_seconds": round(self.seconds(), 1),
         }
@@ -216,7 +192,7 @@ class _Run(TrainingRun[float]):
 # Calibration on held-out statements
 
 
-def _prediction(parser: Parser, example: program_batches.Example) -> tuple[list[float], int | None]:
+def _prediction(parser: Parser, example: Example) -> tuple[list[float], int | None]:
     """The candidates' probabilities, and the index of the one equivalent to the example's program."""
     candidates = parser.parse(example.statement, example.appearance).candidates
     right = truths(example.program, example.appearance)
@@ -237,9 +213,7 @@ def calibrated_temperature(predictions: Sequence[tuple[list[float], int | None]]
     return max(TEMPERATURES, key=likelihood) if predictions else 1.0
 
 
-def forecasts(
-    parser: Parser, corpus: str, examples: Sequence[program_batches.Example], objective: str
-) -> list[Forecast]:
+def forecasts(parser: Parser, corpus: str, examples: Sequence[Example], objective: str) -> list[Forecast]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []

@@ -248,6 +248,7 @@ class Run(TrainingRun[Progress]):
             "best": self.validation.best_weights,
             "optimiser": self._optimiser.state_dict(),
             "validation": asdict(self.validation.state),
+            "evaluated": None if self.curve is None else self.curve.last,
             "episodes": self._collector.to_json(),
             "random": json.dumps(self._rng.bit_generator.state),
         }
@@ -257,6 +258,8 @@ class Run(TrainingRun[Progress]):
         self._optimiser.load_state_dict(state["optimiser"])
         self.validation.state = ValidationState(**state["validation"])
         self.validation.best_weights = state["best"]
+        if self.curve is not None:
+            self.curve.last = state["evaluated"]
         self._rng.bit_generator.state = json.loads(state["random"])
         self._collector.restore_episodes(state["episodes"])
 

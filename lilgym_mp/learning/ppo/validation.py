@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from statistics import fmean
 from typing import NamedTuple
@@ -77,19 +75,19 @@ class LearningCurve:
         env = settings.make(SPLIT)
         self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
         self._dynamics, self._goals = env.dynamics, _goals(settings)
-        self._last = _last_steps(run)
+        self.last: int | None = None  # steps of the latest point
 
     def is_due(self, steps: int) -> bool:
-        return self._last is None or steps - self._last >= self._every
+        return self.last is None or steps - self.last >= self._every
 
     def add_point(self, model: Model, steps: int, seconds: float) -> None:
         """Appends a point, unless there is one at this step already."""
-        if self._last is not None and steps <= self._last:
+        if self.last == steps:
             return
         point = self.evaluation(playing(model, self._recipe, sampled=True), steps, seconds)
         model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
         self._run.record(point._asdict(), EVALUATIONS_FILE)
-        self._last = steps
+        self.last = steps
 
     def evaluation(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
@@ -108,15 +106,6 @@ class LearningCurve:
     def _stopped_in_goal(self, episode: Episode) -> bool:
         last = scenes(self._dynamics, episode.start, episode.actions)[-1]
         return isinstance(episode.actions[-1], Stop) and content(last) in self._goals[episode.task]
-
-
-def _last_steps(run: RunDirectory) -> int | None:
-    """The step count in the last complete line of a run's evaluations; None without one."""
-    file = run.path / EVALUATIONS_FILE
-    for line in reversed(file.read_text(encoding="utf-8").splitlines() if file.exists() else []):
-        with suppress(ValueError, KeyError, TypeError):
-            return int(json.loads(line)["steps"])
-    return None
 
 
 def playing(model: Model, recipe: PPORecipe, *, sampled: bool) -> ModelPolicy:

@@ -19,10 +19,9 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Policy, Settings
 from lilgym_mp.learning.common.agents import Agent, check_configuration
 from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.planning import PlanPolicy
-from lilgym_mp.learning.reward_model.features import BoxTable
-from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.features import BoxTable, InputReader
+from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import Judge, SearchPlanner, mean_probabilities
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array
@@ -62,13 +61,11 @@ class RewardModelAgent(Agent):
         is_flipit = settings.start == FLIPIT
         return SearchPlanner(self.network, self._reader(), settings.dynamics(), self.recipe, is_flipit=is_flipit)
 
-    def verifier(self) -> Partner:
-        """The model as the verifier of the two-agent game."""
-        return RewardModelVerifier(self)
-
     def partner(self, role: Role, game: GameSettings, *, sampled: bool = False) -> Partner | None:
         """A verifier judges claims by their probability; a proposer follows the policy's plans."""
-        return self.verifier() if role is Role.VERIFIER else super().partner(role, game, sampled=sampled)
+        if role is Role.VERIFIER:
+            return RewardModelVerifier(self)
+        return super().partner(role, game, sampled=sampled)
 
     @torch.inference_mode()
     def probabilities(self, statement: str, scenes: Sequence[Scene]) -> Float64Array:

@@ -1,4 +1,4 @@
-"""Distinct boxes by index, with binary features of their items and of the whole box, and exchanges of these features.
+"""Statements and scenes as inputs of the network: distinct boxes with binary features, and exchanges of these features.
 
 An exchange permutes colours, shapes or sides in words and scenes alike: in scenes it is a permutation of feature
 columns. Truth does not depend on it, as far as the words name what is exchanged. So every statement is read as one that
@@ -11,12 +11,17 @@ import re
 from collections.abc import Mapping, Sequence
 from functools import cache
 from itertools import accumulate, permutations, product
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+import torch
+from torch import Tensor
 
-from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, BoxIndex, item_arrays, one_hot
-from lilgym_mp.scene import BOX_SIDE, Colour, Shape, Size
+from lilgym_mp.corpus.tokens import UNKNOWN, Vocabulary
+from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable, one_hot
+from lilgym_mp.learning.common.words import MIN_PADDED_WORDS, StatementTokenizer, exchange_table, pad_rows
+from lilgym_mp.learning.reward_model.network import BoxFeatures
+from lilgym_mp.scene import BOX_SIDE, Box, Colour, Shape, Size
 from lilgym_mp.scene.appearances.tower import CAPACITY
 from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 
@@ -25,6 +30,10 @@ CENTRE_BOUNDS = np.array([41, 81, 120, 160])  # bin edges of twice an item's cen
 CENTRE_BINS = len(CENTRE_BOUNDS) + 1
 MOST_COUNTED = 8  # items; more count as that many
 SHAPE_SYNONYM = re.compile(r"block|rect|cube|ball|dot|dis[ck]|round")  # begins words with which shapes are kept
+MOST_BOXES = 100_000
+Rng = np.random.Generator
+Columns = tuple[Tensor, Tensor, Tensor]  # words (S, T), item columns (S, F), box columns (S, G)
+
 
 ITEM_PARTS = {  # feature columns of an item, by appearance
     "tower": {"colour": COLOURS, "level": CAPACITY, "from top": CAPACITY, "height": CAPACITY, "below": 4, "above": 4},
@@ -115,47 +124,35 @@ def _first_named(words: Sequence[str], kind: type[Colour] | type[Shape]) -> tupl
     return tuple(dict.fromkeys(by_name[word] for word in words if word in by_name))
 
 
-class BoxTable(BoxIndex):
+class BoxTable(FeatureTable):
     """A growing table of N distinct boxes, with capacity for I items each."""
 
+    item_axes: ClassVar[Mapping[str, int]] = {"_items": 1}
+
     def __init__(self, appearance: str) -> None:
-        super().__init__(appearance)
+        super().__init__(CAPACITY, appearance)
         self.appearance = appearance
         self.item_width = sum(ITEM_PARTS[appearance].values())
         self.box_width = sum(BOX_PARTS[appearance].values())
         self._kinds = {bytes(self.item_width): 0}  # distinct items by their features; 0: no item
         self.item_features = np.zeros((1, self.item_width), np.uint8)  # (K, F)
-        self._updated = 0  # boxes with features
-        self._items = np.zeros((0, CAPACITY), np.int64)
-        self._box = np.zeros((0, self.box_width), np.uint8)
+        self._items = np.zeros((0, CAPACITY), np.int64)  # (N, I) indices in `item_features`
+        self._box = np.zeros((0, self.box_width), np.uint8)  # (N, G)
 
     def features(self, indices: Int64Array) -> tuple[Int64Array, UInt8Array]:
         """Boxes (...) as items (..., I), indices in `item_features` of which 0 is none, and features (..., G)."""
-        self._update()
+        self.update_features()
         items = self._items[indices]
         return items[..., : max(1, int((items > 0).sum(-1).max(initial=0)))], self._box[indices]
 
-    def _update(self) -> None:
-        first = self._updated
-        new = self.boxes[first:]
-        if not new:
-            return
-        extra = max(len(box.items) for box in new) - self._items.shape[1]
-        if extra > 0:
-            self._items = np.pad(self._items, ((0, 0), (0, extra)))
+    def columns(self, boxes: Sequence[Box], items: Int64Array) -> dict[str, Any]:
         compute = _tower_features if self.appearance == "tower" else _scatter_features
-        item_features, box_features = compute(item_arrays(new, self._items.shape[1]))
+        item_features, box_features = compute(items)
         rows = item_features.reshape(-1, self.item_width)
         kinds = [self._kinds.setdefault(row.tobytes(), len(self._kinds)) for row in rows]
         if len(self._kinds) > len(self.item_features):
             self.item_features = np.frombuffer(b"".join(self._kinds), np.uint8).reshape(-1, self.item_width)
-        capacity = max(64, len(self._items) // 2)  # amortised growth
-        if first + len(new) > len(self._items):
-            self._items = np.pad(self._items, ((0, capacity + len(new)), (0, 0)))
-            self._box = np.pad(self._box, ((0, capacity + len(new)), (0, 0)))
-        self._items[first : first + len(new)] = np.reshape(kinds, (len(new), -1))
-        self._box[first : first + len(new)] = box_features
-        self._updated = len(self.boxes)
+        return {"_items": np.reshape(kinds, (len(boxes), -1)), "_box": box_features}
 
 
 def scatter_item_features(items: Int64Array) -> UInt8Array:
@@ -219,3 +216,67 @@ def _tower_features(items: Int64Array) -> tuple[UInt8Array, UInt8Array]:
         one_hot((counts > 0).sum(1), COLOURS + 1),
     ]
     return np.concatenate(item_parts, axis=-1), np.concatenate(box_parts, axis=-1)
+
+
+class InputReader:
+    """Encodes statements with a vocabulary, and boxes of one appearance."""
+
+    def __init__(self, vocabulary: Vocabulary, table: BoxTable, device: torch.device) -> None:
+        self.table, self.device, self.vocabulary = table, device, vocabulary
+        self._tokenizer = StatementTokenizer(vocabulary)
+        self._kinds: dict[str, list[int]] = {}
+        kinds = exchanges(table.appearance)
+        self._words = exchange_table(vocabulary, [kind.words() for kind in kinds])
+        columns = [kind.columns(table.appearance) for kind in kinds]
+        self._item_columns = np.stack([items for items, _ in columns])
+        self._box_columns = np.stack([boxes for _, boxes in columns])
+
+    def renewed_table(self) -> BoxTable:
+        """Its table, or a new one if there are many boxes in it; for scenes that are not kept."""
+        if len(self.table) > MOST_BOXES:
+            self.table = BoxTable(self.table.appearance)
+        return self.table
+
+    def kinds(self, statement: str) -> list[int]:
+        """The `standard_exchanges` of the statement."""
+        found = self._kinds.get(statement)
+        if found is None:
+            words = self.vocabulary.decode(self._tokenizer.encode(statement).tolist())
+            found = self._kinds[statement] = standard_exchanges(words, self.table.appearance)
+        return found
+
+    def statements(
+        self, statements: Sequence[str], kinds: Sequence[int], unknown_words: float = 0.0, rng: Rng | None = None
+    ) -> Columns:
+        """The statements, each under the exchange of index `kinds[i]`; a fraction of the words becomes unknown."""
+        rows = [
+            self._words[kind][self._tokenizer.encode(statement)]
+            for statement, kind in zip(statements, kinds, strict=True)
+        ]
+        if rng is not None and unknown_words:
+            rows = [np.where(rng.random(len(row)) < unknown_words, UNKNOWN, row) for row in rows]
+        arrays = pad_rows(rows, MIN_PADDED_WORDS), self._item_columns[list(kinds)], self._box_columns[list(kinds)]
+        words, items, boxes = (torch.from_numpy(array).to(self.device) for array in arrays)
+        return words, items, boxes
+
+    def boxes(self, indices: Int64Array) -> BoxFeatures:
+        """Features of the boxes (S, U)."""
+        items, looks = self.table.features(indices)
+        features = self.table.item_features
+        rows = np.arange(len(items))[:, None, None]
+        occurs = np.zeros((len(items), len(features)), np.bool_)
+        occurs[rows, items] = occurs[:, :1] = True
+        members = (occurs.cumsum(1) - 1)[rows, items]
+        features = features[pad_rows([row.nonzero()[0] for row in occurs])]
+        arrays = features.astype(np.float32), members, looks.astype(np.float32)
+        return BoxFeatures(*(torch.from_numpy(array).to(self.device) for array in arrays))
+
+    def scenes(self, scenes: Int64Array) -> tuple[BoxFeatures, Tensor]:
+        """The features of the distinct boxes of (S, N, 3) scenes, and the scenes as indices into them."""
+        if self.table.appearance == "tower":
+            indices, local = np.arange(len(self.table))[None], scenes
+        else:
+            distinct = [np.unique(row, return_inverse=True) for row in scenes]
+            indices = pad_rows([boxes for boxes, _ in distinct])
+            local = np.stack([inverse.reshape(scenes.shape[1:]) for _, inverse in distinct])
+        return self.boxes(indices), torch.from_numpy(np.ascontiguousarray(local)).to(self.device)

@@ -20,13 +20,13 @@ from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.common.planning import Plan, Planner
 from lilgym_mp.learning.reward_model.features import (
+    InputReader,
     look_counts,
     scatter_box_features,
     scatter_item_features,
 )
-from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import BoxFeatures, ModulatedNetwork, sum_boxes
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.scene import BOX_COUNT, Colour, Scene
 from lilgym_mp.scene.actions import STOP, Action, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import Scatter

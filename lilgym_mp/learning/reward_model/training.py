@@ -20,9 +20,7 @@ from lilgym_mp.learning.common.labelled_scenes import (
     Collector,
     Entry,
     entries_of,
-    restored,
     sample_scenes,
-    stored,
     truths_of,
 )
 from lilgym_mp.learning.common.model_file import ModelDescription
@@ -31,10 +29,9 @@ from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingErro
 from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
 from lilgym_mp.learning.common.words import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import KIND, VERSION, RewardModelAgent, make_network
-from lilgym_mp.learning.reward_model.features import BoxTable
-from lilgym_mp.learning.reward_model.inputs import Columns, InputReader
+from lilgym_mp.learning.reward_model.features import BoxTable, Columns, InputReader
+from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import SearchPlanner
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Float64Array, Int64Array
@@ -140,8 +137,7 @@ class _Run(TrainingRun[tuple[float, float]]):
 
     def learn(self) -> None:
         """Collects the first data, then alternates optimiser steps and data collection until the budget is spent."""
-        if not self.counters.updates:
-            self._collect_first()
+        self._collect_first()
         self.optimise()
 
     def step(self) -> tuple[float, float]:
@@ -281,12 +277,12 @@ class _Run(TrainingRun[tuple[float, float]]):
         )
 
     def state(self) -> dict[str, Any]:
+        """For a checkpoint. The labelled scenes are not part of it: a resumed run collects scenes anew."""
         return {
             "network": self._network.state_dict(),
             "averaged": self._averaged.state_dict(),
             "optimiser": self._optimiser.state_dict(),
             "played": [self._collector.stops, self._collector.steps],
-            "data": stored([*self._entries, *self._held_out], self._table),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -294,7 +290,6 @@ class _Run(TrainingRun[tuple[float, float]]):
         self._averaged.load_state_dict(state["averaged"])
         self._optimiser.load_state_dict(state["optimiser"])
         self._collector.stops, self._collector.steps = state["played"]
-        restored([*self._entries, *self._held_out], self._table, state["data"])
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> RewardModelAgent:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
 
 SMALL: dict[str, Any] = {

@@ -14,8 +14,8 @@ from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.batches import BatchSampler
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import Inputs
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Colour, Scene

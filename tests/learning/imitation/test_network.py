@@ -10,10 +10,10 @@ from lilgym_mp.corpus.tokens import Vocabulary
 from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.common.words import StatementTokenizer
 from lilgym_mp.learning.imitation.action_heads import action_heads
+from lilgym_mp.learning.imitation.agent import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector
 from lilgym_mp.learning.imitation.network import ImitationNetwork
-from lilgym_mp.learning.imitation.policy import NetworkPolicy, StopRule, choose_actions
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import Scatter, Tower
 

@@ -13,9 +13,9 @@ from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
+from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
-from lilgym_mp.learning.imitation.recipe import ImitationRecipe
 from lilgym_mp.scene.appearances import make_appearance
 
 

@@ -29,16 +29,16 @@ from lilgym_mp.learning.common.program_pairs import (
     TOKENS,
     Pair,
     SymbolTable,
-    Variations,
     normalise_statement,
     pair_of,
     program_of,
     slots_of,
+    varied,
 )
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.parsing import parser, training
 from lilgym_mp.learning.parsing.agent import ParseAndPlanAgent
-from lilgym_mp.learning.parsing.calibration import Forecast, fit_calibration
+from lilgym_mp.learning.parsing.learner import ParserRecipe
 from lilgym_mp.learning.parsing.parser import (
     UNKNOWN,
     UNKNOWN_FACTOR,
@@ -48,8 +48,7 @@ from lilgym_mp.learning.parsing.parser import (
     ProgramCandidate,
     beam_search,
 )
-from lilgym_mp.learning.parsing.planning import ProgramPlanner, explanation_lines
-from lilgym_mp.learning.parsing.recipe import ParserRecipe
+from lilgym_mp.learning.parsing.planning import Forecast, ProgramPlanner, explanation_lines, fit_calibration
 from lilgym_mp.learning.parsing.scoring import parse_scores
 from lilgym_mp.learning.parsing.training import train_parser
 from lilgym_mp.perception import read_scene
@@ -110,7 +109,7 @@ def test_variations__exchange_shapes_and_numbers_in_words_and_program():
         ("==", "count(1)", "filter_obj(2)", "all_items", "lambda", "is_circle(1)", "v0", "#2"),
     )
     rng = random.Random(0)
-    seen = {Variations(1.0, 1.0).of(pair, rng) for _ in range(300)}
+    seen = {varied(pair, 1.0, 1.0, rng) for _ in range(300)}
     assert len(seen) == 18  # three shapes, six numbers
     for words, tokens in seen:
         assert tokens[-1] == f"#{words[1]}"
@@ -127,7 +126,7 @@ def test_variations__exchange_shapes_and_numbers_in_words_and_program():
 )
 def test_variations__keep_pairs_whose_words_and_program_differ(pair: Pair):
     rng = random.Random(0)
-    assert {Variations(1.0, 1.0).of(pair, rng) for _ in range(50)} == {pair}
+    assert {varied(pair, 1.0, 1.0, rng) for _ in range(50)} == {pair}
 
 
 def small_network(seed: int = 0) -> ParserNetwork:
@@ -263,7 +262,7 @@ class Oracle(Parser):
         super().__init__(small_network(), SymbolTable((*COLOURS, UNKNOWN)))
         self.candidates = tuple(ProgramCandidate(program, probability, 1) for program, probability in candidates)
 
-    def parse(self, statement: str, appearance: str, beam_width: int = 0) -> Parse:
+    def parse(self, statement: str, appearance: str) -> Parse:
         return Parse(("<tower>", "yellow"), (), {}, self.candidates)
 
 
@@ -272,9 +271,9 @@ BLACK = "exist(filter_obj(all_items, lambda x: is_black(x)))"
 EMPTY = "not exist(all_items)"
 
 
-def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch", votes: bool = True) -> ProgramPlanner:
+def planner(*candidates: tuple[str, float], configuration: str = "TowerScratch") -> ProgramPlanner:
     settings = Settings(configuration)
-    return ProgramPlanner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit", votes=votes)
+    return ProgramPlanner(Oracle(*candidates), settings.dynamics(), settings.start == "flipit")
 
 
 def empty_tower() -> Scene:
@@ -292,8 +291,6 @@ def test_planner__plan_for_one_candidate_is_as_short_as_the_experts():
 def test_planner__satisfies_several_candidates_at_once_if_possible():
     both = planner((BLUE, 0.6), (BLACK, 0.4)).plan(empty_tower(), "any", True)
     assert (len(both.actions), both.satisfied) == (3, (0, 1))
-    best = planner((BLUE, 0.6), (BLACK, 0.4), votes=False).plan(empty_tower(), "any", True)
-    assert (len(best.actions), best.success_probability) == (2, pytest.approx(0.6))
 
 
 def test_planner__prefers_the_more_probable_of_conflicting_candidates():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
+from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from tests.learning.imitation.conftest import statements
 
 __all__ = ["small_recipe", "statements"]

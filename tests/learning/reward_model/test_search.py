@@ -15,12 +15,12 @@ from lilgym_mp.learning.common.boxes import box_distances
 from lilgym_mp.learning.reward_model.features import (
     BoxTable,
     Exchange,
+    InputReader,
     exchanges,
     standard_exchanges,
 )
-from lilgym_mp.learning.reward_model.inputs import InputReader
+from lilgym_mp.learning.reward_model.learner import RewardModelRecipe
 from lilgym_mp.learning.reward_model.network import ModulatedNetwork
-from lilgym_mp.learning.reward_model.recipe import RewardModelRecipe
 from lilgym_mp.learning.reward_model.search import SearchPlanner
 from lilgym_mp.scene import BOX_SIDE, Colour, Item, Scene, Shape
 from lilgym_mp.scene.appearances import make_appearance

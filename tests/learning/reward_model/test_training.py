@@ -16,7 +16,7 @@ from lilgym_mp.envs.rules import Dynamics, State, Transition
 from lilgym_mp.evaluation import Settings, evaluate
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, restored, stored
+from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of
 from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError
 from lilgym_mp.learning.reward_model import training
@@ -155,16 +155,6 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
     assert collector.steps == before + 1
 
 
-@pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_stored_data__is_restored(statements: str, name: str):
-    settings = Settings(name, corpus=statements)
-    entry, collector = labelled_entry(settings)
-    new, table = entries_of([settings.make("train").tasks])[0], BoxTable(settings.appearance)
-    restored([new], table, stored([entry], collector.table))
-    assert [table.scene(boxes) for boxes in new.scenes] == [collector.table.scene(boxes) for boxes in entry.scenes]
-    assert (new.known, new.pairs, new.by_truth) == (entry.known, entry.pairs, entry.by_truth)
-
-
 def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
     for name in ("one", "other"):
         train(statements, "ScatterFlipIt", tmp_path / name, 12, reuse=1, searching=1.0)
@@ -175,12 +165,12 @@ def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
 def test_training__survives_a_search_that_begins_a_new_box_table(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("lilgym_mp.learning.reward_model.inputs.MOST_BOXES", 50)
+    monkeypatch.setattr("lilgym_mp.learning.reward_model.features.MOST_BOXES", 50)
     agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 12, reuse=1, searching=1.0)
     assert agent.description.details["labels"] == 12 * 3 * 32
 
 
-def test_interrupted_run__is_resumed_with_its_data(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     step = training._Run._step
     done: list[int] = []
 
