@@ -45,9 +45,7 @@ class Counters:
     """Counts in a checkpoint of any learner; field names are part of its format."""
 
     updates: int = 0  # of the optimiser
-    seconds: float = 0.0  # wall-clock time over all sessions of the run, without evaluations
     cpu_seconds: float = 0.0  # over all sessions of the run
-    collection_seconds: float = 0.0  # part of them for data collection
 
 
 class Budget(NamedTuple):
@@ -102,7 +100,7 @@ class TrainingRun(ABC, Generic[Measured]):
         self.budget, self.out, self.resume = budget, out, session.get("resume", False)
         self.device = select_device(session.get("device", "auto"))
         self.say, self._on_progress = session.get("say", _ignore), session.get("on_progress", _ignore)
-        self._start_seconds, self._start_cpu_seconds = time.monotonic(), cpu_seconds()
+        self._start_seconds = cpu_seconds()
         self.stop = StopRequest()
 
     @abstractmethod
@@ -149,7 +147,7 @@ class TrainingRun(ABC, Generic[Measured]):
         if self.stop.requested and not self.saves_agent_early:
             raise KeyboardInterrupt
         agent = self.finish()
-        spent = f"{self.spent():,} {self.budget.unit}, {round(self.seconds() / 60, 2):g} CPU minutes"
+        spent = f"{self.spent():,} {self.budget.unit}, {self.minutes():g} CPU minutes"
         self.say(f"saved {self.files.agent_file} after {spent}")
         if self.stop.requested:
             raise KeyboardInterrupt
@@ -161,17 +159,7 @@ class TrainingRun(ABC, Generic[Measured]):
 
     def seconds(self) -> float:
         """CPU time."""
-        return self.counters.cpu_seconds + cpu_seconds() - self._start_cpu_seconds
-
-    def wall_seconds(self) -> float:
-        return self.counters.seconds + time.monotonic() - self._start_seconds
-
-    @contextmanager
-    def paused(self) -> Iterator[None]:
-        """Excludes the time spent in the block from `wall_seconds`."""
-        began = time.monotonic()
-        yield
-        self._start_seconds += time.monotonic() - began
+        return self.counters.cpu_seconds + cpu_seconds() - self._start_seconds
 
     def spent(self) -> int:
         """The steps or updates so far, whichever the budget counts."""
@@ -241,35 +229,26 @@ class TrainingRun(ABC, Generic[Measured]):
                 f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
             ) from None
 
-    @contextmanager
-    def collecting(self) -> Iterator[None]:
-        """Counts the time spent in the block as data collection."""
-        began = self.seconds()
-        yield
-        self.counters.collection_seconds += self.seconds() - began
-
     def save(self) -> None:
-        spent = {"seconds": self.wall_seconds(), "cpu_seconds": self.seconds()}
-        self.files.save_checkpoint({**self.state(), "counters": {**asdict(self.counters), **spent}})
+        counters = {**asdict(self.counters), "cpu_seconds": self.seconds()}
+        self.files.save_checkpoint({**self.state(), "counters": counters})
 
     def load(self) -> bool:
         """Continues from the checkpoint if the run is resumed and has one. Raises TrainingRunError."""
         if not self.resume or not self.files.has_checkpoint:
             return False
         with self.files.checkpoint(self.device) as state:
-            counted = state["counters"]  # older checkpoints have those of all learners
             for field in fields(self.counters):
-                setattr(self.counters, field.name, counted[field.name])
+                setattr(self.counters, field.name, state["counters"][field.name])
             self.restore(state)
             for name, tensor in (state.get("network") or state["networks"]).items():
                 if not torch.isfinite(tensor).all():
                     raise ValueError(f"{name} holds non-finite values")
         return True
 
-    def statistics(self) -> dict[str, float]:
-        """Details of the model file."""
-        minutes, exploring = self.seconds() / 60, self.counters.collection_seconds / 60
-        return {"cpu_minutes": round(minutes, 2), "collection_cpu_minutes": round(exploring, 2)}
+    def minutes(self) -> float:
+        """CPU time, for the model file."""
+        return round(self.seconds() / 60, 2)
 
 
 @dataclass

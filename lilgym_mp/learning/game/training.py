@@ -48,7 +48,6 @@ class Progress(NamedTuple):
 
     steps: int  # turns so far
     games: int  # so far
-    seconds: float  # training time so far
     cpu_seconds: float  # CPU time of this process so far
     turns_per_second: float  # per second of CPU time, in this rollout
     success: float | None  # of the games that ended; None without any
@@ -299,7 +298,6 @@ class Run(TrainingRun[Progress]):
         return Progress(
             steps=counters.steps,
             games=counters.games,
-            seconds=round(self.wall_seconds(), 3),
             cpu_seconds=round(seconds, 3),
             turns_per_second=round(self.recipe.rollout / max(1e-9, seconds - start), 1),
             success=int(rollout.successes.sum()) / count if count else None,
@@ -341,8 +339,7 @@ class Run(TrainingRun[Progress]):
         statistics = {
             "steps": counters.steps,
             "games": counters.games,
-            "seconds": round(self.wall_seconds(), 1),
-            "cpu_minutes": round(self.seconds() / 60, 2),
+            "cpu_minutes": self.minutes(),
             "seed": self.recipe.seed,
             "trained_parameters": self.trained_parameters,
             "interrupted": self.stop.requested,

@@ -65,7 +65,6 @@ class Progress(NamedTuple):
     updates: int  # optimiser steps
     states: int  # number of labelled states trained on so far
     cpu_seconds: float  # CPU time of this process and its children over the whole run
-    collection_seconds: float  # part of `cpu_seconds` spent on data collection
     sets: int  # expert queries since the run was started or resumed
     text: float | None = None  # loss of writing programs, during text pretraining only
     truth: float | None = None  # truth loss; None during pretraining, like the following
@@ -184,8 +183,7 @@ class _Run(TrainingRun[StepResult]):
         self._pretrain_text()
         if self.stop.requested:
             return
-        with self.collecting():
-            self._collect_first()
+        self._collect_first()
         if not self.counters.begun_at:
             with self.errors_located():
                 self._pretrain_geometry()
@@ -195,8 +193,7 @@ class _Run(TrainingRun[StepResult]):
     def step(self) -> StepResult:
         counters, done = self.counters, self.progress()
         if counters.updates % self._recipe.collect_every == 0:
-            with self.collecting():
-                self._collect_more(done)
+            self._collect_more(done)
         return self._step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
 
     def _step(self, done: float) -> StepResult:
@@ -298,7 +295,6 @@ class _Run(TrainingRun[StepResult]):
             updates=counters.updates,
             states=counters.states,
             cpu_seconds=round(self.seconds(), 1),
-            collection_seconds=round(counters.collection_seconds, 1),
             sets=self._collector.expert_queries,
             **losses,
         )
@@ -329,7 +325,7 @@ class _Run(TrainingRun[StepResult]):
             "seed": self._seed,
             "updates": self.counters.updates,
             "states": self.counters.states,
-            **self.statistics(),
+            "cpu_minutes": self.minutes(),
             "held_out_tasks": {name: len(tasks) for name, tasks in self._held_out_tasks.items()},
             "held_out_accuracy": accuracies,
         }

@@ -44,11 +44,10 @@ from lilgym_mp.scene.arrays import Int64Array
 class Progress(NamedTuple):
     """A line of progress.jsonl: statistics of one rollout and its updates."""
 
-    steps: int  # so far, like the next three fields
+    steps: int  # so far, like the next two fields
     episodes: int
-    seconds: float  # training time
     cpu_seconds: float  # CPU time of this process, including evaluations
-    steps_per_second: float
+    steps_per_second: float  # of CPU time, in this rollout and its updates
     accuracy: float | None  # accuracy of the episodes that ended, also by stop forcing; None without any
     mean_reward: float | None
     mean_length: float | None
@@ -161,7 +160,7 @@ class Run(TrainingRun[Progress]):
     def learn(self) -> None:
         self.optimise()
         if not self.stop.requested:
-            self._validate()
+            self.validation.validate(self.model, self.counters.steps)
             self.save()
 
     def is_over(self) -> bool:
@@ -169,9 +168,10 @@ class Run(TrainingRun[Progress]):
 
     def step(self) -> Progress:
         """Collects a rollout and optimises on it."""
-        counters, start_seconds = self.counters, self.wall_seconds()
+        counters = self.counters
         if self.curve is not None and self.curve.is_due(counters.steps):
-            self._add_point()
+            self.curve.add_point(self.model, counters.steps)
+        start_seconds = self.seconds()
         entropy_coefficient = schedule(self._optimiser, self.recipe, self.progress())
         self.model.eval()
         with self._precision():
@@ -183,7 +183,7 @@ class Run(TrainingRun[Progress]):
         counters.updates += len(losses)
         progress = self._progress(mean_losses(losses), start_seconds)
         if self.validation.is_due(counters.steps):
-            self._validate()
+            self.validation.validate(self.model, counters.steps)
         return progress
 
     def _experience(self, rollout: Rollout) -> Experience:
@@ -211,12 +211,11 @@ class Run(TrainingRun[Progress]):
         statistics, self._collector.statistics = self._collector.statistics, EpisodeStatistics()
         count, counters = statistics.ends.total(), self.counters
         counters.episodes += count
-        seconds = self.wall_seconds()
+        seconds = self.seconds()
         return Progress(
             steps=counters.steps,
             episodes=counters.episodes,
-            seconds=round(seconds, 3),
-            cpu_seconds=round(self.seconds(), 3),
+            cpu_seconds=round(seconds, 3),
             steps_per_second=round(self.recipe.rollout / max(1e-9, seconds - start_seconds), 1),
             accuracy=statistics.ends["success"] / count if count else None,
             mean_reward=statistics.reward / count if count else None,
@@ -231,16 +230,6 @@ class Run(TrainingRun[Progress]):
 
     def progress_line(self, recent: Sequence[Progress]) -> Progress:
         return recent[-1]
-
-    def _validate(self) -> None:
-        with self.paused():
-            self.validation.validate(self.model, self.counters.steps)
-
-    def _add_point(self) -> None:
-        assert self.curve is not None
-        seconds = self.wall_seconds()
-        with self.paused():
-            self.curve.add_point(self.model, self.counters.steps, seconds)
 
     def state(self) -> dict[str, Any]:
         return {
@@ -266,7 +255,7 @@ class Run(TrainingRun[Progress]):
     def finish(self) -> PPOAgent:
         """Saves the agent: with the best validated weights, or the current ones without validation."""
         if self.curve is not None and not self.stop.requested:
-            self._add_point()
+            self.curve.add_point(self.model, self.counters.steps)
         counters, validated, best_weights = self.counters, self.validation.state, self.validation.best_weights
         if best_weights is not None:
             self.model.load_state_dict(best_weights)
@@ -275,8 +264,7 @@ class Run(TrainingRun[Progress]):
         statistics = {
             "steps": counters.steps,
             "episodes": counters.episodes,
-            "seconds": round(self.wall_seconds(), 1),
-            "cpu_minutes": round(self.seconds() / 60, 2),
+            "cpu_minutes": self.minutes(),
             "seed": self.recipe.seed,
             "trained_parameters": self.model.trained_parameters,
             "frozen_parameters": self.model.frozen_parameters,

@@ -80,21 +80,20 @@ class LearningCurve:
     def is_due(self, steps: int) -> bool:
         return self.last is None or steps - self.last >= self._every
 
-    def add_point(self, model: Model, steps: int, seconds: float) -> None:
+    def add_point(self, model: Model, steps: int) -> None:
         """Appends a point, unless there is one at this step already."""
         if self.last == steps:
             return
-        point = self.evaluation(playing(model, self._recipe, sampled=True), steps, seconds)
+        point = self.evaluation(playing(model, self._recipe, sampled=True), steps)
         model.clear_cache()  # cached values differ by rounding; training must not depend on evaluations
         self._run.record(point._asdict(), EVALUATIONS_FILE)
         self.last = steps
 
-    def evaluation(self, policy: Policy, steps: int, seconds: float) -> DevEvaluation:
+    def evaluation(self, policy: Policy, steps: int) -> DevEvaluation:
         episodes = evaluate(policy, self._settings, SPLIT, seed=self._recipe.seed)
         solvable = [episode for episode in episodes if self._goals.get(episode.task)]
         return DevEvaluation(
             steps,
-            round(seconds, 3),
             len(episodes),
             fmean([episode.is_success for episode in episodes]),
             fmean([episode.reward for episode in episodes]),
@@ -117,7 +116,6 @@ class DevEvaluation(NamedTuple):
     """One episode from each start scene of dev; fractions from 0 to 1."""
 
     steps: int  # training steps so far
-    seconds: float  # training time so far
     start_scenes: int
     accuracy: float
     mean_reward: float

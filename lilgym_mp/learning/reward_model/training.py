@@ -53,7 +53,6 @@ class Progress(NamedTuple):
     stops: int  # episodes played to label scenes, with those of held-out statements
     steps: int  # environment steps of these episodes
     cpu_seconds: float  # CPU time of the whole run
-    collection_seconds: float  # part of it for collecting data
     loss: float
     accuracy: float
     held_out_accuracy: float | None  # of the averaged network, on balanced pairs of scenes one edit apart
@@ -142,8 +141,7 @@ class _Run(TrainingRun[tuple[float, float]]):
 
     def step(self) -> tuple[float, float]:
         if self._is_collection_due():
-            with self.collecting():
-                self._collect_more()
+            self._collect_more()
         return self._step()
 
     def _step(self) -> tuple[float, float]:
@@ -205,11 +203,10 @@ class _Run(TrainingRun[tuple[float, float]]):
     # Data collection
 
     def _collect_first(self) -> None:
-        with self.collecting():
-            for entry in self._entries:
-                self._collector.explore(entry, self._recipe.first_stops)
-            for entry in self._held_out:
-                self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
+        for entry in self._entries:
+            self._collector.explore(entry, self._recipe.first_stops)
+        for entry in self._held_out:
+            self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
         if not any(entry.pairs for entry in self._entries):
             raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
 
@@ -270,7 +267,6 @@ class _Run(TrainingRun[tuple[float, float]]):
             collector.stops,
             collector.steps,
             round(self.seconds(), 1),
-            round(counters.collection_seconds, 1),
             loss,
             accuracy,
             None if held_out is None else round(held_out, 4),
@@ -304,7 +300,7 @@ class _Run(TrainingRun[tuple[float, float]]):
             "steps": self._collector.steps,
             "stops": self._collector.stops,
             "labels": self.counters.labels,
-            **self.statistics(),
+            "cpu_minutes": self.minutes(),
             "held_out_accuracy": self._held_out_accuracy(),
         }
         recipe = self._recipe.to_json()
