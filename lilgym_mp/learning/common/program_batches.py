@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import random
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import NamedTuple
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
+from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import Pair, normalise_statement, pair_of, slots_of, varied
 from lilgym_mp.learning.common.recipes import PairRecipe
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingError
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
 POOL = 16  # batches sampled together and sorted by length
@@ -104,7 +104,7 @@ class ProgramTrainer:
         self._batches = self._sampled()
 
     def step(self, done: float, learning_rate: float, norm: float = 1.0) -> float:
-        """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises NotFiniteError.
+        """One optimiser step on the cross-entropy of program tokens; returns the loss. Raises TrainingError.
 
         `done`: the training progress, 0 to 1. `norm`: the largest of the gradient.
         """
@@ -116,12 +116,7 @@ class ProgramTrainer:
         logits = self.network(words, tokens, slots).flatten(0, 1)
         smoothing = self._recipe.smoothing
         loss = functional.cross_entropy(logits, tokens.flatten(), ignore_index=0, label_smoothing=smoothing)
-        if not math.isfinite(loss.item()):
-            raise NotFiniteError(f"text {loss.item():g}")
-        self.optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.network.parameters(), norm)
-        self.optimiser.step()
+        optimise(self.optimiser, loss, norm)
         return loss.item()
 
     def _sampled(self) -> Iterator[Batch]:

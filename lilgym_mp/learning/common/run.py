@@ -7,7 +7,7 @@ import os
 import signal
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -17,13 +17,7 @@ from typing import Any, ClassVar, Generic, NamedTuple, TypedDict, TypeVar
 import torch
 
 from lilgym_mp.learning.common.model_file import select_device, torch_threads
-from lilgym_mp.learning.common.run_directory import (
-    NotFiniteError,
-    RunDirectory,
-    TrainingError,
-    TrainingRunError,
-    begin_run,
-)
+from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0  # CPU time between lines of progress.jsonl
@@ -113,7 +107,7 @@ class TrainingRun(ABC, Generic[Measured]):
 
     @abstractmethod
     def step(self) -> Measured:
-        """One step of the algorithm, with data collection when it is due. Raises NotFiniteError."""
+        """One step of the algorithm, with data collection when it is due. Raises TrainingError."""
 
     @abstractmethod
     def progress_line(self, recent: Sequence[Measured]) -> Any:
@@ -195,7 +189,7 @@ class TrainingRun(ABC, Generic[Measured]):
         """
         recent: list[Any] = []
         saved = reported = self.seconds()
-        with stop_on_signals() as self.stop, self.errors_located():
+        with stop_on_signals() as self.stop:
             while not self.is_over() and self.progress() < until and not self.stop.requested:
                 recent.append((step or self.step)())
                 now = self.seconds()
@@ -216,18 +210,6 @@ class TrainingRun(ABC, Generic[Measured]):
     def _report(self, line: Any) -> None:
         self.files.record(line._asdict())
         self._on_progress(line)
-
-    @contextmanager
-    def errors_located(self) -> Iterator[None]:
-        """Adds the step and the last checkpoint to a NotFiniteError."""
-        try:
-            yield
-        except NotFiniteError as error:
-            parts, kept = str(error), f"the last good checkpoint is kept in {self.files.path}"
-            raise TrainingError(
-                f"the loss is not finite after {self.spent()} {self.budget.unit}{parts and f' ({parts})'};"
-                f" {kept if self.files.has_checkpoint else 'nothing was saved yet'}; try a lower learning-rate"
-            ) from None
 
     def save(self) -> None:
         counters = {**asdict(self.counters), "cpu_seconds": self.seconds()}

@@ -46,10 +46,6 @@ class TrainingError(ValueError):
     """Training that cannot continue."""
 
 
-class NotFiniteError(TrainingError):
-    """A loss that is not finite; the message has the losses that it adds up."""
-
-
 @dataclass
 class RunDirectory:
     """The files of one run."""

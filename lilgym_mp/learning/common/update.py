@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
+from lilgym_mp.learning.common.optimisation import check_finite
 from lilgym_mp.learning.common.recipes import UpdateRecipe
-from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 EPSILON = 1e-8  # added to the standard deviation
@@ -84,7 +84,7 @@ def update(
     entropy_coefficient: float,
     rng: np.random.Generator,
 ) -> list[Losses]:
-    """Optimises on the experience; returns the losses of each optimiser step. Raises NotFiniteError."""
+    """Optimises on the experience; returns the losses of each optimiser step. Raises TrainingError."""
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     steps: list[Losses] = []
     for _ in range(recipe.epochs):
@@ -97,8 +97,7 @@ def update(
                 policy, values = experience.evaluate(some)
                 old = Transitions(*(column[torch.from_numpy(some)] for column in experience.transitions))
                 loss = losses(recipe, policy, values, old, entropy_coefficient)
-                if not torch.isfinite(loss.total):
-                    raise NotFiniteError(f"policy {loss.policy.item():g}, value {loss.value.item():g}")
+                check_finite(loss.total, policy=loss.policy, value=loss.value)
                 (loss.total * (len(some) / len(rows))).backward()
                 parts.append(loss._replace(total=loss.total.detach()))
             nn.utils.clip_grad_norm_(parameters, recipe.gradient_norm)

@@ -20,8 +20,8 @@ from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, ope
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import as_numpy
 from lilgym_mp.learning.common.model_file import weights_digest
+from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
-from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.states import States
 from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
@@ -279,12 +279,7 @@ class Run(TrainingRun[Progress]):
         found: list[tuple[float, float]] = []
         for claims in self._memory.batches(self._rng):
             loss, accuracy = claim_loss(network, rollout.table, rollout.statements, claims)
-            if not torch.isfinite(loss):
-                raise NotFiniteError(f"claims {loss.item():g}")
-            optimiser.zero_grad()
-            loss.backward()
-            nn.utils.clip_grad_norm_(network.parameters(), self.recipe.gradient_norm)
-            optimiser.step()
+            optimise(optimiser, loss, self.recipe.gradient_norm)
             found.append((float(loss.detach()), accuracy))
         return found
 

@@ -13,11 +13,11 @@ from torch.nn import functional
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
+from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, pairs_of
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import COLOURS, TOKENS, Pair, exchanged, tokens_recoloured
 from lilgym_mp.learning.common.recipes import PairRecipe
-from lilgym_mp.learning.common.run_directory import NotFiniteError
 from lilgym_mp.learning.common.words import MAX_WORDS, StatementTokenizer
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DatasetEntry
@@ -59,7 +59,7 @@ class TextPretraining:
         )
 
     def step(self, done: float) -> float:
-        """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises NotFiniteError."""
+        """One optimiser step; returns the loss. `done`: the fraction completed, 0 to 1. Raises TrainingError."""
         learning_rate = PARSER.learning_rate * min(1.0, (done + 1e-3) / self._recipe.warmup) * (1 - done)
         return self._trainer.step(done, learning_rate, self._recipe.gradient_norm)
 
@@ -89,11 +89,7 @@ class GeometryPretraining:
         legal = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
         _, logits = self._geometry(self._geometry.item_terms(offsets).sum(1))
         loss = functional.binary_cross_entropy_with_logits(logits, legal)
-        self._optimiser.zero_grad()
-        loss.backward()
-        self._optimiser.step()
-        if not math.isfinite(loss.item()):
-            raise NotFiniteError(f"legal edits {loss.item():g}")
+        optimise(self._optimiser, loss, math.inf)
         return loss.item()
 
 

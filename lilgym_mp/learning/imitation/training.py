@@ -14,7 +14,6 @@ from typing import Any, NamedTuple, Unpack
 
 import numpy as np
 import torch
-from torch import nn
 
 from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
@@ -23,8 +22,9 @@ from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model_file import ModelDescription
+from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import train_tasks
 from lilgym_mp.learning.common.words import StatementTokenizer, vocabulary_of
 from lilgym_mp.learning.imitation.agent import (
@@ -185,8 +185,7 @@ class _Run(TrainingRun[StepResult]):
             return
         self._collect_first()
         if not self.counters.begun_at:
-            with self.errors_located():
-                self._pretrain_geometry()
+            self._pretrain_geometry()
             self.counters.begun_at = self.progress()
         self.optimise()
 
@@ -197,7 +196,7 @@ class _Run(TrainingRun[StepResult]):
         return self._step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
 
     def _step(self, done: float) -> StepResult:
-        """One optimiser step at a training progress `done` since pretraining, 0 to 1. Raises NotFiniteError."""
+        """One optimiser step at a training progress `done` since pretraining, 0 to 1. Raises TrainingError."""
         recipe, network, counters = self._recipe, self._network, self.counters
         solvable = [entry for entry in self._entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
@@ -209,12 +208,7 @@ class _Run(TrainingRun[StepResult]):
             outputs = network(batch.inputs, batch.targets)
         parts = losses(outputs, batch)
         loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
-        if not math.isfinite(loss.item()):
-            raise NotFiniteError(", ".join(f"{name} {value.item():g}" for name, value in parts._asdict().items()))
-        self._optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(network.parameters(), recipe.gradient_norm)
-        self._optimiser.step()
+        optimise(self._optimiser, loss, recipe.gradient_norm, **parts._asdict())
         counters.updates += 1
         counters.states += batch.truths.numel()
         right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()

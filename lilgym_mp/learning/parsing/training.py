@@ -138,7 +138,7 @@ class _Run(TrainingRun[float]):
         self.load()
 
     def step(self) -> float:
-        """One optimiser step; returns the loss. Raises NotFiniteError."""
+        """One optimiser step; returns the loss. Raises TrainingError."""
         loss = self._trainer.step(self.progress(), self._recipe.learning_rate * self._schedule())
         self.counters.updates += 1
         return loss

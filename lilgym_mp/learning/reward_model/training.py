@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, Unpack
 import numpy as np
 import torch
 import torch.nn.functional as F  # noqa: N812
-from torch import Tensor, nn
+from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.evaluation import Settings
@@ -24,8 +24,9 @@ from lilgym_mp.learning.common.labelled_scenes import (
     truths_of,
 )
 from lilgym_mp.learning.common.model_file import ModelDescription
+from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
-from lilgym_mp.learning.common.run_directory import NotFiniteError, TrainingError
+from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
 from lilgym_mp.learning.common.words import vocabulary_of
 from lilgym_mp.learning.reward_model.agent import KIND, VERSION, RewardModelAgent, make_network
@@ -157,19 +158,13 @@ class _Run(TrainingRun[tuple[float, float]]):
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
-        value = loss.item()
-        if not math.isfinite(value):
-            raise NotFiniteError
-        self._optimiser.zero_grad()
-        loss.backward()
-        nn.utils.clip_grad_norm_(network.parameters(), 1.0, foreach=True)
-        self._optimiser.step()
+        optimise(self._optimiser, loss, 1.0)
         self.counters.updates += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
         averaged: list[Any] = [*self._averaged.parameters()]
         get_ema_multi_avg_fn(decay)(averaged, [*network.parameters()], turn)
-        return value, _accuracy(logits, truths)
+        return loss.item(), _accuracy(logits, truths)
 
     def _judged(
         self, network: ModulatedNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]

@@ -1,0 +1,28 @@
+"""One step of an optimiser, the same for all learners but PPO, which accumulates gradients (`update`)."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from lilgym_mp.learning.common.run_directory import TrainingError
+
+
+def optimise(optimiser: torch.optim.Optimizer, loss: Tensor, gradient_norm: float, **parts: Tensor) -> None:
+    """Takes a step with the gradient clipped to a norm; `parts` as in `check_finite`. Raises TrainingError."""
+    check_finite(loss, **parts)
+    optimiser.zero_grad()
+    loss.backward()
+    parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
+    nn.utils.clip_grad_norm_(parameters, gradient_norm, foreach=True)
+    optimiser.step()
+
+
+def check_finite(loss: Tensor, **parts: Tensor) -> None:
+    """Raises TrainingError if the loss is not finite, with the `parts` that it adds up."""
+    if not torch.isfinite(loss):
+        listed = ", ".join(f"{name} {value.item():g}" for name, value in parts.items())
+        raise TrainingError(
+            f"the loss is not finite{listed and f' ({listed})'}; try a lower learning-rate: with --resume from the last"
+            " checkpoint, or in another directory"
+        )
