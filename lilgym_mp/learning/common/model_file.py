@@ -26,7 +26,6 @@ FORMAT = "lilgym_mp-model"
 VERSION = 1
 METADATA_KEY = "lilgym_mp"
 DEVICES = {name: name for name in ("auto", "cpu", "cuda")}
-PICKLE_STARTS = (b"PK\x03\x04", b"\x80")  # first bytes of files written by torch.save and pickle
 
 
 class ModelFileError(ValueError):
@@ -75,7 +74,8 @@ def load_model(
     path: Path, device: str | torch.device = "cpu", *, with_tensors: bool = True
 ) -> tuple[ModelDescription, dict[str, Tensor]]:
     """The description, and the tensors on the device. Raises ModelFileError as `read_description` does."""
-    _check_file(path)
+    if not path.is_file():
+        raise ModelFileError(f"{path}: {'not a regular file' if path.exists() else 'there is no such file'}")
     try:
         with safe_open(path, "pt", device=str(device)) as file:
             metadata = file.metadata() or {}
@@ -117,21 +117,6 @@ def _described(path: Path) -> Iterator[None]:
     except (ValueError, TypeError, KeyError, IndexError, AttributeError, RuntimeError) as error:
         reason = f"it lacks {error}" if isinstance(error, KeyError) else error
         raise ModelFileError(f"{path}: its description cannot be used: {reason}") from None
-
-
-def _check_file(path: Path) -> None:
-    try:
-        if not path.is_file():
-            raise ModelFileError(f"{path}: {'not a regular file' if path.exists() else 'there is no such file'}")
-        with path.open("rb") as file:
-            start = file.read(9)
-    except OSError as error:
-        raise ModelFileError(f"{path}: cannot be read: {error.strerror or error}") from None
-    is_safetensors = start[8:] == b"{"  # follows the header length, whose first byte is arbitrary
-    if start.startswith(PICKLE_STARTS) and not is_safetensors:
-        raise ModelFileError(
-            f"{path}: holds pickled Python objects, which are not loaded; models are safetensors files"
-        )
 
 
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) -> None:

@@ -109,10 +109,7 @@ class UpdateRecipe(Recipe):
     batch_size: int = setting(1024, "mini-batch size", 1)
     microbatch: int = setting(0, "states per backward pass (gradient accumulation); 0: the whole mini-batch")
     epochs: int = setting(2, "epochs per rollout", 1)
-    optimiser: str = setting("adam", "optimiser", choices=("adam", "adamw"))
-    epsilon: float = setting(1e-5, "epsilon of the optimiser", 0, 1)
-    beta2: float = setting(0.999, "beta2 of the optimiser", 0, 1)
-    weight_decay: float = setting(0.0, "weight decay of adamw")
+    optimiser: str = setting("adam", "adam, or adamw with a weight decay of 0.01", choices=("adam", "adamw"))
     learning_rate: float = setting(1e-3, "peak learning rate", 0, 1)
     schedule: str = setting(
         "linear",

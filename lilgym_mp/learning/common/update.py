@@ -191,10 +191,9 @@ def mean_losses(parts: list[Losses]) -> Losses:
 def make_optimiser(model: nn.Module, recipe: UpdateRecipe) -> torch.optim.Optimizer:
     """The recipe's optimiser of the parameters that require gradients."""
     trained = [parameter for parameter in model.parameters() if parameter.requires_grad]
-    betas = (0.9, recipe.beta2)
-    if recipe.optimiser == "adamw":
-        return torch.optim.AdamW(trained, recipe.learning_rate, betas, recipe.epsilon, recipe.weight_decay, fused=True)
-    return torch.optim.Adam(trained, recipe.learning_rate, betas, recipe.epsilon, fused=True)
+    if recipe.optimiser == "adamw":  # the release's, with torch's weight decay
+        return torch.optim.AdamW(trained, recipe.learning_rate, (0.9, 0.98), eps=1e-8, weight_decay=0.01, fused=True)
+    return torch.optim.Adam(trained, recipe.learning_rate, eps=1e-5, fused=True)
 
 
 def schedule(optimiser: torch.optim.Optimizer, recipe: UpdateRecipe, done: float) -> float:

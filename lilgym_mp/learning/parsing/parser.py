@@ -203,8 +203,7 @@ class Parser:
         normalised = normalise_statement(statement, appearance, self._known)
         unknown = self.vocabulary.index(UNKNOWN)
         words = [self.vocabulary.index(word, unknown) for word in normalised.words]
-        scores: dict[tuple[bool | None, ...], list[float]] = {}
-        programs: dict[tuple[bool | None, ...], str] = {}
+        scores: dict[tuple[bool | None, ...], tuple[str, list[float]]] = {}  # by truth: the most probable program
         found = beam_search(self.network, words, BEAM_WIDTH, self.tokens)
         total = sum(math.exp(candidate.log_probability) for candidate in found)
         for candidate in found:
@@ -218,12 +217,11 @@ class Parser:
             truth_vector = truths(program, appearance)
             if all(truth is None for truth in truth_vector) or (len(set(truth_vector)) == 1 and not well_typed):
                 continue
-            programs.setdefault(truth_vector, program)  # keeps the most probable, which comes first
-            scores.setdefault(truth_vector, []).append(candidate.log_probability / self.temperature)
+            scores.setdefault(truth_vector, (program, []))[1].append(candidate.log_probability / self.temperature)
         original_words = exchanged(normalised.words, inverse(normalised.exchange))
         unknown_words = [word for word in original_words if word not in self._known]
         unknown_words = unread_words(statement, self._known) + unknown_words
-        ranked = _ranked(programs, scores, UNKNOWN_FACTOR ** len(unknown_words))
+        ranked = _ranked([*scores.values()], UNKNOWN_FACTOR ** len(unknown_words))
         return Parse(tuple(original_words), tuple(unknown_words), corrections(statement, self._known), ranked)
 
     def to_details(self) -> dict[str, Any]:
@@ -243,21 +241,10 @@ class Parser:
         return cls(network.eval(), vocabulary, float(details["temperature"]), tokens)
 
 
-def _ranked(
-    programs: Mapping[tuple[bool | None, ...], str],
-    scores: Mapping[tuple[bool | None, ...], Sequence[float]],
-    probability: float,
-) -> tuple[ProgramCandidate, ...]:
-    """The most probable candidates, one per equivalence class; `probability`: of all together."""
-    if not scores:
-        return ()
-    highest = max(max(values) for values in scores.values())
-    masses = {
-        truth_vector: sum(math.exp(value - highest) for value in values) for truth_vector, values in scores.items()
-    }
-    ranked = sorted(masses, key=lambda truth_vector: -masses[truth_vector])[:MAX_CANDIDATES]
-    total = sum(masses[truth_vector] for truth_vector in ranked)
-    return tuple(
-        ProgramCandidate(programs[truth_vector], probability * masses[truth_vector] / total, len(scores[truth_vector]))
-        for truth_vector in ranked
-    )
+def _ranked(classes: Sequence[tuple[str, Sequence[float]]], probability: float) -> tuple[ProgramCandidate, ...]:
+    """The most probable candidates, one of each class of equivalent programs; `probability`: of all together."""
+    highest = max((max(scores) for _, scores in classes), default=0.0)
+    masses = [(sum(math.exp(score - highest) for score in scores), program, len(scores)) for program, scores in classes]
+    masses = sorted(masses, key=lambda mass: -mass[0])[:MAX_CANDIDATES]
+    total = sum(mass for mass, _, _ in masses)
+    return tuple(ProgramCandidate(program, probability * mass / total, count) for mass, program, count in masses)

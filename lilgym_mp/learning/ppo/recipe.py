@@ -81,9 +81,6 @@ def _paper(configuration: str, model: str) -> dict[str, Any]:
         "batch_size": 64,  # [P]
         "epochs": 10,  # [B]
         "optimiser": "adamw" if fine_tuned else "adam",  # [P]
-        "epsilon": 1e-8 if fine_tuned else 1e-5,  # [B]
-        "beta2": 0.98 if fine_tuned else 0.999,  # [B]
-        "weight_decay": 0.01 if fine_tuned else 0.0,  # [ours] the default of AdamW
         "learning_rate": 3e-5 if fine_tuned or start == "flipit" else 3e-4,  # [P]
         "schedule": "cosine" if fine_tuned else "constant",  # [P] cosine; unspecified for the others
         "warmup": 0.01 if fine_tuned else 0.0,  # [P]
