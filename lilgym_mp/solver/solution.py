@@ -73,9 +73,3 @@ def value(solution: Solution, dynamics: Dynamics, discount: float = 1.0) -> floa
     edits = solution.steps - 1
     per_edit, success = signals[Outcome.CONTINUES].reward, signals[Outcome.SUCCESS].reward
     return sum(per_edit * discount**step for step in range(edits)) + success * discount**edits
-
-
-def edit_cost(dynamics: Dynamics) -> float:
-    """The probability of success that makes up for the reward of one more edit."""
-    signals = dynamics.rules.signals
-    return -signals[Outcome.CONTINUES].reward / (signals[Outcome.SUCCESS].reward - signals[Outcome.WRONG_STOP].reward)

@@ -66,11 +66,10 @@ class _Candidate(NamedTuple):
     def satisfies(self, goal: WeightedGoal) -> bool:
         return any(goal[:2] == satisfied[:2] for satisfied in self.satisfied)
 
-    def beats(self, other: _Candidate, edit_cost: float) -> bool:
-        """Whether its mass less the cost of its edits is higher, or equal with fewer edits."""
-        extra_edits = len(self.edits) - len(other.edits)
-        gain = self.mass - other.mass - edit_cost * extra_edits
-        return gain > ROUNDING or (gain > -ROUNDING and extra_edits < 0)
+    def beats(self, other: _Candidate) -> bool:
+        """Whether its mass is higher, or equal with fewer edits."""
+        gain = self.mass - other.mass
+        return gain > ROUNDING or (gain > -ROUNDING and len(self.edits) < len(other.edits))
 
 
 class _NoRefinementError(Exception):
@@ -91,7 +90,6 @@ class WeightedPlanner:
     scene: Scene
     max_edits: int
     budget: Budget
-    edit_cost: float = 0.0  # the probability that another edit must gain to be worth taking
 
     def __post_init__(self) -> None:
         """Raises ValueError for no goals or an invalid probability, ProgramError for an invalid program."""
@@ -113,13 +111,11 @@ class WeightedPlanner:
         highest = left[0].probability if left else 0.0
         while left and len(best.satisfied) < len(self._goals):
             first, *others = left
-            reachable = _mass(left) - self.edit_cost * min(1, self.max_edits)
-            best_value = best.mass - self.edit_cost * len(best.edits)
-            if max(reachable - best_value, first.probability - highest) < -ROUNDING:
+            if max(_mass(left) - best.mass, first.probability - highest) < -ROUNDING:
                 break
             found = self._greedy([first, *(goal for goal in self._goals if goal.probability > 0 and goal != first)])
             left = [goal for goal in others if goal not in found.satisfied]
-            best = found if found.beats(best, self.edit_cost) else best
+            best = found if found.beats(best) else best
         satisfied = tuple(index for index, goal in enumerate(self.given) if best.satisfies(goal))
         actions = (*best.edits, STOP) if satisfied else ()
         return WeightedPlan(actions, satisfied, best.mass, self.budget.spent)
@@ -138,7 +134,7 @@ class WeightedPlanner:
         for goal in goals:
             if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
                 extended, found = self._with_goal(goal, required, best)
-                if found.beats(best, self.edit_cost):
+                if found.beats(best):
                     required, best = extended, found
         return best
 
@@ -154,7 +150,7 @@ class WeightedPlanner:
             found = self._shortest(extended, len(best.edits))
             if found is None:
                 break
-            result = found if found.beats(result, self.edit_cost) else result
+            result = found if found.beats(result) else result
             lost = best.satisfied - found.satisfied
             if not lost:
                 break

@@ -160,22 +160,3 @@ def test_bad_input__is_named():
         solver.plan_for(goals((BLUE, 0.5)), Scene.empty(), 3, budget=0)
     with pytest.raises(ProgramError):
         solver.plan_for(goals(("exist(", 0.5)), Scene.empty(), 3)
-
-
-@pytest.mark.parametrize("appearance", APPEARANCES)
-def test_edit_cost__leaves_out_goals_that_gain_less_than_their_edits_cost(appearance: str):
-    solver = Solver(mdp(appearance))
-    readings = goals((TWO_BLUE, 0.9), (THREE_BLUE, 0.04), (SOME_BLUE, 0.06))
-    exact, more = "exist(filter_obj(all_items, is_blue))", "exist(filter_obj(all_items, is_yellow))"
-    both = goals((exact, 0.9), (more, 0.1))
-    assert len(solver.plan_for(both, Scene.empty(), 11).actions) == 3
-    assert len(solver.plan_for(both, Scene.empty(), 11, edit_cost=0.09).actions) == 3
-    cheaper = solver.plan_for(both, Scene.empty(), 11, edit_cost=0.11)
-    assert (len(cheaper.actions), cheaper.mass) == (2, 0.9)
-    assert solver.plan_for(readings, Scene.empty(), 11, edit_cost=0.5).satisfied == ()
-
-
-def test_edit_cost__negative_or_nan_is_an_error():
-    for cost in (-0.1, float("nan")):
-        with pytest.raises(ValueError, match="edit_cost must be at least 0"):
-            Solver(mdp("tower")).plan_for(goals((BLUE, 1.0)), Scene.empty(), 11, edit_cost=cost)

@@ -24,19 +24,15 @@ class ParseAndPlanAgent(Agent):
     description: ModelDescription
     parser: Parser
 
-    def planner(self, settings: Settings, *, objective: str | None = None) -> ProgramPlanner:
-        """`objective` as in `ProgramPlanner`; None is the recipe's, or accuracy if it names none.
-
-        Raises AgentError for a configuration it does not play.
-        """
+    def planner(self, settings: Settings) -> ProgramPlanner:
+        """Raises AgentError for a configuration it does not play."""
         check_configuration(self.description, settings)
         calibration = Calibration(**self.description.details["calibration"])
-        objective = objective or str(self.description.recipe.get("objective", "accuracy"))
-        return ProgramPlanner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration, objective)
+        return ProgramPlanner(self.parser, settings.dynamics(), settings.start == FLIPIT, calibration)
 
-    def policy(self, settings: Settings, *, sampled: bool = False, objective: str | None = None) -> Policy:
+    def policy(self, settings: Settings, *, sampled: bool = False) -> Policy:
         """Planning is deterministic, so `sampled` has no effect."""
-        return PlanPolicy(self.planner(settings, objective=objective))
+        return PlanPolicy(self.planner(settings))
 
 
 def load_agent(path: Path, device: str = "auto") -> ParseAndPlanAgent:

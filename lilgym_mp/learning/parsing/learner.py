@@ -12,8 +12,6 @@ from lilgym_mp.envs.config import CORPUS_HELP
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import HEADS, PairRecipe, RunOptions, setting
 
-OBJECTIVES = ("accuracy", "return")
-
 
 @dataclass(frozen=True)
 class ParserRecipe(PairRecipe):
@@ -26,11 +24,6 @@ class ParserRecipe(PairRecipe):
     generated_pairs: int = setting(40_000, "maximum number of distinct generated pairs", 1)
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
     width: int = setting(96, "network width", 1, multiple_of=HEADS)
-    objective: str = setting(
-        "accuracy",
-        "what plans maximise: expected accuracy, or expected return, which edits reduce",
-        choices=OBJECTIVES,
-    )
 
 
 @dataclass(frozen=True, slots=True)

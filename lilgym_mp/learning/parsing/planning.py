@@ -11,15 +11,12 @@ import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics, Outcome
 from lilgym_mp.learning.common.planning import Plan, Planner
-from lilgym_mp.learning.parsing.learner import OBJECTIVES
 from lilgym_mp.learning.parsing.parser import Parse, Parser, truths
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, describe
-from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver, WeightedGoal
-from lilgym_mp.solver.solution import edit_cost
 
 ALREADY_TRUE = 0.1  # factor on the probability of a program whose target already holds at a Scratch start
 MIN_PROBABILITY = 0.0002  # less probable programs are not planned for
@@ -100,14 +97,10 @@ class ProgramPlanner(Planner):
     dynamics: Dynamics
     is_flipit: bool  # a FlipIt start never satisfies the target
     calibration: Calibration = IDENTITY
-    objective: str = "accuracy"  # "accuracy": the probability of success; "return": the expected return
     _solver: Solver = field(init=False, repr=False)
-    _edit_cost: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._solver = Solver(self.dynamics)
-        choose("objective", self.objective, dict.fromkeys(OBJECTIVES))
-        self._edit_cost = edit_cost(self.dynamics) if self.objective == "return" else 0.0
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> ProgramPlan:
         parse = self.parser.parse(statement, self.dynamics.appearance.name)
@@ -115,7 +108,7 @@ class ProgramPlanner(Planner):
         edits_left = self.dynamics.horizon - steps - 1
         if not goals or edits_left < 0:
             return ProgramPlan((STOP,), 0.0, scene, parse, goals)
-        planned = self._solver.plan_for(goals, scene, edits_left, edit_cost=self._edit_cost)
+        planned = self._solver.plan_for(goals, scene, edits_left)
         mass = sum(goals[index].probability for index in planned.satisfied)
         probability = self.calibration(mass) * parse.known_share**2
         return ProgramPlan(planned.actions or (STOP,), probability, scene, parse, goals, planned.satisfied)

@@ -174,7 +174,7 @@ class _Run(TrainingRun[float]):
         parser = Parser(self._network.eval(), data.vocabulary)
         predictions = [_prediction(parser, example) for example in data.held_out]
         parser.temperature = calibrated_temperature(predictions)
-        calibration = fit_calibration(forecasts(parser, corpus, data.held_out, recipe.objective))
+        calibration = fit_calibration(forecasts(parser, corpus, data.held_out))
         appearances = data.corpus.appearances
         configurations = tuple(name for name, (appearance, _) in CONFIGURATIONS.items() if appearance in appearances)
         supervision = f"programs of train statements ({corpus}){', generated statements' if data.generated else ''}"
@@ -213,7 +213,7 @@ def calibrated_temperature(predictions: Sequence[tuple[list[float], int | None]]
     return max(TEMPERATURES, key=likelihood) if predictions else 1.0
 
 
-def forecasts(parser: Parser, corpus: str, examples: Sequence[Example], objective: str) -> list[Forecast]:
+def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[Forecast]:
     """Uncalibrated success probabilities and outcomes of plans for the examples' training tasks."""
     held_out = {(example.statement, example.appearance) for example in examples}
     found: list[Forecast] = []
@@ -223,7 +223,7 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example], objectiv
             tasks = settings.make("train").tasks
         except NoTasksError:
             continue
-        planner = ProgramPlanner(parser, settings.dynamics(), settings.start == FLIPIT, objective=objective)
+        planner = ProgramPlanner(parser, settings.dynamics(), settings.start == FLIPIT)
         planned = Counter[tuple[str, bool]]()
         for task in tasks:
             planned[task.statement, task.target] += (task.statement, appearance) in held_out

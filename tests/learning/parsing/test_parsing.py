@@ -443,16 +443,6 @@ def test_parser__rejects_tokens_that_the_language_lacks(trained: Path):
         Parser.of({**details, "tokens": [*details["tokens"][:-1], "is_aardvark(1)"]})
 
 
-def test_planner__plans_for_the_return_or_for_accuracy():
-    def plan(objective: str) -> int:
-        chosen = planner((BLUE, 0.97), (BLACK, 0.03))
-        return len(dataclasses.replace(chosen, objective=objective).plan(empty_tower(), "any", True).actions)
-
-    assert (plan("accuracy"), plan("return")) == (3, 2)
-    with pytest.raises(ValueError, match="unknown objective 'glory'; choose from accuracy, return"):
-        plan("glory")
-
-
 def test_agent__plays_only_the_appearances_of_its_corpus(tmp_path: Path):
     whole = write_own_corpus(tmp_path / "own.jsonl").read_text().splitlines(keepends=True)
     tower = tmp_path / "tower.jsonl"
