@@ -195,15 +195,16 @@ def statements_of(envs: Any, steps: int) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_sampler__a_group_plays_one_statement_for_two_episodes_of_each(workers: int) -> None:
-    sampler = StatementSampler(SCRATCH, same_statement=4)
+@pytest.mark.parametrize("episodes", [2, 3])
+def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers: int, episodes: int) -> None:
+    sampler = StatementSampler(SCRATCH, same_statement=4, statement_episodes=episodes)
     envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")
-    rows = statements_of(envs, 5)
+    rows = statements_of(envs, 3 * episodes - 1)
     envs.close()
     for row in rows:
         assert len({*row[:4]}) == len({*row[4:]}) == 1
     firsts = [row[0] for row in rows]
-    assert firsts[0::2] == firsts[1::2]
+    assert all(len({*firsts[start : start + episodes]}) == 1 for start in range(0, len(firsts), episodes))
     assert len({*firsts}) == 3
 
 

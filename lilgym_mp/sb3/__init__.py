@@ -6,8 +6,7 @@ try:
 except ModuleNotFoundError as missing:
     from lilgym_mp.corpus.extras import install
 
-    message = f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}"
-    raise ModuleNotFoundError(message, name=missing.name) from missing
+    raise ModuleNotFoundError(f"lilgym_mp.sb3 needs {missing.name}: {install('sb3')}", name=missing.name) from missing
 
 from lilgym_mp.sb3.policy import EntropySchedule, LilGymPolicy, Recipe, StatementRolloutBuffer, agent_of, recipe
 from lilgym_mp.sb3.vec_env import BACKENDS, BatchVecEnv, make_vec_env

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -54,7 +55,7 @@ class BatchVecEnv(VecEnv):
         observations, self.reset_infos = self._lists.reset(seed=self._seeds, options={"task": tasks})
         self._reset_seeds()
         self._reset_options()
-        return _copied(observations)
+        return deepcopy(observations)  # the batch draws over its images
 
     def step_async(self, actions: np.ndarray) -> None:
         self._actions = actions
@@ -63,14 +64,14 @@ class BatchVecEnv(VecEnv):
         observations, rewards, terminated, truncated, rows = self._lists.step(self._actions)
         infos = [{name: to_python(value) for name, value in row.items()} for row in rows]
         dones = np.logical_or(terminated, truncated)
-        for env_id in (env_ids := dones.nonzero()[0].tolist()):
-            infos[env_id]["terminal_observation"] = _copied(observations, env_id)
-            infos[env_id]["TimeLimit.truncated"] = not terminated[env_id]
-        if env_ids:
+        if len(env_ids := dones.nonzero()[0]):
+            last = _indexed(observations, env_ids)
             observations, new = self._lists.reset(options={"reset_mask": dones})
-            for env_id in env_ids:
+            for index, env_id in enumerate(env_ids.tolist()):
+                infos[env_id]["terminal_observation"] = _indexed(last, index)
+                infos[env_id]["TimeLimit.truncated"] = not terminated[env_id]
                 self.reset_infos[env_id] = new[env_id]
-        return _copied(observations), np.asarray(rewards, np.float32), dones, infos
+        return deepcopy(observations), np.asarray(rewards, np.float32), dones, infos
 
     def close(self) -> None:
         self.venv.close()
@@ -118,13 +119,10 @@ class BatchVecEnv(VecEnv):
         return [wrapper_class in classes for _ in self._get_indices(indices)]
 
 
-def _copied(observations: Any, env_id: int | None = None) -> Any:
-    """A copy of one environment's observation, or all, with images, which the batch draws over, copied."""
+def _indexed(observations: Any, index: Any) -> Any:  # of one environment, or a copy of several
     if isinstance(observations, dict):
-        return {name: _copied(values, env_id) for name, values in observations.items()}
-    if env_id is not None:
-        return observations[env_id].copy()
-    return observations.copy() if observations.dtype == np.uint8 else observations
+        return {name: values[index] for name, values in observations.items()}
+    return observations[index]
 
 
 def _batch(make: Callable[..., Any], id: str, n_envs: int, wrap: Wrap, kwargs: dict[str, Any]) -> BatchVecEnv:
@@ -171,6 +169,7 @@ def make_vec_env(
     wrap: Wrap | None = None,
     monitor: bool = True,
     same_statement: int = 1,
+    statement_episodes: int = 2,
     recolour: bool = False,
     empty_starts: float = 0.0,
     stop_forcing: bool = False,
@@ -183,8 +182,8 @@ def make_vec_env(
     (`start_method` for "subproc"). All give equal results: environment i is seeded with `seed` + i.
     `wrap`: such as `lilgym_mp.wrappers.structured_observation_v0`, applied to the batch, or to each environment with
     SB3's own backends. `monitor`: report episode returns and lengths, as SB3's `make_vec_env` does.
-    `same_statement`, `recolour`, `empty_starts`: draw training tasks as `StatementSampler` does. `stop_forcing`: add
-    "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP, and learns from it.
+    `same_statement`, `statement_episodes`, `recolour`, `empty_starts`: draw training tasks as `StatementSampler` does.
+    `stop_forcing`: add "forced" to observations, whether STOP succeeds now: there `LilGymPolicy` takes STOP.
     Other keywords: of `gymnasium.make`. Raises ValueError naming the choices, TypeError for an unknown keyword.
     """
     check_sb3_keywords(kwargs)
@@ -195,7 +194,8 @@ def make_vec_env(
         if same_statement != 1 and backend in ("subproc", "dummy"):
             raise ValueError(f'same_statement={same_statement} needs backend="batched" or backend="workers"')
         sampling: Any = {"same_statement": same_statement, "recolour": recolour, "empty_starts": empty_starts}
-        kwargs["sampler"] = StatementSampler(id, kwargs.get("corpus", "builtin"), **sampling)
+        corpus = kwargs.get("corpus", "builtin")
+        kwargs["sampler"] = StatementSampler(id, corpus, statement_episodes=statement_episodes, **sampling)
     outer = wrap or (lambda env: env)
     whole = (lambda env: outer(stop_forcing_v0(env, mode="observe"))) if stop_forcing else outer
     env = build(id, checked_count("n_envs", n_envs), whole, {"observation": ARRAYS, **kwargs})

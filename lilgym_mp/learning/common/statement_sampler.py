@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 from lilgym_mp.corpus import Vocabulary
+from lilgym_mp.envs.checks import checked_count
 from lilgym_mp.envs.registration import configuration_name, read_configuration
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.recipes import UpdateRecipe
@@ -16,13 +17,12 @@ from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
 class StatementSampler:
     """Draws training tasks, as the `sampler` of environments: `gymnasium.make_vec(id, num_envs=N, sampler=sampler)`.
 
-    Environments k n .. k n + n - 1, with n = `same_statement`, play one statement, until each has begun two episodes of
-    it on average: learners that encode each statement once are much faster. It counts these episodes, so that each
-    batch needs its own, and `num_workers` should divide the groups. `recolour`: also tasks with colours exchanged in
-    words and scenes alike. `empty_starts`: the fraction of a FlipIt run's episodes that begin with the empty scene.
+    Environments k n .. k n + n - 1, with n = `same_statement`, play one statement, until each has begun
+    `statement_episodes` of it on average: learners that encode each statement once are much faster. It counts these
+    episodes, so that each batch needs its own, and `num_workers` should divide the groups. `recolour`: also tasks with
+    colours exchanged in words and scenes alike. `empty_starts`: the fraction of a FlipIt run's episodes that begin with
+    the empty scene.
     """
-
-    EPISODES = 2  # of each environment with one statement
 
     def __init__(
         self,
@@ -30,6 +30,7 @@ class StatementSampler:
         corpus: str = "builtin",
         *,
         same_statement: int = 1,
+        statement_episodes: int = 2,
         recolour: bool = False,
         empty_starts: float = 0.0,
     ) -> None:
@@ -42,6 +43,7 @@ class StatementSampler:
         self.vocabulary = Vocabulary.from_statements(training.statements)
         self._draws = TaskSampler(training, recipe)
         self._group = same_statement
+        self._episodes = same_statement * checked_count("statement_episodes", statement_episodes)
         self._left: dict[int, tuple[int, int]] = {}  # by group: its statement, and how many more episodes play it
 
     def __call__(self, generator: np.random.Generator, env_id: int) -> str:
@@ -49,6 +51,6 @@ class StatementSampler:
         group = env_id // self._group
         statement, left = self._left.get(group, (0, 0))
         if not left:
-            statement, left = self._draws.draw_statement(generator), self._group * self.EPISODES
+            statement, left = self._draws.draw_statement(generator), self._episodes
         self._left[group] = statement, left - 1
         return self.tasks[self._draws.draw_task(statement, generator)].id
