@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
+import torch
+from torch import Tensor
 
 from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.partners import BatchTurn, Partner, batch_actions
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE, Role
 from lilgym_mp.envs.proposer_verifier.rewards import ACCEPTANCE_THRESHOLD
+from lilgym_mp.learning.common.model import as_numpy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TaskSampler, TrainingTasks
+from lilgym_mp.learning.game.network import AgentPolicy
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import CONTEXT, read_situations
 from lilgym_mp.scene import BOX_COUNT
@@ -23,24 +27,9 @@ from lilgym_mp.scene.arrays import BoolArray, Float32Array, Float64Array, Int8Ar
 TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to other statements
 
 
-class Decision(NamedTuple):
-    """An agent's decisions in k games."""
-
-    actions: Int64Array  # (k,) of the game
-    log_probabilities: Float32Array  # (k,)
-    values: Float32Array  # (k,)
-
-
-class Actors(Protocol):
-    """The agents that learn."""
-
-    def decide(self, role: Role, states: States, context: Int64Array, legal: BoolArray | None) -> Decision:
-        """`legal`: (k, actions of the MDP) for the proposer."""
-        ...
-
-    def values(self, role: Role, states: States, context: Int64Array) -> Float32Array:
-        """(k,) values of situations in which the agent is to move."""
-        ...
+# The policy and the values (k,) of an agent that learns, in k games: from its role, states, context (k, 7) and, for the
+# proposer with a mask, the legal actions of the MDP (k, actions).
+Evaluate = Callable[[Role, States, Int64Array, BoolArray | None], tuple[AgentPolicy, Tensor]]
 
 
 @dataclass
@@ -143,7 +132,8 @@ class RolloutPlayer:
         self._table = BoxImageTable()
         self._episodes = np.zeros(recipe.envs, np.int64)
 
-    def play(self, actors: Actors, rng: np.random.Generator) -> Rollout:
+    @torch.no_grad()
+    def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
         recipe, arrays, count = self._recipe, self._arrays, self._recipe.envs
         self._table = BoxImageTable()  # anew, so that a resumed run numbers boxes alike
@@ -162,7 +152,7 @@ class RolloutPlayer:
                 self._start(self._games, rng)
             statement_of[turn] = self._sampler.statement_of[arrays.tasks]
             targets[turn] = self._targets[arrays.tasks]
-            actions, judged_items = self._act(turn, turns, actors, partner_of, rng)
+            actions, judged_items = self._act(turn, turns, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = ended[turn] = arrays.terminated | arrays.truncated
             for role in Role:
@@ -182,7 +172,7 @@ class RolloutPlayer:
             probabilities,
             holds,
             turns,
-            {role: self._last_values(role, actors) for role in Role},
+            {role: self._last_values(role, evaluate) for role in Role},
             {role: arrays.movers[role].copy() for role in Role},
             Claims(np.concatenate(items), statement_of[known], targets[known], holds[known]),
         )
@@ -196,11 +186,11 @@ class RolloutPlayer:
         self,
         turn: int,
         turns: dict[Role, Turns],
-        actors: Actors,
+        evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
         rng: np.random.Generator,
     ) -> tuple[Int64Array, Int16Array]:
-        """Both agents' actions (2, N), and the item arrays (N, 3, capacity, 5) that the verifier judges."""
+        """Both agents' actions (2, N), and the item arrays (N, 3, capacity, 5) that a verifier that learns judges."""
         arrays = self._arrays
         actions = np.zeros((len(Role), self._recipe.envs), np.int64)
         items = arrays.items().copy()
@@ -214,8 +204,6 @@ class RolloutPlayer:
                     played = moving[partner_of[role][moving] == index]
                     if len(played):
                         actions[role, played] = batch_actions(partner, self._partner_turn(role, played, rng))
-                if role is Role.VERIFIER:
-                    items[moving] = arrays.proposed_item_arrays(moving)
                 continue
             seen, context = read_situations(arrays, role, moving)
             if role is Role.VERIFIER:
@@ -227,15 +215,15 @@ class RolloutPlayer:
             own = turns[role]
             legal = None
             if own.legal is not None:
-                legal = own.legal[turn, moving] = proposer_choices(
-                    arrays.game, arrays.masks(role, moving), arrays.refused[moving]
-                )
-            decision = actors.decide(role, states, context, legal)
-            actions[role, moving] = decision.actions
+                masks, refused = arrays.masks(role, moving), arrays.refused[moving]
+                legal = own.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
+            policy, values = evaluate(role, states, context, legal)
+            chosen = policy.act(lambda part: part.sample(rng))
             own.acted[turn, moving] = True
             own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, context
-            own.actions[turn, moving], own.values[turn, moving] = decision.actions, decision.values
-            own.log_probabilities[turn, moving] = decision.log_probabilities
+            actions[role, moving] = own.actions[turn, moving] = chosen
+            own.log_probabilities[turn, moving] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
+            own.values[turn, moving] = as_numpy(values)
         return actions, items
 
     def _states(self, indices: Int64Array, boxes_of: Int64Array) -> States:
@@ -247,13 +235,13 @@ class RolloutPlayer:
     def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
         return BatchTurn(self._arrays, role, indices, self._episodes[indices], [rng] * len(indices))
 
-    def _last_values(self, role: Role, actors: Actors) -> Float32Array:
+    def _last_values(self, role: Role, evaluate: Evaluate) -> Float32Array:
         arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])
         values = np.zeros(self._recipe.envs, np.float32)
         if len(moving) and role not in self._partners:
             items, context = read_situations(arrays, role, moving)
             states = self._states(moving, self._table.item_indices(items))
-            values[moving] = actors.values(role, states, context)
+            values[moving] = as_numpy(evaluate(role, states, context, None)[1])
         return values
 
 

@@ -18,7 +18,6 @@ from lilgym_mp.envs.proposer_verifier.game import Game
 from lilgym_mp.evaluation.game_partners import SCRIPTED_VERIFIERS
 from lilgym_mp.learning.common.agents import SHARED, AgentError, agent_file, open_agent
 from lilgym_mp.learning.common.box_transformer import BoxTransformer
-from lilgym_mp.learning.common.model import as_numpy
 from lilgym_mp.learning.common.model_file import weights_digest
 from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
@@ -37,8 +36,8 @@ from lilgym_mp.learning.game.agent import (
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
 from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
-from lilgym_mp.learning.game.rollout import Decision, Rollout, RolloutPlayer, own_turn_advantages
-from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
+from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer, own_turn_advantages
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 TEXT_LAYERS, HEADS = 1, 2
 
@@ -165,19 +164,6 @@ class Run(TrainingRun[Progress]):
     def trained_parameters(self) -> int:
         return sum(parameter.numel() for parameter in self.networks.parameters())
 
-    # Acting, as `rollout.Actors`
-
-    def decide(self, role: Role, states: States, context: Int64Array, legal: BoolArray | None) -> Decision:
-        with torch.no_grad():
-            policy, values = self._evaluate(role, states, context, legal)
-            actions = policy.act(lambda part: part.sample(self._rng))
-            log_probabilities = policy.log_prob(torch.from_numpy(actions).to(values.device))
-        return Decision(actions, as_numpy(log_probabilities), as_numpy(values))
-
-    def values(self, role: Role, states: States, context: Int64Array) -> Float32Array:
-        with torch.no_grad():
-            return as_numpy(self._evaluate(role, states, context, None)[1])
-
     def _evaluate(
         self, role: Role, states: States, context: Int64Array, legal: BoolArray | None, rows: Tensor | None = None
     ) -> tuple[AgentPolicy, Tensor]:
@@ -194,7 +180,7 @@ class Run(TrainingRun[Progress]):
         for optimiser in self._optimisers.values():
             entropy_coefficient = schedule(optimiser, self.recipe, self.progress())
         self.networks.eval()
-        rollout = self._player.play(self, self._rng)
+        rollout = self._player.play(self._evaluate, self._rng)
         self.networks.train()
         self._clear_caches()
         losses: dict[str, Losses] = {}
