@@ -199,7 +199,7 @@ def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
     game = live_game(browser.app, made["verifier"]).engine
     holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the deceptive partner may find no false claim
     body = act(browser, made["verifier"], answers[0]).json()
-    assert (body["over"], body["reward"]) == (True, pytest.approx(np.log(0.1 if holds else 0.9), abs=1e-5))
+    assert (body["over"], body["reward"]) == (True, pytest.approx(-0.81 if holds else -0.01, abs=1e-5))
 
 
 def test_legal__equals_the_agents_mask(browser: Browser):

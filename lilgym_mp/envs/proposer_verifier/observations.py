@@ -5,7 +5,7 @@ Every part of an observation is an array or a NumPy scalar, because PettingZoo's
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -73,16 +73,19 @@ class ObservedGames(GameArrays):
         super().__init__(game, num_games)
         self._canvas = Canvas(game.settings.image_size)
         self._text_length = BOX_COUNT * (game.sizes.item_capacity * MAX_ITEM_TEXT + len("middle: empty\n"))
-        appearance = game.config.dynamics.appearance
-        released = _box(NO_CHOICE, IMAGE_WIDTH - 1, len(self._released_array(0)))
-        self._released_arrays = LazyTable(appearance.action_count, released, self._released_array, NO_CHOICE)
+        slots = len(self._released_array(0))
+        self._released_space = _box(NO_CHOICE, IMAGE_WIDTH - 1, slots)
+        count = game.config.dynamics.appearance.action_count
+        self._released_arrays = LazyTable(count, self._released_space, self._released_array, NO_CHOICE)
         self._tables: dict[str, LazyTable] = {}  # values of tasks by index, the last of a caller's task; by part
-        made: dict[tuple[str, Any], Part] = {}
-        proposer, verifier = (self._parts_of(role, made) for role in Role)
+        made: dict[Any, Part] = {}
+        proposer, verifier = (
+            {key: made.setdefault((key, kind), part) for key, kind, part in self._parts_of(role)} for role in Role
+        )
         if game.settings.homogeneous:
             proposer, verifier = (
-                self._padded(proposer, verifier, PROPOSER),
-                self._padded(verifier, proposer, VERIFIER),
+                _padded(proposer, verifier, Role.PROPOSER),
+                _padded(verifier, proposer, Role.VERIFIER),
             )
         self.parts = (proposer, verifier)  # indexed by role
         self._shared = [key for key, part in verifier.items() if proposer.get(key) is part]
@@ -130,62 +133,40 @@ class ObservedGames(GameArrays):
 
     # The parts
 
-    def _parts_of(self, role: Role, made: dict[tuple[str, Any], Part]) -> Parts:
-        """An agent's parts; `made`: those that exist, by key and what they depend on."""
+    def _parts_of(self, role: Role) -> Iterator[tuple[str, Any, Part]]:
+        """Key, kind and part of what an agent sees; parts of one key and kind are equal."""
         game, sizes = self.game, self.game.sizes
         view = game.views[role]
-        parts: Parts = {}
-
-        def add(key: str, make: Callable[[], tuple[spaces.Space[Any], Callable[[Indices], Any]]], *on: Any) -> None:
-            if (key, on) not in made:
-                made[key, on] = Part(*make())
-            parts[key] = made[key, on]
-
         if view.scene != "none":
             # SB3 uses the keys in a torch ModuleDict, so a key must not be the name of one of its methods ("items").
-            key, scene_space, encode, encode_scene = {
+            key, space, encode, encode_scene = {
                 "image": (IMAGE, image_space(game.settings.image_size), self._images, self._image_of),
                 "structured": ("item_array", item_array_space(sizes.item_capacity), self.item_arrays, self._items_of),
                 "text": ("text", byte_space(self._text_length), self._texts, self._text_of),
             }[view.scene]
-            add(key, lambda: (scene_space, encode))
+            yield key, None, Part(space, encode)
             if view.proposed_scene and game.turn_based:
-                add(f"proposed_{key}", lambda: (scene_space, partial(self._proposed, encode, encode_scene)))
+                yield f"proposed_{key}", None, Part(space, partial(self._proposed, encode, encode_scene))
         if view.statement == "tokens":
             highest = len(sizes.vocabulary) - 1
-            add("statement", lambda: self._of_task("tokens", _box(0, highest, sizes.statement_length)), "tokens")
+            yield "statement", "tokens", self._of_task("tokens", _box(0, highest, sizes.statement_length))
         elif view.statement == "text":
-            add("statement", lambda: self._of_task("text", byte_space(sizes.max_statement_bytes)), "text")
+            yield "statement", "text", self._of_task("text", byte_space(sizes.max_statement_bytes))
         if view.target:
-            add("target", lambda: self._of_task("target", spaces.Discrete(2)))
-        slots = len(self._released_array(0))
-        proposals = _box(NO_CHOICE, IMAGE_WIDTH - 1, slots)
+            yield "target", None, self._of_task("target", spaces.Discrete(2))
         if view.proposal and game.turn_based:
-            add("proposal", lambda: (proposals, partial(self._released, "proposals")))
+            yield "proposal", None, Part(self._released_space, partial(self._released, "proposals"))
         if view.refused and game.has_refusals:
-            add("refused", lambda: (proposals, partial(self._released, "refused")))
+            yield "refused", None, Part(self._released_space, partial(self._released, "refused"))
         if view.history:
             largest = max(IMAGE_WIDTH - 1, game.choices[VERIFIER].stop - 1, *game.message_sizes)
-            turns = _box(NO_CHOICE, largest, view.history, slots + 3)
-            add("history", lambda: (turns, partial(self._past, view.history)), view.history)
+            turns = _box(NO_CHOICE, largest, view.history, *(size + 3 for size in self._released_space.shape))
+            yield "history", view.history, Part(turns, partial(self._past, view.history))
         if game.message_sizes[role.other]:
             size = max(game.message_sizes) if game.settings.homogeneous else game.message_sizes[role.other]
-            add("message", lambda: (spaces.Discrete(size + 1), partial(self._messages, role.other)), role)
+            yield "message", role, Part(spaces.Discrete(size + 1), partial(self._messages, role.other))
         if role is PROPOSER and game.draws_intent:
-            add("intent", lambda: (spaces.Discrete(len(Intent)), self._intents))
-        return parts
-
-    def _padded(self, own: Parts, others: Parts, role: Role) -> Parts:
-        """An agent's own parts, placeholders for the other agent's, and "agent", its own index."""
-        padded: Parts = {"agent": _constant(spaces.Discrete(len(Role)), role)}
-        for key in sorted(own.keys() | others.keys()):
-            if key in own and key in others and own[key].space != others[key].space:
-                raise ValueError(
-                    f"homogeneous agents need equal spaces for {key!r}, not {own[key].space} and {others[key].space}:"
-                    " give both the same view, or leave it out of one"
-                )
-            padded[key] = own[key] if key in own else _constant(others[key].space, 0)
-        return padded
+            yield "intent", None, Part(spaces.Discrete(len(Intent)), self._intents)
 
     # Encoders, named after what they give
 
@@ -226,11 +207,11 @@ class ObservedGames(GameArrays):
     def _text_of(self, scene: Scene) -> UInt8Array:
         return as_bytes(scene_text(scene), self._text_length)
 
-    def _of_task(self, name: str, space: spaces.Space[Any]) -> tuple[spaces.Space[Any], Callable[[Indices], Any]]:
-        """The space and the encoder of a part that depends only on the task."""
-        tasks = self.game.tasks
-        self._tables[name] = LazyTable(len(tasks) + 1, space, partial(self._value_at, name))
-        return space, partial(self._by_task, name)
+    def _of_task(self, name: str, space: spaces.Space[Any]) -> Part:
+        """A part that depends only on the task."""
+        if name not in self._tables:
+            self._tables[name] = LazyTable(len(self.game.tasks) + 1, space, partial(self._value_at, name))
+        return Part(space, partial(self._by_task, name))
 
     def _by_task(self, name: str, indices: Indices) -> Any:
         return self._tables[name].take(self.tasks[indices])
@@ -267,6 +248,19 @@ class ObservedGames(GameArrays):
 
     def _intents(self, indices: Indices) -> Any:
         return self.intents[indices]
+
+
+def _padded(own: Parts, others: Parts, role: Role) -> Parts:
+    """An agent's own parts, placeholders for the other agent's, and "agent", its own index."""
+    padded: Parts = {"agent": _constant(spaces.Discrete(len(Role)), role)}
+    for key in sorted(own.keys() | others.keys()):
+        if key in own and key in others and own[key].space != others[key].space:
+            raise ValueError(
+                f"homogeneous agents need equal spaces for {key!r}, not {own[key].space} and {others[key].space}:"
+                " give both the same view, or leave it out of one"
+            )
+        padded[key] = own[key] if key in own else _constant(others[key].space, 0)
+    return padded
 
 
 def _constant(space: spaces.Space[Any], value: int) -> Part:
