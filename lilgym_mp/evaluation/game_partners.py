@@ -6,20 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lilgym_mp.envs.proposer_verifier import (
-    ALWAYS_ACCEPT,
-    ALWAYS_REJECT,
-    DECEPTIVE_PROPOSER,
-    HELPFUL_PROPOSER,
-    BatchTurn,
-    Intent,
-    OracleVerifier,
-    Partner,
-    PartnerTurn,
-    RandomPartner,
-    Role,
-    TargetOnlyVerifier,
-)
+from lilgym_mp.envs.proposer_verifier import SCRIPTED, BatchTurn, Intent, OracleVerifier, Partner, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.partners import BatchPartner, encode_answers
 from lilgym_mp.envs.proposer_verifier.protocols import STOP_ACTION
 from lilgym_mp.envs.rules import Dynamics, State
@@ -118,17 +105,15 @@ def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:
     return {
         "expert": ExpertProposer(dynamics),
         "expert-deceptive": ExpertProposer(dynamics, Intent.DECEPTIVE),
-        "helpful": HELPFUL_PROPOSER,
-        "deceptive": DECEPTIVE_PROPOSER,
-        "random": RandomPartner(),
+        **{name: SCRIPTED[name] for name in ("helpful", "deceptive", "random")},
     }
 
 
 SCRIPTED_VERIFIERS: Mapping[str, Partner] = {
-    "oracle": OracleVerifier(),
+    "oracle": SCRIPTED["oracle"],
     NOISY_ORACLE: OracleVerifier(0.1),
-    TARGET_ONLY: TargetOnlyVerifier(),
-    "always-accept": ALWAYS_ACCEPT,
-    "always-reject": ALWAYS_REJECT,
-    "random": RandomPartner(),
+    TARGET_ONLY: SCRIPTED["target_only"],
+    "always-accept": SCRIPTED["always_accept"],
+    "always-reject": SCRIPTED["always_reject"],
+    "random": SCRIPTED["random"],
 }

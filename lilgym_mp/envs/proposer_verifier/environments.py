@@ -133,21 +133,6 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
         return {agent: convert(nested[agent][PARTS]) for agent, convert in self._converters.items()}
 
 
-def raw_env(
-    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
-) -> ProposerVerifierAEC:
-    """The game as a PettingZoo AEC environment; arguments as for `parallel_env`."""
-    checked = GameSettings.of({"configuration": configuration, **settings})
-    return ProposerVerifierAEC(checked, render_mode, observations)
-
-
-def env(
-    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
-) -> StrictOrderEnforcing:
-    """`raw_env` with checks of the order of calls."""
-    return StrictOrderEnforcing(raw_env(configuration, render_mode=render_mode, observations=observations, **settings))
-
-
 def parallel_env(
     configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
 ) -> ProposerVerifierParallel:
@@ -161,3 +146,16 @@ def parallel_env(
     """
     checked = GameSettings.of({"configuration": configuration, **settings})
     return ProposerVerifierParallel(checked, render_mode, observations)
+
+
+def raw_env(
+    configuration: str | None = None, *, render_mode: str | None = None, observations: str = NESTED, **settings: Any
+) -> ProposerVerifierAEC:
+    """The game as a PettingZoo AEC environment; arguments as for `parallel_env`."""
+    checked = GameSettings.of({"configuration": configuration, **settings})
+    return ProposerVerifierAEC(checked, render_mode, observations)
+
+
+def env(configuration: str | None = None, **settings: Any) -> StrictOrderEnforcing:
+    """`raw_env` with checks of the order of calls; the same arguments."""
+    return StrictOrderEnforcing(raw_env(configuration, **settings))

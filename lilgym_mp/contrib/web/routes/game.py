@@ -9,9 +9,8 @@ from __future__ import annotations
 
 import secrets
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated
 
-import numpy as np
 from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, Field
 
@@ -49,7 +48,8 @@ from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
-from lilgym_mp.scene.actions import STOP, Action, describe, named
+from lilgym_mp.scene.actions import describe, named
+from lilgym_mp.scene.arrays import Int64Array
 
 router = APIRouter()
 api = APIRouter(prefix="/api/game", tags=["game"])
@@ -222,15 +222,13 @@ def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> in
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:
     """The observation of the agent in this seat. Parts excluded from its view are null."""
-    game = live.engine.game
+    game, state = live.engine.game, live.engine.state
     observation = live.engine.observe(role)["observation"]
     legal = live.legal(role)
     intent, message = observation.get("intent"), observation.get("message")
     stop = game.encode_action(Role.PROPOSER, STOP_ACTION)
-    dynamics, scene = game.config.dynamics, live.engine.state.mdp.scene
-    proposal, item = _proposal(live, observation.get("proposal")), None
-    if proposal not in (None, STOP):  # the item that it would add or remove
-        item = changed_item(scene, dynamics.appearance.apply(scene, proposal, dynamics.rules.placement).scene)
+    dynamics, scene = game.config.dynamics, state.mdp.scene
+    proposed = None if state.proposal is None else dynamics.appearance.decode(state.proposal)
     return {
         "role": role.name.lower(),
         "protocol": game.protocol.name,
@@ -239,7 +237,7 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
         "opposite": live.opposite[role],  # "person" or the partner's name
         "end": _end_body(live) if live.over else None,
         "over": live.over,
-        "round": live.engine.state.mdp.steps + 1,
+        "round": state.mdp.steps + 1,
         "your_turn": bool(legal),
         "waiting_for_other": live.chosen[role] is not None,  # simultaneous moves: the other has not chosen
         "own_actions": live.own_actions[role],
@@ -249,11 +247,11 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
         "statement": read_text(observation["statement"]),
         "target": bool(observation["target"]),
         "intent": None if intent is None else Intent(int(intent)).name.lower(),
-        "proposal": None if proposal is None else describe(proposal),
-        "proposed_item": item,
+        "proposal": None if proposed is None else describe(proposed),
+        "proposed_item": changed_item(scene, live.engine.games.proposed_scene(0)),  # null for STOP
         "removable": removable_items(dynamics, scene) if legal and role is Role.PROPOSER else {},
         "message": None if message is None else int(message),
-        "history": [_past_turn(live, row) for row in observation.get("history", ())],
+        "history": [_past_turn(game, turn) for turn in live.engine.games.history[0]],
         "answers": [game.describe(role, index) for index in legal] if role is Role.VERIFIER else [],
         "may_stop": role is Role.PROPOSER and stop in legal,
     }
@@ -271,22 +269,12 @@ def _end_body(live: LiveGame) -> JSON:
     }
 
 
-def _proposal(live: LiveGame, array: Any) -> Action | None:
-    """An action from its released array form; None for no action."""
-    if array is None or array[0] == NO_CHOICE:
-        return None
-    return live.engine.game.config.dynamics.appearance.from_array(array)
-
-
-def _past_turn(live: LiveGame, row: Any) -> JSON:
-    """A past turn as this seat observes it. Null: no action taken; message 0: silence."""
-    game = live.engine.game
-    *array, answer, proposer_message, verifier_message = row.tolist()
-    proposal = _proposal(live, np.array(array))
-    answers = game.protocol.answers(game.config)
+def _past_turn(game: Game, turn: Int64Array) -> JSON:
+    """A past turn. Null: no action taken; message 0: silence."""
+    proposal, answer, proposer_message, verifier_message = turn.tolist()
     return {
-        "proposal": None if proposal is None else describe(proposal),
-        "answer": answers[answer] if 0 <= answer < len(answers) else None,
+        "proposal": None if proposal == NO_CHOICE else describe(game.config.dynamics.appearance.decode(proposal)),
+        "answer": None if answer == NO_CHOICE else game.protocol.answers(game.config)[answer],
         "proposer_message": max(0, proposer_message),
         "verifier_message": max(0, verifier_message),
     }
