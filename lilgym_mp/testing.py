@@ -199,27 +199,24 @@ def _choose(space: Any, mask: Any, generator: np.random.Generator) -> Any:
 
 
 class _Player:
-    """Environments that are stepped together and reset when their episodes end. This base is for the MDP."""
+    """Environments that are stepped together and reset when their episodes end. This base is for the MDP.
+
+    `step` gives for each environment the step's event, and the reset's; in NEXT_STEP the reset's alone where it waits.
+    """
 
     count: int
     action_space: Any  # of one environment; in the game, by agent
     observation_space: Any
 
-    def reset(self, seed: int | None) -> list[Event]:
-        raise NotImplementedError
+    env: Any  # the batch, if they are one
 
-    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
-        """For each environment the step's event, and the reset's; in NEXT_STEP the reset's alone where it waits."""
-        raise NotImplementedError
-
-    def masks(self) -> Sequence[Any]:
-        raise NotImplementedError
-
-    def goals(self) -> Sequence[Any]:
-        raise NotImplementedError
+    def reset(self, seed: int | None) -> list[Event]: ...
+    def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]: ...
+    def masks(self) -> Sequence[Any]: ...
+    def goals(self) -> Sequence[Any]: ...
 
     def close(self) -> None:
-        raise NotImplementedError
+        self.env.close()
 
     def check(self, event: Event, *, exact_masks: bool) -> None:
         """Checks what an event says of itself."""
@@ -316,9 +313,6 @@ class _Vector(_Player):
     def goals(self) -> Sequence[Any]:
         return attribute(self.env, "goal_reached")()
 
-    def close(self) -> None:
-        self.env.close()
-
 
 class _SB3(_Player):
     """A VecEnv of Stable-Baselines3."""
@@ -355,9 +349,6 @@ class _SB3(_Player):
 
     def goals(self) -> Sequence[Any]:
         return self.env.env_method("goal_reached")
-
-    def close(self) -> None:
-        self.env.close()
 
 
 class _GamePlayer(_Player):
@@ -410,17 +401,17 @@ class _Games(_GamePlayer):
     """A batch of games; of each it reports infos of the end alone."""
 
     def __init__(self, games: BatchedGames) -> None:
-        self.games, self.count = games, games.num_games
+        self.env, self.count = games, games.num_games
         self.action_space, self.observation_space = games.single_action_spaces, games.single_observation_spaces
 
     def reset(self, seed: int | None) -> list[Event]:
-        observations, _ = self.games.reset(seed=seed)
+        observations, _ = self.env.reset(seed=seed)
         self.last = [Event(_row(observations, index), None) for index in range(self.count)]
         return self.last
 
     def step(self, actions: list[Any], waiting: list[bool]) -> list[list[Event]]:
         batch = {agent: np.array([action[agent] for action in actions]) for agent in self.action_space}
-        observations, rewards, terminated, truncated, infos = self.games.step(batch)
+        observations, rewards, terminated, truncated, infos = self.env.step(batch)
         events: list[list[Event]] = []
         for index in range(self.count):
             now = Event(_row(observations, index), None)
@@ -432,9 +423,6 @@ class _Games(_GamePlayer):
                 events.append([Event(now.observation, None, *outcome)])
         self.last = [each[-1] for each in events]
         return events
-
-    def close(self) -> None:
-        self.games.close()
 
 
 def _row(batch: Any, index: int) -> Any:

@@ -73,13 +73,10 @@ def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
 def _existing_official() -> Path:
     directory = official_directory()
     if not directory.is_dir():
+        reason = f"named by {DATA_VARIABLE}" if os.environ.get(DATA_VARIABLE) else f"{DATA_VARIABLE} is not set"
         raise CorpusError(
-            f"the official corpus was not found: {directory} is not a directory ({_reason_for_directory()}). "
+            f"the official corpus was not found: {directory} is not a directory ({reason}). "
             f"Run `lilgym-mp data download`, or set {DATA_VARIABLE} to a directory with the released JSON files; "
             f'corpus="{BUILTIN}" requires neither'
         )
     return directory
-
-
-def _reason_for_directory() -> str:
-    return f"named by {DATA_VARIABLE}" if os.environ.get(DATA_VARIABLE) else f"{DATA_VARIABLE} is not set"

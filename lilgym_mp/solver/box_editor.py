@@ -8,15 +8,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.programs.functions.items import MARGIN, WIDE_MARGIN
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import PlacementRules, Scatter
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 
-MAX_EXHAUSTIVE_CELLS = 10  # columns or rows of a box up to which every cell is tried; finer grids are sampled
-COARSE_STEP = 10  # pixels between the sampled cells of fine grids, away from walls and items
-REMOVAL_STEP = 3  # pixels between the points of an item at which fine grids are sampled for its removal
+FINEST_STEP = 10  # pixels between the cells that are tried for additions; on finer grids some are left out
 
 BoxEdit = AddItem | RemoveItem
 ItemType = tuple[Shape, Colour, Size]
@@ -41,7 +38,7 @@ class BoxEditor:
     @cached_property
     def is_exhaustive(self) -> bool:
         """Whether every cell is tried."""
-        return max(BOX_SIDE // side for side in self.scatter.cell) <= MAX_EXHAUSTIVE_CELLS
+        return min(self.scatter.cell) >= FINEST_STEP
 
     def added(self, box: Box, item_type: ItemType, x: int, y: int) -> EditedBox | None:
         """The addition of an item of that type to the cell at pixel (x, y); None if it is invalid."""
@@ -58,24 +55,21 @@ class BoxEditor:
 
     def all_edits(self, box: Box) -> Iterator[EditedBox]:
         """Every valid addition and removal in the cells that are tried."""
-        corners = self.corners(box)
-        for x, y in corners:
+        for x, y in self.corners:
             for item_type in ITEM_TYPES:
                 edited = self.added(box, item_type, x, y)
                 if edited is not None:
                     yield edited
-        for x, y in corners:
+        for x, y in self.corners:
             edited = self._edited(box, RemoveItem(*self._cell(x, y)))
             if edited is not None:
                 yield edited
 
-    def corners(self, box: Box) -> Sequence[tuple[int, int]]:
-        """The top-left pixels of the cells to try: on coarse grids all cells, on fine grids those next to walls and
-        items and a sample of the others."""
-        width, height = self.scatter.cell
-        xs = _cell_starts(width, [(item.x, item.side) for item in box.items])
-        ys = _cell_starts(height, [(item.y, item.side) for item in box.items])
-        return [(x, y) for x in xs for y in ys]
+    @cached_property
+    def corners(self) -> Sequence[tuple[int, int]]:
+        """The top-left pixels of the cells to try for additions."""
+        columns, rows = (range(0, BOX_SIDE, -(-FINEST_STEP // side) * side) for side in self.scatter.cell)
+        return list(itertools.product(columns, rows))
 
     def _edited(self, box: Box, edit: BoxEdit) -> EditedBox | None:
         boxes = [EMPTY_BOX] * BOX_COUNT
@@ -89,11 +83,11 @@ class BoxEditor:
         return (self.index * BOX_PITCH + x) // width, y // height
 
     def _cells_of(self, item: Item) -> Iterable[tuple[int, int]]:
-        """The cells that the item covers, the one at its centre first; on fine grids, a sample of them."""
+        """The cells that the item covers, the one at its centre first."""
         half = item.side // 2
         centre = [(item.x + half, item.y + half)]
-        step_x, step_y = self.scatter.cell if self.is_exhaustive else (REMOVAL_STEP, REMOVAL_STEP)
-        xs, ys = _points(item.x, item.side, step_x), _points(item.y, item.side, step_y)
+        width, height = self.scatter.cell
+        xs, ys = _points(item.x, item.side, width), _points(item.y, item.side, height)
         points = itertools.chain(centre, itertools.product(xs, ys))
         return dict.fromkeys(self._cell(x, y) for x, y in points if 0 <= x < BOX_SIDE and 0 <= y < BOX_SIDE)
 
@@ -101,14 +95,3 @@ class BoxEditor:
 def _points(start: int, side: int, step: int) -> list[int]:
     """Every `step`-th pixel of a side, and its last."""
     return [*range(start, start + side - 1, step), start + side - 1]
-
-
-def _cell_starts(cell: int, spans: Sequence[tuple[int, int]]) -> list[int]:
-    """The first pixels, along one axis, of the cells to try. `spans`: each item's start and side."""
-    if BOX_SIDE // cell <= MAX_EXHAUSTIVE_CELLS:
-        return list(range(0, BOX_SIDE, cell))
-    pixels = {*range(0, BOX_SIDE, COARSE_STEP), MARGIN, WIDE_MARGIN}
-    pixels.update(BOX_SIDE - side - gap for side in SIZE_PIXELS for gap in (0, MARGIN, WIDE_MARGIN))
-    pixels.update(start + side for start, side in spans)
-    pixels.update(start - side for start, _ in spans for side in SIZE_PIXELS)
-    return sorted({pixel // cell * cell for pixel in pixels if 0 <= pixel < BOX_SIDE})

@@ -43,9 +43,8 @@ class SuccessorGenerator:
                 yield edited
 
     def additions(self, box: Box) -> Iterator[EditedBox]:
-        corners = self._editor.corners(box)
         for shape, size in FOOTPRINTS:
-            for x, y in corners:
+            for x, y in self._editor.corners:
                 self._budget.spend()
                 edited = self._editor.added(box, (shape, Colour.YELLOW, size), x, y)
                 if edited is not None:

@@ -120,7 +120,7 @@ class _Refiner:
         """Additions of an item of that class, first those that would have it at their cell's corner."""
         classes = self.abstraction.classes
         later: list[tuple[ItemType, int, int]] = []
-        corners = self.editor.corners(box)[:: self.step]
+        corners = self.editor.corners[:: self.step]
         for item_type in classes.item_types[item_class]:
             for x, y in corners:
                 if classes.of(Item(x, y, *item_type)) == item_class:
