@@ -115,7 +115,7 @@ def _distinct(values: Mapping[str, Any], key: str, default: list[Any]) -> list[A
 
 def _learner_runs(values: Mapping[str, Any], experiment: _Experiment) -> Iterator[PlannedRun]:
     """The runs of one table [[learners]], for each of its configurations and seeds."""
-    kind = values.get("learner")
+    kind = values.get("learner", "")
     learner = find_learner(kind)
     _check_keys(values, (*LEARNER_KEYS, *learner.option_names))
     name = values.get("name", kind)

@@ -11,14 +11,11 @@ import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from importlib import import_module
-from pathlib import Path
 
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS
-from lilgym_mp.evaluation.files import writable_file
 from lilgym_mp.evaluation.options import (
-    CommandError,
     add_configuration,
     add_settings,
     argument_type,
@@ -35,7 +32,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--split", choices=list(SPLITS), help="split of the corpus (default: the task's, else dev)")
     parser.add_argument("--task", metavar="ID", help="begin with this task (default: a random one)")
     parser.add_argument("--seed", type=argument_type(int), metavar="N", help="random seed (default: not seeded)")
-    parser.add_argument("--film", type=Path, metavar="FILE.gif", help="write the session as an animation")
     game = parser.add_argument_group("two-agent game")
     game.add_argument("--protocol", choices=list(PROTOCOLS), help="of the game (default with --as: veto)")
     game.add_argument("--as", dest="side", choices=list(SIDES), help="agent to play (default: proposer)")
@@ -52,13 +48,9 @@ def run(args: argparse.Namespace) -> int:
     if args.protocol or args.side or args.partner:
         from lilgym_mp.cli.play_game import play_game
 
-        if args.film is not None:
-            raise CommandError("--film is for playing alone")
         return play_game(args)
     from lilgym_mp.cli.session import Session
 
-    if args.film is not None:
-        writable_file(args.film)
     settings = EnvConfig(**given_settings(args))
     env = settings.make(split_of(settings, args.split, args.task))
     session = Session(env, print, coloured=shows_colours())
@@ -70,8 +62,6 @@ def run(args: argparse.Namespace) -> int:
                 break
     except KeyboardInterrupt:
         print()
-    if args.film is not None and session.save_film(args.film):
-        print(f"film: {args.film}")
     print(session.score())
     return 0
 

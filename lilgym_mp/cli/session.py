@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 
 from lilgym_mp.envs.single import LilGymEnv
-from lilgym_mp.evaluation.film import save_gif
 from lilgym_mp.scene.actions import ActionError, describe
 from lilgym_mp.scene.appearances import Appearance
-from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.characters import ruled, text
-from lilgym_mp.scene.render.frames import frame
 from lilgym_mp.wrappers.replies import action_on
 
 
@@ -24,7 +20,6 @@ class Session:
         self._coloured = coloured
         self._last_result = ""  # result of the last action, as text
         self._episode_over = False
-        self._frames: list[UInt8Array] = []
         self._successes: list[bool] = []
         self._rewards: list[float] = []
         self.is_over = False
@@ -41,7 +36,6 @@ class Session:
         """Starts an episode of the task, by default a random one. Raises ValueError for an unknown task."""
         self._env.reset(seed=seed, options={} if task_id is None else {"task": task_id})
         self._last_result, self._episode_over = "", False
-        self._film()
         self._show()
 
     def answer(self, line: str) -> None:
@@ -69,7 +63,6 @@ class Session:
             reason = f" ({info['invalid_reason']})" if "invalid_reason" in info else ""
             outcome = info["outcome"] + reason
             self._last_result += f", {outcome.replace('_', ' ')}"
-        self._film()
         self._show()
 
     def _lines(self) -> list[str]:
@@ -85,9 +78,6 @@ class Session:
         prompt = ["Type next, back or quit."] if self._episode_over else []
         self._say("\n".join([picture, *self._lines(), *prompt]))
 
-    def _film(self) -> None:
-        self._frames.append(frame(self._env.scene, self._lines(), self._env.dynamics.appearance))
-
     def _hint(self) -> None:
         from lilgym_mp.solver import Expert
 
@@ -101,12 +91,6 @@ class Session:
 
     def _quit(self) -> None:
         self.is_over = True
-
-    def save_film(self, path: Path) -> bool:
-        """Writes all pictures shown as a GIF; returns whether there were any."""
-        if self._frames:
-            save_gif(path, self._frames)
-        return bool(self._frames)
 
     def score(self) -> str:
         """Successes and total reward, in one line."""

@@ -12,7 +12,6 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import NoTasksError, contexts, load_tasks
-from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.batched import BatchedEnv
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import State
@@ -149,8 +148,6 @@ class Summary:
     all: SuccessCount
     seen: SuccessCount  # statements that occur verbatim in the training tasks
     unseen: SuccessCount
-    seen_forms: SuccessCount  # statements that share a form with a training statement
-    unseen_forms: SuccessCount
     mean_reward: float
     mean_length: float  # mean number of actions
     outcomes: dict[str, float]  # fraction of all episodes by final outcome
@@ -164,7 +161,6 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     """Without training statements, no episode counts as seen or unseen. Raises ValueError if there are no episodes."""
     if not episodes:
         raise ValueError("cannot summarise zero episodes")
-    forms = set(map(statement_form, training_statements))
     outcomes = Counter(episode.outcome for episode in episodes)
 
     def count(is_counted: Callable[[Episode], bool]) -> SuccessCount:
@@ -173,9 +169,7 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     return Summary(
         all=SuccessCount.of(episodes),
         seen=count(lambda episode: episode.statement in training_statements),
-        unseen=count(lambda episode: bool(forms) and episode.statement not in training_statements),
-        seen_forms=count(lambda episode: statement_form(episode.statement) in forms),
-        unseen_forms=count(lambda episode: bool(forms) and statement_form(episode.statement) not in forms),
+        unseen=count(lambda episode: bool(training_statements) and episode.statement not in training_statements),
         mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
         mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
         outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},
@@ -253,8 +247,6 @@ class Result:
             "accuracy": summary.accuracy,
             "accuracy_seen": summary.seen.accuracy,
             "accuracy_unseen": summary.unseen.accuracy,
-            "accuracy_seen_forms": summary.seen_forms.accuracy,
-            "accuracy_unseen_forms": summary.unseen_forms.accuracy,
             "episodes_seen": summary.seen.episodes,
             "episodes_unseen": summary.unseen.episodes,
             "mean_reward": summary.mean_reward,

@@ -87,7 +87,6 @@ def test_usage_error__is_one_line(
         ["train", "parse-and-plan", "--out"],
         ["demo", "--out"],
         ["evaluate", "--policy", "expert", "--out"],
-        ["play", "--film"],
     ],
 )
 def test_output__unwritable_directory_is_an_error_before_any_work(

@@ -43,14 +43,6 @@ def test_summarise__counts_by_outcome_and_by_whether_the_statement_was_seen():
     assert summary.outcomes == {"success": 0.25, "wrong_stop": 0.25, "invalid_action": 0.25, "horizon": 0.25}
 
 
-def test_summarise__counts_statements_of_the_form_of_a_training_statement():
-    statements = "There is a blue block.", "Nothing is blue."
-    episodes = [replace(episode, statement=said) for episode, said in zip(EPISODES, statements, strict=False)]
-    summary = summarise(episodes, {"There is a yellow block."})
-    assert (summary.seen.episodes, summary.unseen.episodes) == (0, 2)
-    assert (summary.seen_forms.episodes, summary.unseen_forms.episodes) == (1, 1)
-
-
 def result() -> Result:
     named = NamedPolicy("mine", lambda settings: random_legal, "rewards", details={"run": "here"})
     plan, summary = EvaluationPlan(Settings("TowerScratch"), "dev"), summarise(EPISODES, {"Known."})
