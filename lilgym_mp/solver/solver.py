@@ -104,24 +104,17 @@ class Solver:
         found = {index: self.optimal_actions(states[index]) for index in order}
         return [found[index] for index in range(len(states))]
 
-    def plan_for(
-        self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int, budget: int | None = None
-    ) -> WeightedPlan:
+    def plan_for(self, goals: Sequence[WeightedGoal], scene: Scene, edits_left: int) -> WeightedPlan:
         """The plan found with the highest total probability of satisfied goals, then with the fewest actions.
 
-        `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. `budget`: scenes or class
-        triples that may be examined; by default PLAN_BUDGET, or for a single goal, which is solved as by `solve`,
-        this solver's own. The probabilities of equal goals are added.
+        `edits_left`: edits allowed before STOP; at the start of an episode, `horizon - 1`. The probabilities of equal
+        goals are added. A single goal is solved as by `solve`, several with at most PLAN_BUDGET.
 
-        Raises ValueError for no goals, a negative probability or `edits_left`, or a budget below 1, and
-        ProgramError for an invalid program.
+        Raises ValueError for no goals, a negative probability or `edits_left`, and ProgramError for an invalid program.
         """
         if edits_left < 0:
             raise ValueError(f"edits_left must be at least 0, not {edits_left}")
-        if budget is None:
-            budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
-        elif budget < 1:
-            raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
+        budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
         return WeightedPlanner(self._search, self.dynamics, goals, scene, edits_left, Budget(budget)).plan()
 
     def _max_edits(self, state: State) -> int:

@@ -156,7 +156,5 @@ def test_bad_input__is_named():
         solver.plan_for(goals((BLUE, 0.5), (TWO_BLUE, -0.5)), Scene.empty(), 3)
     with pytest.raises(ValueError, match="edits_left must be at least 0, not -1"):
         solver.plan_for(goals((BLUE, 0.5)), Scene.empty(), -1)
-    with pytest.raises(ValueError, match="budget must be a positive"):
-        solver.plan_for(goals((BLUE, 0.5)), Scene.empty(), 3, budget=0)
     with pytest.raises(ProgramError):
         solver.plan_for(goals(("exist(", 0.5)), Scene.empty(), 3)
