@@ -184,15 +184,15 @@ def _synthesize(args: argparse.Namespace) -> int:
 
     check_at_least(args, 1, "starts")
     entries = list(synthesize(args.corpus, args.appearances, args.splits, starts=args.starts, seed=args.seed))
-    _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", [entry.to_json() for entry in entries])
-    starts = [start for entry in entries for start in entry.starts]
-    true = sum(start.label for start in starts)
-    print(f"{len(entries)} statements, {len(starts)} start scenes, {true} true and {len(starts) - true} false")
+    _write(args, f"{args.corpus}, synthesized starts, seed {args.seed}", entries)
+    labels = [start["label"] for entry in entries for start in entry["starts"]]
+    true = sum(labels)
+    print(f"{len(entries)} statements, {len(labels)} start scenes, {true} true and {len(labels) - true} false")
     for entry in entries:
-        values = {start.label for start in entry.starts}
+        values = {start["label"] for start in entry["starts"]}
         if len(values) < 2 <= args.starts:
             found = f"only {values.pop()}".lower() if values else "no"
-            print(f"note: {found} start scenes found for {entry.id!r}: {entry.statement}")
+            print(f"note: {found} start scenes found for {entry['id']!r}: {entry['statement']}")
     return 0
 
 

@@ -9,7 +9,7 @@ import os
 import random
 from collections.abc import Iterable, Iterator
 from itertools import islice
-from typing import NamedTuple
+from typing import Any
 
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.records import SCRATCH, SPLITS
@@ -21,22 +21,6 @@ from lilgym_mp.scene.appearances import APPEARANCES
 
 WALKS = 400  # random walks through scenes, in search of a change of the truth value
 WALK_LENGTH = 8  # single-item changes per walk
-
-
-class SynthesizedEntry(NamedTuple):
-    """A statement with synthesized start scenes."""
-
-    id: str
-    appearance: str
-    split: str
-    statement: str
-    program: str
-    starts: tuple[LabelledScene, ...]
-
-    def to_json(self) -> dict[str, object]:
-        """The entry for `write_corpus`."""
-        starts = ((f"{self.id}:{index}", start) for index, start in enumerate(self.starts, start=1))
-        return entry_json(self.id, self.appearance, self.split, self.statement, self.program, starts)
 
 
 def start_scenes(
@@ -103,8 +87,8 @@ def synthesize(
     *,
     starts: int = 4,
     seed: int = 0,
-) -> Iterator[SynthesizedEntry]:
-    """An entry with at most `starts` start scenes for every statement of a corpus's Scratch tasks.
+) -> Iterator[dict[str, Any]]:
+    """An entry for `write_corpus`, with at most `starts` start scenes, for every statement of a corpus's Scratch tasks.
 
     The scenes of a statement depend on the seed and the statement only. Ids are those of the tasks; if these are not
     unique in the corpus, they are prefixed with appearance and split.
@@ -118,5 +102,6 @@ def synthesize(
         for task in tasks:
             name = task.id if unique else f"{appearance}-{split}-{task.id}"
             rng = random.Random(f"{seed} {appearance} {task.statement} {task.program}")
-            scenes = start_scenes(task.program, appearance, rng, starts)
-            yield SynthesizedEntry(name, appearance, split, task.statement, task.program, scenes)
+            scenes = enumerate(start_scenes(task.program, appearance, rng, starts), start=1)
+            found = ((f"{name}:{index}", start) for index, start in scenes)
+            yield entry_json(name, appearance, split, task.statement, task.program, found)

@@ -7,7 +7,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from lilgym_mp.corpus.formats import FORMAT, SECTIONS, VERSION
 from lilgym_mp.corpus.tasks import TaskSet
@@ -28,7 +28,7 @@ def entry_json(
     statement: str,
     program: str,
     starts: Iterable[tuple[str, LabelledScene]],
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """A corpus file entry; `starts` are pairs of id and labelled scene."""
     return {
         "id": entry_id,
