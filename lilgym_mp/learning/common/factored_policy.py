@@ -29,7 +29,6 @@ MAX_ACTIONS = 50_000
 class Head(NamedTuple):
     """A categorical over one argument, independent of the other arguments given the type."""
 
-    name: str
     size: int
     types: tuple[ActionType, ...]  # action types that use the argument
 
@@ -69,16 +68,6 @@ def _table(factorisation: Factorisation, action_type: ActionType, used: tuple[in
 
 
 _EDITS = (ActionType.ADD, ActionType.REMOVE)
-_SLOTS = {  # by length of the released array form: its slots after the type, and the types that use them
-    3: (("box", _EDITS), ("colour", (ActionType.ADD,))),
-    6: (
-        ("x", _EDITS),
-        ("y", _EDITS),
-        ("shape", (ActionType.ADD,)),
-        ("colour", (ActionType.ADD,)),
-        ("size", (ActionType.ADD,)),
-    ),
-}
 
 
 @cache
@@ -89,9 +78,10 @@ def slot_factorisation(appearance: Appearance) -> Factorisation:
     """
     count = appearance.action_count
     arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(count)], np.int64)
-    slots = _SLOTS[arrays.shape[1]]
-    heads = tuple(Head(name, int(arrays[:, 1 + i].max()) + 1, types) for i, (name, types) in enumerate(slots))
-    return Factorisation(heads, arrays[:, 0], arrays[:, 1:])
+    types, choices = arrays[:, 0], arrays[:, 1:]
+    used = [[edit for edit in _EDITS if edit in types[column != UNUSED]] for column in choices.T]
+    heads = (Head(1 + int(column.max()), tuple(edits)) for column, edits in zip(choices.T, used, strict=True))
+    return Factorisation(tuple(heads), types, choices)
 
 
 @cache
@@ -109,7 +99,7 @@ def joint_factorisation(appearance: Appearance, *, separators: bool = False) -> 
         options = np.array([1, len(ITEM_TYPES), 1])[types]  # of a cell
         types[chosen >= BOX_COUNT * rows * columns * options] = UNUSED
     choices = np.stack([np.where(types == edit, chosen, UNUSED) for edit in _EDITS], 1)
-    heads = (Head(edit.name.lower(), 1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
+    heads = (Head(1 + int(choices[:, index].max()), (edit,)) for index, edit in enumerate(_EDITS))
     return Factorisation(tuple(heads), types, choices)
 
 

@@ -66,9 +66,6 @@ class RunDirectory:
     def remember(self, **options: Any) -> None:
         """Keeps these options for a run resumed without them; those that are None keep their former value."""
         self.options |= {name: value for name, value in options.items() if value is not None}
-        self.write_description()
-
-    def write_description(self) -> None:
         content = {"format": FORMAT, "version": VERSION, "identity": self.identity, "options": self.options}
         write_json(self.path / RUN_FILE, {**content, "made": self.made})
 
@@ -123,7 +120,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
     run = RunDirectory(path, dict(identity), {}, made={**asdict(RecordingMetadata.now(())), "command": command})
-    run.write_description()
+    run.remember()
     return run
 
 

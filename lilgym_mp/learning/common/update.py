@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -40,33 +39,30 @@ class Transitions(NamedTuple):
     forced: Tensor  # (M,) bool, forced STOPs
 
 
-@dataclass(frozen=True)
 class Experience:
     """Transitions of one actor in a rollout, to learn from."""
 
-    transitions: Transitions
-    statement_of: Int64Array  # (M,) statement indices
-    evaluate: Callable[[Int64Array], tuple[Policy, Tensor]]  # current policy and values (m,) of rows (m,)
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         recipe: UpdateRecipe,
         arrays: dict[str, Float32Array | Int64Array | BoolArray],
         advantages: Float32Array,
         statement_of: Int64Array,
         evaluate: Callable[[Int64Array], tuple[Policy, Tensor]],
         device: torch.device,
-    ) -> Experience:
-        """`arrays`: actions, log_probabilities, values and forced, in the shape of `advantages`."""
+    ) -> None:
+        """`arrays`: actions, log_probabilities, values and forced, in the shape of `advantages`, as is `statement_of`.
+
+        `evaluate` gives the current policy and values (m,) of rows (m,).
+        """
         returns = advantages + arrays["values"]
         if not recipe.forced_baseline:
             advantages = np.where(arrays["forced"], returns, advantages)
         advantages = scale_advantages(advantages, recipe.advantages).astype(np.float32)
         columns = {**arrays, "advantages": advantages, "returns": returns}
         flat = {name: torch.from_numpy(np.ascontiguousarray(columns[name]).reshape(-1)) for name in Transitions._fields}
-        transitions = Transitions(**{name: column.to(device) for name, column in flat.items()})
-        return cls(transitions, statement_of.reshape(-1), evaluate)
+        self.transitions = Transitions(**{name: column.to(device) for name, column in flat.items()})
+        self.statement_of, self.evaluate = statement_of.reshape(-1), evaluate
 
 
 class Losses(NamedTuple):

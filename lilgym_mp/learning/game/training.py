@@ -212,7 +212,7 @@ class Run(TrainingRun[Progress]):
             return self._evaluate_rows(rollout, cells[rows], role_of[rows])
 
         statement_of = rollout.statement_of.reshape(-1)[cells]
-        return Experience.of(self.recipe, joined, advantages, statement_of, evaluate, self.device)
+        return Experience(self.recipe, joined, advantages, statement_of, evaluate, self.device)
 
     def _own_turns(self, role: Role, rollout: Rollout) -> dict[str, Any]:
         """The complete own turns of an agent, with advantages of unit scale."""

@@ -42,7 +42,6 @@ class Progress(NamedTuple):
     """A line of progress.jsonl."""
 
     updates: int
-    of_updates: int  # of the whole training
     loss: float  # mean since the last report
     cpu_seconds: float  # CPU time of this process since training began, including data preparation
 
@@ -158,7 +157,7 @@ class _Run(TrainingRun[float]):
         return words, [TOKENS.index(token) for token in pair.tokens]
 
     def progress_line(self, recent: Sequence[float]) -> Progress:
-        return Progress(self.counters.updates, self._recipe.updates, sum(recent) / len(recent), self.seconds())
+        return Progress(self.counters.updates, sum(recent) / len(recent), self.seconds())
 
     def state(self) -> dict[str, Any]:
         return {"network": self._network.state_dict(), "optimiser": self._trainer.optimiser.state_dict()}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -33,7 +33,6 @@ MAX_CACHED_BOXES = 50_000
 
 
 PRETRAINED = "lilgym_mp.contrib.pretrained"  # module of the paper's models, imported when one is used
-Make = Callable[[bool, bool], Model]  # called with has_actor and has_critic
 
 
 def make_model(
@@ -58,19 +57,16 @@ def make_model(
     else:
         if weights is not None:
             raise WeightsError(f"the model {recipe.model!r} has no pretrained weights; leave --weights out")
-        make = _box_transformer(recipe, appearance, statements, details)
+        words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
+        sizes = {} if details is None else details["sizes"]
+        separators = recipe.model == "ours-separators"
+
+        def make(has_actor: bool, has_critic: bool) -> Model:  # it has both
+            return BoxTransformer(appearance, words, separators=separators, **sizes)
+
     if recipe.critic == "separate":
         return SeparateCritic(make(True, False), make(False, True))
     return make(True, True)
-
-
-def _box_transformer(
-    recipe: PPORecipe, appearance: Appearance, statements: Iterable[str], details: Mapping[str, Any] | None
-) -> Make:
-    words = Vocabulary.from_statements(statements) if details is None else Vocabulary(tuple(details["words"]))
-    sizes = {} if details is None else details["sizes"]
-    separators = recipe.model == "ours-separators"
-    return lambda has_actor, has_critic: BoxTransformer(appearance, words, separators=separators, **sizes)
 
 
 class ModelPolicy(Policy):

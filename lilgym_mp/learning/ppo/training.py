@@ -197,7 +197,7 @@ class Run(TrainingRun[Progress]):
             with self._precision():
                 return policy_and_values(self.model, rollout.states(rows), mask)
 
-        return Experience.of(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self.device)
+        return Experience(recipe, rollout._asdict(), advantages, rollout.statement_of, evaluate, self.device)
 
     def _precision(self) -> Any:
         is_faster = self.device.type == "cuda"
