@@ -50,20 +50,15 @@ class StopRule:
     sampled: bool = False  # whether sampled actions did better than greedy ones
 
 
+@dataclass(frozen=True)
 class NetworkPolicy:
     """Action probabilities of the network for any number of statements and scenes."""
 
-    def __init__(
-        self,
-        network: ImitationNetwork,
-        table: BoxFeatureTable,
-        heads: ActionHeads,
-        tokenizer: StatementTokenizer,
-        *,
-        reduced_precision: bool = False,
-    ) -> None:
-        self.network, self.table, self.heads, self.tokenizer = network, table, heads, tokenizer
-        self.reduced_precision = reduced_precision
+    network: ImitationNetwork
+    table: BoxFeatureTable
+    heads: ActionHeads
+    tokenizer: StatementTokenizer
+    reduced_precision: bool = False
 
     @property
     def device(self) -> torch.device:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -98,19 +99,15 @@ def box_inputs(
     return {name: torch.from_numpy(array).to(device) for name, array in arrays.items()}
 
 
+@dataclass(frozen=True)
 class BatchSampler:
     """Samples batches from dataset entries."""
 
-    def __init__(
-        self,
-        table: BoxFeatureTable,
-        heads: ActionHeads,
-        tokenizer: StatementTokenizer,
-        device: torch.device,
-        recipe: ImitationRecipe,
-    ) -> None:
-        self._table, self._heads, self._tokenizer = table, heads, tokenizer
-        self._device, self._recipe = device, recipe
+    table: BoxFeatureTable
+    heads: ActionHeads
+    tokenizer: StatementTokenizer
+    device: torch.device
+    recipe: ImitationRecipe
 
     def batch(self, entries: Sequence[DatasetEntry], solved: int, truth_only: int, rng: Rng) -> Batch:
         """`solved` scenes with optimal actions and `truth_only` scenes of any kind from each entry.
@@ -124,7 +121,7 @@ class BatchSampler:
             return np.array([[getattr(entry, name)[index] for index in row[:count]] for entry, row in pairs])
 
         scenes, truths, steps = column("scenes"), column("truths").astype(np.float32), column("steps", solved)
-        recolours = self._recipe.recolour
+        recolours = self.recipe.recolour
         orders = np.array(
             [rng.integers(len(COLOUR_ORDERS)) if recolours and entry.exchanges_colours else 0 for entry in entries]
         )
@@ -133,11 +130,11 @@ class BatchSampler:
             MIN_PADDED_WORDS,
         )
         boxes = DistinctBoxes.of(scenes, solved)
-        self._table.update_features()
-        device = self._device
-        inputs = Inputs(words=torch.from_numpy(words).to(device), **box_inputs(self._table, boxes, orders, device))
+        self.table.update_features()
+        device = self.device
+        inputs = Inputs(words=torch.from_numpy(words).to(device), **box_inputs(self.table, boxes, orders, device))
         acting = boxes.indices[:, : boxes.acting]
-        legal = self._table.legal[acting] if self._heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
+        legal = self.table.legal[acting] if self.heads.cells > 1 else np.zeros((*acting.shape, 0, 1), np.bool_)
         arrays = (
             (1 - truths[:, :solved]).astype(np.int64),
             truths,
@@ -149,17 +146,17 @@ class BatchSampler:
         return Batch(inputs, *(torch.from_numpy(array).to(device) for array in arrays))
 
     def _words(self, entry: DatasetEntry, order: int, rng: Rng) -> Int64Array:
-        indices = self._tokenizer.recoloured(self._tokenizer.encode(entry.statement), order)
-        if self._recipe.unknown_words:
-            indices = np.where(rng.random(len(indices)) < self._recipe.unknown_words, UNKNOWN, indices)
+        indices = self.tokenizer.recoloured(self.tokenizer.encode(entry.statement), order)
+        if self.recipe.unknown_words:
+            indices = np.where(rng.random(len(indices)) < self.recipe.unknown_words, UNKNOWN, indices)
         return indices
 
     def _optimal(
         self, entries: Sequence[DatasetEntry], rows: Sequence[Int64Array], orders: Int64Array, solved: int
     ) -> NDArray[np.bool_]:
-        optimal = np.zeros((len(entries), solved, self._heads.size), np.bool_)
+        optimal = np.zeros((len(entries), solved, self.heads.size), np.bool_)
         for entry, row, order, masks in zip(entries, rows, orders.tolist(), optimal, strict=True):
-            recoloured = self._heads.recoloured[order]
+            recoloured = self.heads.recoloured[order]
             for index, mask in zip(row[:solved].tolist(), masks, strict=True):
                 actions = entry.actions[index]
                 assert actions is not None

@@ -128,7 +128,7 @@ class _Run(TrainingRun[StepResult]):
     ) -> None:
         super().__init__(out, budget, session)
         self.counters: ImitationCounters = ImitationCounters()
-        self._settings, self._recipe, self._seed = settings, recipe, seed
+        self._settings, self._recipe, self._seed, self._is_taught = settings, recipe, seed, teacher is not None
         played = train_tasks(settings, scratch=recipe.empty_starts > 0)
         tasks = played[settings.configuration]
         self._excluded = held_out_digests(settings.corpus)
@@ -141,9 +141,7 @@ class _Run(TrainingRun[StepResult]):
             "held_out_sha256": digests_sha256(self._excluded),
             **({} if teacher is None else {"teacher": str(teacher)}),
         }
-        self._teacher = None if teacher is None else open_teacher(teacher)
-        if self._teacher is not None:
-            self._teacher.planner(settings)  # raises AgentError before the run begins
+        planner = None if teacher is None else open_teacher(teacher).planner(settings)
         self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out)
@@ -158,8 +156,7 @@ class _Run(TrainingRun[StepResult]):
         self._other_scenes: Sequence[Scene] = [*starts] if self._is_flipit else []
         empty_starts = recipe.empty_starts if self._is_flipit else 0.0
         self._collector = DataCollector(self._dynamics, table, self._rng, recipe.budget, empty_starts)
-        if self._teacher is not None:
-            planner = self._teacher.planner(settings)
+        if planner is not None:
             self._collector = TaughtCollector(planner, list(played.values()), table, self._rng)
         heads = self._collector.heads
         self._policy = NetworkPolicy(network, table, heads, self._tokenizer, reduced_precision=True)
@@ -172,7 +169,7 @@ class _Run(TrainingRun[StepResult]):
     def _statements(self, entries: Sequence[DatasetEntry]) -> Iterator[str]:
         """The statements that make up the vocabulary."""
         yield from (entry.statement for entry in entries)
-        if self._recipe.pretraining and self._teacher is None:
+        if self._recipe.pretraining and not self._is_taught:
             pairs = training_pairs(self._settings.appearance, self._seed, noise=False)
             yield from (pair.statement for pair in itertools.islice(pairs, VOCABULARY_PAIRS))
 
@@ -258,7 +255,7 @@ class _Run(TrainingRun[StepResult]):
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining
-        if self._teacher is not None or self.progress() >= fraction:
+        if self._is_taught or self.progress() >= fraction:
             return
         text = TextPretraining(
             self._network,

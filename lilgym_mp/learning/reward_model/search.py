@@ -8,6 +8,7 @@ cause; the best are made by the rules. Progress is measured in logits, the choic
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import combinations_with_replacement
 from typing import NamedTuple, cast
@@ -74,21 +75,15 @@ class Judge:
         return sums, self.network.box_values(self.reading, sums, features.looks)
 
 
+@dataclass
 class SearchPlanner(Planner):
     """Plans for statements in one configuration."""
 
-    def __init__(
-        self,
-        network: ModulatedNetwork,
-        reader: InputReader,
-        dynamics: Dynamics,
-        recipe: RewardModelRecipe,
-        *,
-        is_flipit: bool,
-    ) -> None:
-        """`is_flipit`: a start is never solved: STOP is no plan there."""
-        self.dynamics, self.recipe = dynamics, recipe
-        self._network, self._reader, self._is_flipit = network, reader, is_flipit
+    network: ModulatedNetwork
+    reader: InputReader
+    dynamics: Dynamics
+    recipe: RewardModelRecipe
+    is_flipit: bool  # a start is never solved: STOP is no plan there
 
     def plan(self, scene: Scene, statement: str, target: bool, steps: int = 0) -> Plan:
         return self.plans(scene, statement, target, steps)[0]
@@ -96,10 +91,10 @@ class SearchPlanner(Planner):
     @torch.inference_mode()
     def plans(self, scene: Scene, statement: str, target: bool, steps: int = 0, most: int = 1) -> list[Plan]:
         """The best plan, then others that are as short and whose probability is less lower than an edit is worth."""
-        is_tower = self._reader.renewed_table().appearance == "tower"
-        judge = Judge(self._network, self._reader, statement, self.recipe.averaged_exchanges, target=target)
+        is_tower = self.reader.renewed_table().appearance == "tower"
+        judge = Judge(self.network, self.reader, statement, self.recipe.averaged_exchanges, target=target)
         most_edits = max(0, self.dynamics.horizon - 1 - steps)
-        may_stop = not self._is_flipit or steps > 0
+        may_stop = not self.is_flipit or steps > 0
         if is_tower:
             plans = _plan_tower(judge, scene, most_edits, self.recipe, most, may_stop=may_stop)
         else:

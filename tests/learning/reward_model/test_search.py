@@ -118,10 +118,10 @@ def test_statements__are_read_in_a_standard_order():
 def test_network__ignores_the_order_of_boxes(appearance: str):
     planner = new_planner(appearance)
     starts = [task.start for task in load_tasks("builtin", appearance, "flipit", "dev")[:9]]
-    one, two, three = (planner._reader.table.of(start)[0] for start in starts[::4])
-    network = planner._network
-    reading = network.read(*planner._reader.statements([STATEMENT], [0]))
-    features, scenes = planner._reader.scenes(np.array([[[one, two, three], [three, one, two], [two, two, two]]]))
+    one, two, three = (planner.reader.table.of(start)[0] for start in starts[::4])
+    network = planner.network
+    reading = network.read(*planner.reader.statements([STATEMENT], [0]))
+    features, scenes = planner.reader.scenes(np.array([[[one, two, three], [three, one, two], [two, two, two]]]))
     logits = network(reading, features, scenes)[0].detach()
     assert logits[0] == pytest.approx(logits[1].item(), abs=1e-5)
     assert abs(logits[0] - logits[2]) > 1e-4
