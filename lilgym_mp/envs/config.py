@@ -32,18 +32,17 @@ def setting(
     highest: float = math.inf,
     *,
     choices: Iterable[str] = (),
-    multiple_of: int = 0,
     kind: Callable[[str], Any] | None = None,
     **shown: Any,
 ) -> Any:
     """A field of an environment, a recipe or a run's options that is also an option of commands.
 
-    `description` is its help text; recipes and options check `lowest` to `multiple_of`. `choices` are for strings.
+    `description` is its help text; recipes and options check `lowest` to `choices`. `choices` are for strings.
     `kind`: the type, or a function that reads the command line's text and raises ValueError; by default the type of the
     default. `shown`: how the command line shows an option: its `metavar`, `nargs`, or another `flag`.
     """
     metadata = {"description": description, "bounds": (lowest, highest), "choices": tuple(choices)}
-    more = {"multiple_of": multiple_of, "kind": kind or type(default), "shown": shown}
+    more = {"kind": kind or type(default), "shown": shown}
     return field(default=default, metadata={**metadata, **more})
 
 

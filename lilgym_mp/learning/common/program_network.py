@@ -14,8 +14,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from lilgym_mp.learning.common.recipes import HEADS
-
 PAD = 0
 ROOT = 0  # parent of the first token
 MAX_ARGUMENTS = 8  # embeddings of argument indices; higher indices share the last
@@ -26,7 +24,7 @@ class Sizes:
     """Network dimensions."""
 
     width: int = 96
-    heads: int = HEADS
+    heads: int = 4  # must divide the width
     hidden: int = 288
     layers: int = 2  # in the encoder and in the decoder
     longest_statement: int = 64  # maximum number of words

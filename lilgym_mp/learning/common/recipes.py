@@ -30,8 +30,6 @@ class Recipe:
             elif not lowest <= value <= highest:
                 upper = "" if highest == math.inf else f" and at most {highest:g}"
                 raise ValueError(f"{name} must be at least {lowest:g}{upper}, not {value}")
-            elif (factor := each.metadata["multiple_of"]) and value % factor:
-                raise ValueError(f"{name} must be a multiple of {factor}, not {value}")
 
     @classmethod
     def of(cls, configuration: str, named: str | None = None, **changes: Any) -> Self:
@@ -147,9 +145,6 @@ class UpdateRecipe(Recipe):
                 )
         if self.batch_size > self.rollout:
             raise ValueError(f"batch-size must be at most rollout, {self.rollout}, not {self.batch_size}")
-
-
-HEADS = 4  # attention heads of the network that writes programs; must divide its width
 
 
 @dataclass(frozen=True)

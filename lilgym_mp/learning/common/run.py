@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import signal
-import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,8 +21,6 @@ from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunErr
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0  # CPU time between lines of progress.jsonl
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-SAME_REQUEST_SECONDS = 5.0  # SIGTERMs this close together are one request: with PR_SET_PDEATHSIG Linux sends a child
-# one for each thread of a killed parent
 
 Measured = TypeVar("Measured")
 
@@ -80,7 +77,7 @@ class TrainingRun(ABC, Generic[Measured]):
     """A run in memory.
 
     Ctrl-C or SIGTERM end its loop after the current step, with a checkpoint; then KeyboardInterrupt is raised. A second
-    one raises it at once, as does one outside the loop.
+    Ctrl-C raises it at once, as does one outside the loop.
     """
 
     counters: Counters  # the learner's own
@@ -240,18 +237,15 @@ class StopRequest:
 
 @contextmanager
 def stop_on_signals() -> Generator[StopRequest, None, None]:
-    """Within the block the first Ctrl-C or SIGTERM sets `requested`; a second Ctrl-C or a later SIGTERM raises
-    KeyboardInterrupt. Outside the main thread no handler is installed."""
+    """Within the block the first Ctrl-C or SIGTERM sets `requested`; a Ctrl-C after it raises KeyboardInterrupt, but
+    not a SIGTERM: with PR_SET_PDEATHSIG Linux sends a child one for each thread of a killed parent. Outside the main
+    thread no handler is installed."""
     stop = StopRequest()
-    requested_at = -SAME_REQUEST_SECONDS
 
     def request(signal_number: int, frame: object) -> None:
-        nonlocal requested_at
-        is_same = signal_number == signal.SIGTERM and time.monotonic() - requested_at < SAME_REQUEST_SECONDS
-        if stop.requested and not is_same:
+        if stop.requested and signal_number == signal.SIGINT:
             raise KeyboardInterrupt
-        if not stop.requested:
-            stop.requested, requested_at = True, time.monotonic()
+        stop.requested = True
 
     handled = STOP_SIGNALS if current_thread() is main_thread() else ()
     before = {signal_number: signal.signal(signal_number, request) for signal_number in handled}

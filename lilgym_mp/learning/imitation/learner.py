@@ -21,7 +21,7 @@ from lilgym_mp.scene.choices import choose
 class ImitationRecipe(Recipe):
     """Imitation of sets of optimal first actions; docs/imitation.md has ablations."""
 
-    width: int = setting(128, "network width; a multiple of 8", 8, multiple_of=8)
+    width: int = setting(128, "network width; a multiple of 8", 8)
     text_layers: int = setting(2, "layers of the text encoder", 0)
     item_layers: int = setting(2, "layers of the item encoder, which attend to the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from lilgym_mp.envs.config import CORPUS_HELP
 from lilgym_mp.learning.common.learners import Learner
-from lilgym_mp.learning.common.recipes import HEADS, PairRecipe, RunOptions, setting
+from lilgym_mp.learning.common.recipes import PairRecipe, RunOptions, setting
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class ParserRecipe(PairRecipe):
     dropout: float = setting(0.2, "dropout rate", 0, 1)
     generated_pairs: int = setting(40_000, "maximum number of distinct generated pairs", 1)
     held_out: int = setting(300, "training statements held out to calibrate probabilities")
-    width: int = setting(96, "network width", 1, multiple_of=HEADS)
+    width: int = setting(96, "network width; a multiple of 4", 4)
 
 
 @dataclass(frozen=True, slots=True)

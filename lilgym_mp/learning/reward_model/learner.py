@@ -20,7 +20,7 @@ from lilgym_mp.scene.choices import choose
 class RewardModelRecipe(Recipe):
     """A model of rewards, and search with it; docs/reward_model.md has ablations."""
 
-    width: int = setting(64, "network width; a multiple of 4", 4, multiple_of=4)
+    width: int = setting(64, "network width; a multiple of 4", 4)
     counts: int = setting(16, "soft counts of items and of boxes; more suit Scatter")
     tokens: int = setting(6, "queries that read the statement", 1)
     dropout: float = setting(0.1, "dropout rate", 0, 0.9)
