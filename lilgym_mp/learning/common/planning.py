@@ -11,7 +11,7 @@ import numpy as np
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.evaluation.decisions import PolicyOutput, one_hot
-from lilgym_mp.perception import PerceptionError, read_scene
+from lilgym_mp.perception import read_scene
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP, Action
 from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
@@ -58,7 +58,7 @@ class PlanPolicy(Policy):
     def __init__(self, planner: Planner) -> None:
         self.planner = planner
         self._episode_plans: dict[int, _EpisodePlan] = {}
-        self._latest: list[Plan | None] = []  # (B,) plans of the latest call
+        self._latest: list[Plan] = []  # (B,) of the latest call
 
     def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
         appearance = self.planner.dynamics.appearance
@@ -78,21 +78,19 @@ class PlanPolicy(Policy):
 
     def output(self, legal: BoolArray, chosen: Int64Array) -> PolicyOutput:
         """Probability 1 for the chosen action; program and success probabilities as of planning time."""
-        programs = [{} if plan is None else plan.probabilities() for plan in self._latest]
-        successes = [0.0 if plan is None else plan.success_probability for plan in self._latest]
         return PolicyOutput(
             one_hot(chosen, self.planner.dynamics.appearance.action_count),
-            success_probabilities=successes,
-            programs=programs,
-            notes=[() if plan is None else tuple(plan.notes()) for plan in self._latest],
+            success_probabilities=[plan.success_probability for plan in self._latest],
+            programs=[plan.probabilities() for plan in self._latest],
+            notes=[tuple(plan.notes()) for plan in self._latest],
         )
 
     def _new_plan(self, image: UInt8Array, statement: str, target: bool, step: int) -> _EpisodePlan:
         dynamics = self.planner.dynamics
         try:
             scene = dynamics.appearance.check_scene(read_scene(image, dynamics.appearance.name))
-        except (PerceptionError, ValueError):  # no scene, so no plan
-            return _EpisodePlan((STOP,), Scene.empty())
+        except ValueError:  # no scene, so no plan
+            return _EpisodePlan((STOP,), Scene.empty(), Plan((STOP,), 0.0))
         plan = self.planner.plan(scene, statement, target, step)
         return _EpisodePlan(plan.actions, scene, plan)
 
@@ -114,4 +112,4 @@ class _EpisodePlan:
 
     actions: Sequence[Action]
     scene: Scene  # the scene expected in the next image
-    plan: Plan | None = None  # None if the image could not be read
+    plan: Plan  # the whole one

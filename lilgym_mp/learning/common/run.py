@@ -11,18 +11,17 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from threading import current_thread, main_thread
-from typing import Any, ClassVar, Generic, NamedTuple, TypedDict, TypeVar
+from typing import Any, ClassVar, NamedTuple, TypedDict
 
 import torch
+from torch import Tensor
 
-from lilgym_mp.learning.common.model_file import select_device, torch_threads
+from lilgym_mp.learning.common.model_file import ModelDescription, save_model, select_device, torch_threads
 from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
 
 SAVE_SECONDS = 60.0  # CPU time between checkpoints
 REPORT_SECONDS = 15.0  # CPU time between lines of progress.jsonl
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM)
-
-Measured = TypeVar("Measured")
 
 
 def cpu_seconds() -> float:
@@ -73,7 +72,7 @@ def _ignore(given: object) -> None:
     pass
 
 
-class TrainingRun(ABC, Generic[Measured]):
+class TrainingRun(ABC):
     """A run in memory.
 
     Ctrl-C or SIGTERM end its loop after the current step, with a checkpoint; then KeyboardInterrupt is raised. A second
@@ -103,11 +102,11 @@ class TrainingRun(ABC, Generic[Measured]):
         """Inverse of `state`; the counters have been restored."""
 
     @abstractmethod
-    def step(self) -> Measured:
+    def step(self) -> Any:
         """One step of the algorithm, with data collection when it is due. Raises TrainingError."""
 
     @abstractmethod
-    def progress_line(self, recent: Sequence[Measured]) -> Any:
+    def progress_line(self, recent: Sequence[Any]) -> Any:
         """The line of progress.jsonl, a NamedTuple with a `note`, about the steps since the last one."""
 
     @abstractmethod
@@ -224,6 +223,9 @@ class TrainingRun(ABC, Generic[Measured]):
                 if not torch.isfinite(tensor).all():
                     raise ValueError(f"{name} holds non-finite values")
         return True
+
+    def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
+        save_model(self.files.agent_file, description, tensors)
 
     def minutes(self) -> float:
         """CPU time, for the model file."""

@@ -24,9 +24,6 @@ from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 
 if TYPE_CHECKING:
     import torch
-    from torch import Tensor
-
-    from lilgym_mp.learning.common.model_file import ModelDescription
 
 FORMAT = "lilgym_mp-training-run"
 VERSION = 1
@@ -91,11 +88,6 @@ class RunDirectory:
         except Exception as error:  # a damaged file causes errors of any kind
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise TrainingRunError(f"{path}: damaged, or not a checkpoint of this run: {reason}") from None
-
-    def save_agent(self, description: ModelDescription, tensors: Mapping[str, Tensor]) -> None:
-        from lilgym_mp.learning.common.model_file import save_model
-
-        save_model(self.agent_file, description, tensors)
 
     def record(self, line: Mapping[str, Any], file: str = PROGRESS_FILE) -> None:
         """Appends a line to a file of JSON lines."""

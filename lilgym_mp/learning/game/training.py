@@ -97,7 +97,7 @@ def train_game(
     return Run.trained(out, Budget("steps", steps, minutes), session, settings, recipe, partners, start_from)
 
 
-class Run(TrainingRun[Progress]):
+class Run(TrainingRun):
     """A run in memory; a step is a rollout with its updates."""
 
     saves_agent_early = reports_every_step = True
@@ -329,7 +329,7 @@ class Run(TrainingRun[Progress]):
         tensors = {
             f"{name}.{key}": tensor for name, network in actors.items() for key, tensor in network.state_dict().items()
         }
-        self.files.save_agent(description, tensors)
+        self.save_agent(description, tensors)
         self.networks.eval()
         self._clear_caches()
         networks = {role: actors[name] for role, name in self._network_of.items()}

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
@@ -46,7 +46,6 @@ from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.losses import losses
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
-from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import make_appearance
 
@@ -115,7 +114,7 @@ def train_imitation(
     return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed, teacher)
 
 
-class _Run(TrainingRun[StepResult]):
+class _Run(TrainingRun):
     def __init__(
         self,
         out: Path,
@@ -145,7 +144,10 @@ class _Run(TrainingRun[StepResult]):
         self.begin(identity)
         self._dynamics = make_dynamics(make_appearance(settings.appearance), settings.rules, settings.horizon)
         entries, held_out = split_held_out(entries_from_tasks(tasks, reads_programs=teacher is None), recipe.held_out)
-        self._held_out_tasks = {name: _tasks_of(some, held_out) for name, some in played.items()}
+        tuned_on = {entry.statement for entry in held_out}
+        self._held_out_tasks = {
+            name: [task for task in some if task.statement in tuned_on] for name, some in played.items()
+        }
         self._tokenizer = StatementTokenizer(vocabulary_of(self._statements(entries)))
         self._architecture = architecture(settings.appearance, self._tokenizer.vocabulary, recipe)
         torch.manual_seed(seed)
@@ -328,13 +330,8 @@ class _Run(TrainingRun[StepResult]):
         elif self._recipe.pretraining:
             supervision += "; their programs and those of generated statements (pretraining)"
         description = ModelDescription(KIND, VERSION, tuple(rules), supervision, self._recipe.to_json(), details)
-        self.files.save_agent(description, self._network.state_dict())
+        self.save_agent(description, self._network.state_dict())
         return ImitationAgent(self._network.eval(), rules, description)
-
-
-def _tasks_of(tasks: Iterable[Task], entries: Sequence[DatasetEntry]) -> list[Task]:
-    statements = {entry.statement for entry in entries}
-    return [task for task in tasks if task.statement in statements]
 
 
 def learning_rate(recipe: ImitationRecipe, done: float) -> float:

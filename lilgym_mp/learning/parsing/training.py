@@ -110,7 +110,7 @@ def _generated(
         )
 
 
-class _Run(TrainingRun[float]):
+class _Run(TrainingRun):
     """A run in memory; a step is one of the optimiser."""
 
     def __init__(self, out: Path, budget: Budget, session: Session, corpus: str, recipe: ParserRecipe) -> None:
@@ -184,7 +184,7 @@ class _Run(TrainingRun[float]):
         }
         recorded = {"corpus": corpus, **recipe.to_json()}
         description = ModelDescription(KIND, VERSION, configurations, supervision, recorded, details)
-        self.files.save_agent(description, self._network.state_dict())
+        self.save_agent(description, self._network.state_dict())
         return ParseAndPlanAgent(description, parser)
 
 

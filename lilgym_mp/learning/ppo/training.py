@@ -96,7 +96,7 @@ def train_ppo(
     return Run.trained(out, budget, session, settings, recipe, recipe_name, weights, evaluate_every)
 
 
-class Run(TrainingRun[Progress]):
+class Run(TrainingRun):
     """A run in memory; a step is a rollout with its updates."""
 
     saves_agent_early = reports_every_step = True
@@ -275,6 +275,6 @@ class Run(TrainingRun[Progress]):
         description = describe(
             self._settings, self.recipe, self._recipe_name, self.configurations, self.model, statistics
         )
-        self.files.save_agent(description, self.model.state_dict())
+        self.save_agent(description, self.model.state_dict())
         self._collector.close()
         return PPOAgent(description, self._settings, self.model.eval(), self.recipe.mask)

@@ -91,7 +91,7 @@ def train_reward_model(
     return _Run.trained(out, Budget("updates", updates, minutes), session, settings, recipe, seed)
 
 
-class _Run(TrainingRun[tuple[float, float]]):
+class _Run(TrainingRun):
     def __init__(
         self,
         out: Path,
@@ -300,7 +300,7 @@ class _Run(TrainingRun[tuple[float, float]]):
         }
         recipe = self._recipe.to_json()
         description = ModelDescription(KIND, VERSION, self._configurations, supervision, recipe, details)
-        self.files.save_agent(description, self._averaged.state_dict())
+        self.save_agent(description, self._averaged.state_dict())
         return RewardModelAgent(description, self._recipe, self._averaged.cpu(), vocabulary)
 
 
