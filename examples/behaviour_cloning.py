@@ -29,7 +29,7 @@ try:
     from lilgym_mp.learning.common.model import Model
     from lilgym_mp.learning.common.states import BoxImageTable
     from lilgym_mp.learning.ppo.agent import ModelPolicy, make_model
-    from lilgym_mp.learning.ppo.recipe import PPORecipe
+    from lilgym_mp.learning.ppo.learner import PPORecipe
 except ImportError as missing:
     sys.exit(f'SKIPPED: {missing.name} is not installed; pip install ".[train]"')
 

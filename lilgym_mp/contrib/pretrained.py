@@ -22,7 +22,7 @@ from lilgym_mp.learning.common.factored_policy import Factorisation, slot_factor
 from lilgym_mp.learning.common.model import Model, Prediction, WeightsError
 from lilgym_mp.learning.common.model_file import weights_digest
 from lilgym_mp.learning.common.states import IMAGE_SHAPE, States
-from lilgym_mp.learning.ppo.recipe import FINE_TUNED
+from lilgym_mp.learning.ppo.learner import FINE_TUNED
 from lilgym_mp.scene.actions import ActionType
 from lilgym_mp.scene.appearances import Appearance
 

@@ -27,7 +27,7 @@ from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.update import mini_batches
 from lilgym_mp.learning.ppo.agent import PPOAgent, describe
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.wrappers import structured_observation_v0

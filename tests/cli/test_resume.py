@@ -17,7 +17,7 @@ from lilgym_mp.learning.imitation import training as imitation
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.parsing import training as parsing
 from lilgym_mp.learning.parsing.learner import ParserRecipe
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.corpora import write_own_corpus
 

@@ -20,7 +20,7 @@ from lilgym_mp.learning.common.factored_policy import MAX_ACTIONS, FactoredPolic
 from lilgym_mp.learning.common.model import Model, SeparateCritic, WeightsError
 from lilgym_mp.learning.common.model_file import ModelDescription, load_network
 from lilgym_mp.learning.common.states import BoxImageTable
-from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import policy_and_values
 from lilgym_mp.scene.appearances import Appearance, make_appearance
 from lilgym_mp.scene.arrays import BoolArray, Int64Array

@@ -14,7 +14,7 @@ from lilgym_mp.learning.common.factored_policy import STOP, FactoredPolicy
 from lilgym_mp.learning.common.model import Model, as_numpy
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT, TaskSampler, TrainingTasks
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.scene.arrays import BoolArray, Float32Array, Int64Array
 
 

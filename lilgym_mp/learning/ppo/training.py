@@ -34,7 +34,7 @@ from lilgym_mp.learning.common.update import (
     update,
 )
 from lilgym_mp.learning.ppo.agent import KIND, PPOAgent, describe, make_model
-from lilgym_mp.learning.ppo.recipe import TRANSFORMERS, PPORecipe
+from lilgym_mp.learning.ppo.learner import TRANSFORMERS, PPORecipe
 from lilgym_mp.learning.ppo.rollout import EpisodeStatistics, Rollout, RolloutCollector, policy_and_values
 from lilgym_mp.learning.ppo.validation import LearningCurve, Validation, ValidationState
 from lilgym_mp.scene.appearances import make_appearance

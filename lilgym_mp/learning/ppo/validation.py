@@ -18,7 +18,7 @@ from lilgym_mp.learning.common.model import Model
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, VALIDATIONS_FILE, RunDirectory
 from lilgym_mp.learning.common.tasks import TRAINING_SPLIT
 from lilgym_mp.learning.ppo.agent import ModelPolicy
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.scene.actions import Stop
 
 SPLIT = "dev"

@@ -33,7 +33,7 @@ from lilgym_mp.learning.game.learner import LEARNER
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
 from lilgym_mp.learning.game.training import Progress, Run, train_game
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from tests.learning.conftest import equal, weights
 

@@ -19,7 +19,7 @@ from lilgym_mp.learning.common.box_transformer import BoxTransformer
 from lilgym_mp.learning.common.model import WeightsError
 from lilgym_mp.learning.common.states import BoxImageTable, States
 from lilgym_mp.learning.ppo.agent import make_model
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
 from lilgym_mp.scene.appearances import Scatter, Tower, make_appearance
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.evaluation import CONFIGURATIONS
-from lilgym_mp.learning.ppo.recipe import MODELS, RECIPES, PPORecipe
+from lilgym_mp.learning.ppo.learner import MODELS, RECIPES, PPORecipe
 
 
 @pytest.mark.parametrize("name", sorted(RECIPES))

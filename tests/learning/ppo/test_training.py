@@ -24,8 +24,7 @@ from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.commands import resumed
 from lilgym_mp.learning.common.run_directory import TrainingRunError, begin_run
 from lilgym_mp.learning.common.tasks import TaskSampler, training_tasks
-from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import LEARNER, PPOOptions, PPORecipe
 from lilgym_mp.learning.ppo.rollout import Rollout, RolloutCollector
 from lilgym_mp.learning.ppo.training import Progress, train_ppo
 from lilgym_mp.learning.ppo.validation import LearningCurve

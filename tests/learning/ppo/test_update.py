@@ -17,7 +17,7 @@ from lilgym_mp.learning.common.update import (
     scale_advantages,
     value_loss,
 )
-from lilgym_mp.learning.ppo.recipe import PPORecipe
+from lilgym_mp.learning.ppo.learner import PPORecipe
 
 GAMMA, LAMBDA = 0.9, 0.8
 STEP_COST = -0.1
