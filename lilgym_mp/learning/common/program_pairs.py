@@ -149,7 +149,7 @@ def _with_other_shapes(pair: Pair, rng: random.Random) -> Pair:
     in_program = {shape for shape in SHAPES if {f"is_{shape}(1)", f"Shape.{shape.upper()}"} & {*pair.tokens}}
     if in_words != in_program or not in_words:
         return pair
-    names = dict(zip(SHAPES, rng.sample(SHAPES, len(SHAPES)), strict=True))
+    names: dict[str, str] = dict(zip(SHAPES, rng.sample(SHAPES, len(SHAPES)), strict=True))
     plurals = {f"{old}s": f"{new}s" for old, new in names.items()}
     return _exchanged(pair, {**names, **plurals, **_exchange_of_tokens("Shape", names)})
 
