@@ -93,7 +93,7 @@ def test_registrations__of_a_name_that_is_taken_are_refused() -> None:
     taken: list[tuple[Callable[..., object], tuple[Any, ...], str]] = [
         (register_appearance, ("tower", "module:function"), "appearance 'tower' is already registered"),
         (protocols.register_protocol, (protocols.PROTOCOLS["veto"],), "protocol 'veto' is already registered"),
-        (register_reward_term, ("brier", float), "reward 'brier' is already registered"),
+        (register_reward_term, ("hidden", float), "reward 'hidden' is already registered"),
     ]
     for register, arguments, message in taken:
         with pytest.raises(ValueError, match=message):

@@ -191,17 +191,6 @@ def test_critique__a_message_reaches_the_proposer(browser: Browser):
     assert seat(browser, made["proposer"])["message"] == 3
 
 
-def test_audit__a_verdict_is_the_probability_of_a_bin(browser: Browser):
-    chosen = {"protocol": "audit", "rewards": "brier", "configuration": "TowerFlipIt"}
-    made = begin(browser, proposer="deceptive", verifier="person", **chosen)
-    answers = [f"holds with probability {share}" for share in (0.1, 0.3, 0.5, 0.7, 0.9)]
-    assert seat(browser, made["verifier"])["answers"] == answers
-    game = live_game(browser.app, made["verifier"]).engine
-    holds = game.game.config.dynamics.goal_reached(game.state.mdp)  # the deceptive partner may find no false claim
-    body = act(browser, made["verifier"], answers[0]).json()
-    assert (body["over"], body["reward"]) == (True, pytest.approx(-0.81 if holds else -0.01, abs=1e-5))
-
-
 def test_legal__equals_the_agents_mask(browser: Browser):
     made = begin(browser, proposer="person", verifier="oracle", configuration="ScatterScratch")
     game = live_game(browser.app, made["proposer"])
@@ -247,7 +236,7 @@ def test_action__out_of_turn_is_refused(browser: Browser):
         ({"verifier": "agent:../../etc/passwd"}, 422, "verifier"),
         ({"verifier": "agent:imitation-tower", "configuration": "ScatterFlipIt"}, 422, "does not play"),
         ({"protocol": "auction"}, 422, "protocol"),
-        ({"protocol": "veto", "rewards": "brier"}, 422, 'verdict_bins is for protocol="audit"'),
+        ({"rewards": "brier"}, 422, "rewards"),
     ],
 )
 def test_begin__names_the_invalid_setting(browser: Browser, chosen: dict[str, Any], status: int, said: str):

@@ -147,11 +147,8 @@ class Game:
         self.message_sizes = settings.message_sizes()  # number of messages besides silence
         self.reveals_truth = settings.reveal_truth  # in infos
         self.history_length = max(view.history for view in self.views)  # turns kept
-        costs, has_bins = (
-            Costs(settings.false_accept_cost, settings.false_reject_cost),
-            settings.verdict_bins is not None,
-        )
-        rewards, self.draws_intent = make_rewards(settings.rewards, costs, has_probabilities=has_bins)
+        costs = Costs(settings.false_accept_cost, settings.false_reject_cost)
+        rewards, self.draws_intent = make_rewards(settings.rewards, costs)
         self.decision_table = DecisionTable(self.protocol, self.config, rewards)
         self._make_actions()
         self.tasks = settings.tasks()

@@ -66,11 +66,6 @@ def _correctness(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     return -costs.false_accept if judgement.accepted else -costs.false_reject
 
 
-def _brier(judgement: Judgement, intent: Intent, costs: Costs) -> float:
-    """Minus the squared distance of the stated probability from the truth."""
-    return -((judgement.probability - judgement.holds) ** 2)
-
-
 def _hidden(judgement: Judgement, intent: Intent, costs: Costs) -> float:
     """+1 if a claim that suits the intent is accepted: a true one if helpful, a false one if deceptive."""
     return float(judgement.accepted and judgement.holds == (intent is Intent.HELPFUL))
@@ -84,7 +79,6 @@ TERMS: dict[str, Callable[[float, Judgement | None, Intent, Costs], float]] = {
     "mdp": lambda mdp_reward, judgement, intent, costs: mdp_reward,
     "mdp_if_helpful": lambda mdp_reward, judgement, intent, costs: mdp_reward if intent is Intent.HELPFUL else 0.0,
     "correctness": partial(_if_judged, _correctness),
-    "brier": partial(_if_judged, _brier),
     "hidden": partial(_if_judged, _hidden),
 }
 
@@ -95,14 +89,13 @@ PRESETS: Mapping[str, tuple[AgentRewards, AgentRewards]] = {  # indexed by role
     "common": ("mdp", "mdp"),
     "correctness": ("mdp", "correctness"),
     "hidden": (HIDDEN_REWARDS, "correctness"),
-    "brier": (HIDDEN_REWARDS, "brier"),
 }
 
 
-def make_rewards(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> tuple[RewardFunction, bool]:
+def make_rewards(rewards: Rewards, costs: Costs) -> tuple[RewardFunction, bool]:
     """Both agents' rewards, and whether intents are drawn at reset; otherwise the proposer is helpful in every episode.
 
-    Raises ValueError naming the choices for unknown names, and for "brier" without probabilities.
+    Raises ValueError naming the choices for unknown names.
     """
     if callable(rewards):
         return rewards, False
@@ -116,10 +109,7 @@ def make_rewards(rewards: Rewards, costs: Costs, *, has_probabilities: bool) -> 
             raise ValueError(f"rewards must name {' and '.join(AGENTS)}, not {named}")
         proposer, verifier = (rewards[agent] for agent in AGENTS)
     weights = _weights(proposer), _weights(verifier)
-    named = {term for terms in weights for term in terms}
-    if "brier" in named and not has_probabilities:
-        raise ValueError("reward 'brier' scores a probability: it needs protocol=\"audit\" and verdict_bins")
-    return partial(_weighted_sums, weights, costs), "hidden" in named
+    return partial(_weighted_sums, weights, costs), any("hidden" in terms for terms in weights)
 
 
 def checked_rewards(returned: object) -> tuple[float, float]:

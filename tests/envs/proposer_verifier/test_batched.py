@@ -23,7 +23,7 @@ SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),
     {"protocol": "veto", "rules": "release", "start": "flipit", "reveal_truth": True, "ending": "either"},
     {"protocol": "joint", "appearance": "scatter", "start": "flipit", "reveal_truth": True, "homogeneous": True},
-    {"protocol": "audit", "verdict_bins": 4, "rewards": "brier"},
+    {"protocol": "audit", "verdict_bins": 4, "rewards": "correctness"},
 ]
 
 

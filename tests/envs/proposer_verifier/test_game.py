@@ -164,13 +164,12 @@ REWARDED: list[tuple[str, dict[str, Any], tuple[int, ...], Intent, tuple[float, 
     ("correctness", {}, (STOPS, 0), Intent.HELPFUL, (-1.0, 1.0)),
     ("correctness", {"false_accept_cost": 3.0}, (STOPS, 1), Intent.HELPFUL, (-1.0, -3.0)),
     ("correctness", {"false_reject_cost": 0.5}, (ADD_BLUE, STOPS, 0), Intent.HELPFUL, (1.0, -0.5)),
+    ("correctness", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (-1.0, -1.0)),
     ("hidden", {}, (STOPS, 1), Intent.DECEPTIVE, (1.0, -1.0)),
     ("hidden", {}, (STOPS, 1), Intent.HELPFUL, (-0.2, -1.0)),
     ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, 1.0)),
     ("hidden", {}, (ADD_BLUE, STOPS, 1), Intent.DECEPTIVE, (0.0, 1.0)),
     ("hidden", {}, (STOPS, 0), Intent.DECEPTIVE, (0.0, 1.0)),
-    ("brier", {"verdict_bins": 2}, (STOPS, 1), Intent.HELPFUL, (-0.2, -0.5625)),
-    ("brier", {"verdict_bins": 2}, (ADD_BLUE, STOPS, 1), Intent.HELPFUL, (1.2, -0.0625)),
 ]
 
 

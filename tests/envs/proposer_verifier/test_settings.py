@@ -20,11 +20,13 @@ REFUSED: list[tuple[dict[str, Any], str]] = [
     ({"ending": "nobody"}, "unknown ending of protocol 'veto' 'nobody'; choose from agreement, either, proposer"),
     ({"protocol": "joint", "ending": "proposer"}, "unknown ending of protocol 'joint' 'proposer'; choose from agree"),
     ({"protocol": "audit", "ending": "verifier"}, "unknown ending of protocol 'audit' 'verifier'; choose from prop"),
-    ({"rewards": "kind"}, "unknown rewards 'kind'; choose from brier, common, correctness, hidden"),
+    ({"rewards": "kind"}, "unknown rewards 'kind'; choose from common, correctness, hidden"),
     ({"rewards": {"proposer_0": "mdp"}}, "rewards must name proposer_0 and verifier_0, not proposer_0"),
-    ({"rewards": {"proposer_0": "mdp", "verifier_0": "truth"}}, "unknown reward 'truth'; choose from brier, correct"),
+    (
+        {"rewards": {"proposer_0": "mdp", "verifier_0": "truth"}},
+        "unknown reward 'truth'; choose from correctness, hidden",
+    ),
     ({"rewards": {"proposer_0": {"mdp": "much"}, "verifier_0": "mdp"}}, "the weight of reward 'mdp' must be a finite"),
-    ({"rewards": "brier", "protocol": "audit"}, "reward 'brier' scores a probability: it needs .* verdict_bins"),
     ({"rewards": 3}, "rewards must be a preset, a mapping by agent or a function, not 3"),
     ({"rewards": lambda mdp, judgement, intent: mdp}, "must return the two rewards of proposer_0 and verifier_0, not"),
     (

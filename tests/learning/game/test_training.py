@@ -129,7 +129,7 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
         ("cross-entropy", "joint", "common", {"ending": "agreement"}),
         ("both", "joint", "common", {"ending": "either", "configuration": "ScatterFlipIt"}),
         ("cross-entropy", "audit", "hidden", {}),
-        ("both", "audit", "brier", {"verdict_bins": 5}),
+        ("both", "audit", "hidden", {"verdict_bins": 5}),
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
         ("cross-entropy", "critique", "common", {}),
     ],

@@ -67,7 +67,6 @@ SCRIPTED_PARTNERS: dict[Role, tuple[str, ...]] = {  # by the seat they can take
     Role.VERIFIER: ("oracle", "always_accept", "always_reject", "random"),
 }
 VIEW = View(scene="image", statement="text", target=True, proposal=True, history=6)
-VERDICT_BINS = {"brier": 5}  # probabilities to choose from, by rewards; others have two answers
 PartnerName = Annotated[str, Field(max_length=100, pattern=r"^[\w:.-]+$", description="person, or a partner's name")]
 
 
@@ -156,7 +155,6 @@ def _game(corpus: str, configuration: str, protocol: str, rewards: str) -> Game:
         split="dev",
         protocol=protocol,
         rewards=rewards,
-        verdict_bins=VERDICT_BINS.get(rewards),
         views=dict.fromkeys(AGENTS, VIEW),
         image_size="native",
     )
