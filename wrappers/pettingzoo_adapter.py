@@ -39,8 +39,10 @@ def is_game(env: Any) -> bool:
 
 
 def wrap_game(env: Any, name: str, transformation_class: MakeTransformation, settings: Mapping[str, Any]) -> Any:
-    """Adds the wrapper called `name` to the game `env`, which it changes and returns."""
+    """Adds the wrapper called `name` to the game `env`, which it changes and returns. Raises WrongEnvironment."""
     base: BaseGameEnv = env.unwrapped
+    if any(env.observation_space(agent) != base.observation_space(agent) for agent in AGENTS):
+        raise WrongEnvironment(f"{name} must be applied before {env}, which changes observations")
     layer = GameLayer(base, name, transformation_class, settings)
     change_tasks(env, layer.transformation, [each.transformation for each in base.engine.layers])  # pyright: ignore[reportAttributeAccessIssue]
     base.engine.layers.append(layer)

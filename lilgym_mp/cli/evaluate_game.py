@@ -74,7 +74,7 @@ def _games(args: argparse.Namespace, agents: Mapping[Path, Agent]) -> list[GameS
         expected, value = getattr(own[first], name), getattr(own[other], name)
         if expected != value and name not in MAY_DIFFER:
             raise CommandError(f"{first} and {other} play different games: {name} {expected!r} and {value!r}")
-    return [replace(own[first], views="image", **given)]
+    return [replace(own[first], **given)]
 
 
 def _pairs(settings: GameSettings, agents: Mapping[Path, Agent], *, all_pairs: bool) -> list[tuple[Player, Player]]:

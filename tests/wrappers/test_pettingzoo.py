@@ -18,8 +18,9 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed: it comes 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore", DeprecationWarning)  # PettingZoo's own
     from pettingzoo.test import api_test, parallel_api_test
+    from pettingzoo.utils import BaseParallelWrapper
 
-    from lilgym_mp.envs.proposer_verifier import env, parallel_env
+    from lilgym_mp.envs.proposer_verifier import SingleAgentView, env, parallel_env
 
 PROPOSER, VERIFIER = "proposer_0", "verifier_0"
 STOP, ADD_LEFT_YELLOW, ADD_LEFT_BLUE = 0, 1, 3  # of tower's actions
@@ -137,6 +138,18 @@ def test_task_change__applies_to_the_game(settings: dict[str, Any]):
         WrongEnvironment, match="BoxPermutation changes the tasks, so it must be applied before StepsLeft"
     ):
         wrappers.box_permutation_v0(wrappers.steps_left_v0(env(**settings)))
+
+
+def test_other_packages_wrappers__come_after_those_of_this_package(settings: dict[str, Any]):
+    class OnlyMask(BaseParallelWrapper):
+        def observation_space(self, agent: str) -> Any:
+            return self.env.observation_space(agent)["action_mask"]
+
+    game: Any = OnlyMask(wrappers.steps_left_v0(parallel_env(**settings)))
+    with pytest.raises(WrongEnvironment, match=r"StepsLeft must be applied before .*, which changes observations"):
+        wrappers.steps_left_v0(game)
+    with pytest.raises(TypeError, match="SingleAgentView takes wrappers of this package alone"):
+        SingleAgentView(game, PROPOSER, "random")
 
 
 @pytest.mark.parametrize("name", ["text_observation_v0", "named_actions_v0", "multi_discrete_actions_v0"])

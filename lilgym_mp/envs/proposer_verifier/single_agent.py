@@ -49,6 +49,8 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
             raise TypeError(f"a partner must be callable with a PartnerTurn, not {partner!r}")
         self._role = role_of(agent)
         nested = game_env.observation_space(agent)
+        if env.observation_space(agent) != nested:
+            raise TypeError(f"SingleAgentView takes wrappers of this package alone, not {env}")
         if not isinstance(nested, spaces.Dict) or MASK not in nested.spaces:
             raise TypeError(f'SingleAgentView needs the game with observations="nested", not {nested}')
         self.engine = game_env.engine

@@ -30,14 +30,6 @@ from lilgym_mp.scene.arrays import Int64Array
 KIND = "game"
 VERSION = 1
 MAX_CACHED_BOXES = 50_000
-# What the learning agents see: the scene's items, and, for the verifier, the scene after the pending proposal.
-VIEW = {"scene": "structured", "statement": "text"}
-VIEWS = dict(zip(AGENTS, (VIEW, {**VIEW, "proposed_scene": True}), strict=True))
-
-
-def settings_from_json(data: Mapping[str, Any]) -> GameSettings:
-    """Inverse of `GameSettings.to_json`, with the views of learning agents. Raises ValueError, TypeError."""
-    return GameSettings.from_json({**data, "views": VIEWS})
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class GameAgent(Agent):
         """
         if role not in self.networks:
             return None
-        return SeatPartner(self.networks[role], self.settings, role, mask=self.recipe.mask, sampled=sampled)
+        return SeatPartner(self.networks[role], role, mask=self.recipe.mask, sampled=sampled)
 
     def box_transformers(self) -> Mapping[str, GameNetwork]:
         return {name: self.networks[role] for role, name in network_names([*self.networks], self.recipe).items()}
@@ -76,8 +68,8 @@ class SeatPartner(BatchPartner):
     An illegal action, which only a proposer trained without a mask can choose, becomes the first legal one.
     """
 
-    def __init__(self, network: GameNetwork, settings: GameSettings, role: Role, *, mask: bool, sampled: bool) -> None:
-        self.settings, self.role = settings, role
+    def __init__(self, network: GameNetwork, role: Role, *, mask: bool, sampled: bool) -> None:
+        self.role = role
         self._network, self._mask, self._sampled = network, mask, sampled
         self._table = BoxImageTable()
 
@@ -149,7 +141,7 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
     def parts(description: ModelDescription) -> tuple[GameSettings, GameRecipe, dict[Role, str]]:
         recipe, details = GameRecipe.from_json(description.recipe), description.details
         roles = [Role[name.upper()] for name in details["roles"]]
-        return settings_from_json(details["game"]), recipe, network_names(roles, recipe)
+        return GameSettings.from_json(details["game"]), recipe, network_names(roles, recipe)
 
     def make(description: ModelDescription) -> nn.ModuleDict:
         settings, recipe, names = parts(description)

@@ -26,7 +26,6 @@ from lilgym_mp.learning.common.tasks import training_tasks
 from lilgym_mp.learning.common.update import Experience, Losses, make_optimiser, mean_losses, schedule, update
 from lilgym_mp.learning.game.agent import (
     KIND,
-    VIEWS,
     GameAgent,
     describe,
     load_agent,
@@ -114,7 +113,7 @@ class Run(TrainingRun):
     ) -> None:
         super().__init__(out, budget, session)
         self.counters: GameCounters = GameCounters()
-        self.settings = settings = replace(settings, views=VIEWS, split="train", reveal_truth=True)
+        self.settings = settings = replace(settings, split="train", reveal_truth=True)
         self.recipe = recipe
         partners = {role: found for role, found in partners.items() if found}
         self.roles = [role for role in Role if role not in partners]
@@ -326,10 +325,7 @@ class Run(TrainingRun):
             "interrupted": self.stop.requested,
         }
         description = describe(self.settings, self.recipe, self.roles, next(iter(actors.values())), statistics)
-        tensors = {
-            f"{name}.{key}": tensor for name, network in actors.items() for key, tensor in network.state_dict().items()
-        }
-        self.save_agent(description, tensors)
+        self.save_agent(description, self.networks.state_dict())
         self.networks.eval()
         self._clear_caches()
         networks = {role: actors[name] for role, name in self._network_of.items()}

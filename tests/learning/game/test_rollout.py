@@ -10,7 +10,6 @@ from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.learning.game.agent import VIEWS
 from lilgym_mp.learning.game.rollout import Turns, own_turn_advantages, without_refused
 from lilgym_mp.learning.game.situations import (
     EDIT_PENDING,
@@ -69,7 +68,7 @@ def test_own_turns__do_not_earn_rewards_of_the_next_game():
 
 
 def test_situations__show_each_agent_what_it_may_know():
-    settings = GameSettings(protocol="critique", rewards="hidden", views=VIEWS)
+    settings = GameSettings(protocol="critique", rewards="hidden")
     game = Game(settings)
     games = ObservedGames(game, 2)
     games.start(np.arange(2), np.array([0, 1]), np.array([Intent.DECEPTIVE, Intent.HELPFUL]))
