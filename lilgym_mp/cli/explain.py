@@ -22,10 +22,7 @@ from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.evaluation.options import (
     CommandError,
     add_device,
-    add_number,
-    add_seed,
     add_settings,
-    check_at_least,
     given_environment,
     task_sets_with_id,
 )
@@ -78,8 +75,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="PROGRAM",
         help="explain this expression, such as 'exist(filter_obj(all_items, is_blue))' (default: the task's program)",
     )
-    add_number(program, "--scenes", 2, "without --task: random scenes, half of them true if such are found")
-    add_seed(program, "of the random scenes")
     add_device(parser)
     add_settings(parser)
 
@@ -179,14 +174,12 @@ def _labelled_scenes(source: str, args: argparse.Namespace) -> Iterator[tuple[Sc
     """Scenes with their titles. Says so if the program is true, or false, in all scenes that were tried."""
     from lilgym_mp.corpus.synthesis import start_scenes
 
-    check_at_least(args, 2, "scenes")
-    check_at_least(args, 0, "seed")
     try:
         empty = (Scene.empty(), compile_program(source).evaluate(Scene.empty()))
     except ProgramRuntimeError as fault:
         raise CommandError(f"the program has no value on the empty scene: {fault}") from None
     appearance, _ = read_configuration(args.configuration or DEFAULT_CONFIGURATION)
-    found = start_scenes(source, appearance, random.Random(args.seed), args.scenes)
+    found = start_scenes(source, appearance, random.Random(0), 2)
     if empty[1] not in {label for _, label in found}:
         found = (*found[1:], empty)
     for scene, label in found:
