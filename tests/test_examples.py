@@ -114,7 +114,7 @@ def test_ppo_single_file__reports_its_accuracy_on_dev(run: Run) -> None:
 def structured(tmp_path: Path) -> Path:
     """A small data set of mixed quality, with observations as items."""
     file = tmp_path / "own.npz"
-    options = ["--episodes", "30", "--observation", "structured", "--quality", "mixed", "--jobs", "1"]
+    options = ["--episodes", "30", "--observation", "structured", "--quality", "mixed"]
     assert main(["data", "collect", "TowerScratch", *options, "--out", str(file)]) == 0
     return file
 

@@ -98,7 +98,7 @@ def _add_output(parser: argparse.ArgumentParser) -> None:
 
 
 def _collect(args: argparse.Namespace) -> int:
-    check_at_least(args, 1, "episodes", "jobs")
+    check_at_least(args, 1, "episodes")
     check_at_least(args, 0, "seed")
     if args.agent is not None and MEDIUM not in PARTS.get(args.quality, [args.quality]):
         raise CommandError(f"--agent needs --quality {MEDIUM} or {MIXED}")

@@ -33,6 +33,7 @@ from lilgym_mp.cli import make_parser
 from lilgym_mp.cli.experiment_plan import read_plan
 from lilgym_mp.contrib.report.report_data import SHARED_SETTINGS
 from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.proposer_verifier import Game
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.workers import WorkerVectorEnv
 
@@ -52,7 +53,7 @@ for make in (
     lambda: gym.make(config.id, gravity=2.0),
     lambda: gym.make_vec(config.id, num_envs=2, gravity=2.0),
     lambda: WorkerVectorEnv(config.id, 2, 1, gravity=2.0),
-    lambda: GameSettings.of({"configuration": config.id, "gravity": 2.0}).setup(),
+    lambda: Game(GameSettings.of({"configuration": config.id, "gravity": 2.0})),
 ):
     made.clear()
     make()

@@ -35,7 +35,7 @@ def collect(tmp_path: Path) -> Collect:
     """Writes an npz file with `lilgym-mp data collect` and reads it."""
 
     def collected(configuration: str, *options: str) -> Any:
-        command = ["data", "collect", configuration, "--split", "dev", "--jobs", "1", "--force", *options]
+        command = ["data", "collect", configuration, "--split", "dev", "--force", *options]
         assert main([*command, "--out", str(tmp_path / "own.npz")]) == 0
         return np.load(tmp_path / "own.npz")
 
@@ -92,17 +92,17 @@ def test_optimal__has_all_first_actions_of_shortest_solutions(collect: Collect):
     assert not (found["optimal"] & ~found["legal"]).any()
 
 
-def test_files__are_the_same_from_one_process_and_from_two(tmp_path: Path):
-    command = ["data", "collect", "ScatterScratch", "--episodes", "7", "--seed", "3"]
-    for jobs in ("1", "2"):
-        assert main([*command, "--jobs", jobs, "--out", str(tmp_path / f"{jobs}.jsonl.gz")]) == 0
-    assert (tmp_path / "1.jsonl.gz").read_bytes() == (tmp_path / "2.jsonl.gz").read_bytes()
+def test_files__of_equal_options_and_seeds_are_equal(tmp_path: Path):
+    first, again = tmp_path / "first.jsonl.gz", tmp_path / "again.jsonl.gz"
+    for place in (first, again):
+        assert main(["data", "collect", "ScatterScratch", "--episodes", "7", "--seed", "3", "--out", str(place)]) == 0
+    assert first.read_bytes() == again.read_bytes()
 
 
 def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: Collect, tmp_path: Path):
     options = ["--episodes", "3", "--optimal"]
     arrays = collect("TowerFlipIt", *options)
-    command = ["data", "collect", "TowerFlipIt", "--split", "dev", "--jobs", "1", *options]
+    command = ["data", "collect", "TowerFlipIt", "--split", "dev", *options]
     assert main([*command, "--out", str(tmp_path / "own.jsonl.gz")]) == 0
     with gzip.open(tmp_path / "own.jsonl.gz", "rt", encoding="utf-8") as file:
         rows = [json.loads(line) for line in file]
@@ -115,7 +115,7 @@ def test_json_lines__hold_sets_of_actions_as_indices_and_images_as_png(collect: 
 def test_parquet__holds_the_rows_of_json_lines(tmp_path: Path):
     parquet: Any = pytest.importorskip("pyarrow.parquet")
     for name in ("own.parquet", "own.jsonl"):
-        options = ["--episodes", "4", "--jobs", "1", "--observation", "structured", "--out", str(tmp_path / name)]
+        options = ["--episodes", "4", "--observation", "structured", "--out", str(tmp_path / name)]
         assert main(["data", "collect", "TowerScratch", *options]) == 0
     rows = [json.loads(line) for line in (tmp_path / "own.jsonl").read_text().splitlines()]
     assert parquet.read_table(tmp_path / "own.parquet").to_pylist() == rows
@@ -215,7 +215,7 @@ def test_file__does_not_remain_if_the_disk_is_full(tmp_path: Path, monkeypatch: 
 
     monkeypatch.setattr(datasets, "WRITERS", {".npz": fail})
     place = tmp_path / "own.npz"
-    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--jobs", "1", "--out", str(place)]) == 1
+    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--out", str(place)]) == 1
     assert f"{place}: No space left on device" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
@@ -234,7 +234,7 @@ def minari(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
 
 @pytest.mark.parametrize("form", PARTS)
 def test_minari__replays_in_the_recovered_environments(minari: Any, form: str, capsys: Captured):
-    command = ["data", "collect", "TowerFlipIt", "--episodes", "5", "--jobs", "1", "--minari", "lilgym/own-v0"]
+    command = ["data", "collect", "TowerFlipIt", "--episodes", "5", "--minari", "lilgym/own-v0"]
     assert main([*command, "--observation", form]) == 0
     dataset = minari.load_dataset("lilgym/own-v0")
     env, eval_env = dataset.recover_environment(), dataset.recover_environment(eval_env=True)
@@ -261,5 +261,5 @@ def test_minari__leaves_no_files_if_writing_fails(minari: Any, tmp_path: Path, m
         raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(datasets, "_buffer", fail)
-    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--jobs", "1", "--minari", "lilgym/own-v0"]) == 1
+    assert main(["data", "collect", "TowerScratch", "--episodes", "2", "--minari", "lilgym/own-v0"]) == 1
     assert not list(tmp_path.rglob("*"))
