@@ -105,11 +105,6 @@ class GameSettings(EnvConfig):
             raise ValueError("a run cannot save rewards given as a function: give a preset, or terms with weights")
         return {**super().to_json(), "homogeneous": self.homogeneous}
 
-    @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> GameSettings:
-        """Inverse of `to_json`, with the default views. Raises ValueError or TypeError."""
-        return cls.of(data)
-
     def check(self) -> None:
         """Raises ValueError naming the value and the choices for the settings that no other method checks."""
         shrink_of(self.image_size)

@@ -203,7 +203,8 @@ class RolloutPlayer:
                 for index, partner in enumerate(self._partners[role]):
                     played = moving[partner_of[role][moving] == index]
                     if len(played):
-                        actions[role, played] = batch_actions(partner, self._partner_turn(role, played, rng))
+                        own_turn = BatchTurn(arrays, role, played, self._episodes[played], [rng] * len(played))
+                        actions[role, played] = batch_actions(partner, own_turn)
                 continue
             seen, context = read_situations(arrays, role, moving)
             if role is Role.VERIFIER:
@@ -231,9 +232,6 @@ class RolloutPlayer:
         return self._table.states(
             self._sampler.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
         )
-
-    def _partner_turn(self, role: Role, indices: Int64Array, rng: np.random.Generator) -> BatchTurn:
-        return BatchTurn(self._arrays, role, indices, self._episodes[indices], [rng] * len(indices))
 
     def _last_values(self, role: Role, evaluate: Evaluate) -> Float32Array:
         arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])
