@@ -14,8 +14,6 @@ from collections.abc import Iterable
 from itertools import islice
 
 from lilgym_mp.contrib.rlvr import BASELINES, KINDS, Row, rows, score
-from lilgym_mp.contrib.rlvr.rows import scene_answer
-from lilgym_mp.contrib.rlvr.solutions import constant_answers
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.corpus.generator import LEVELS
 from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
@@ -72,7 +70,7 @@ def baselines(count: int) -> None:
 
 
 def _constant_replies(kind: str, appearance: str, found: Iterable[Row]) -> list[str]:
-    """Replies to give to every row: plans of one edit, both truth values, scenes, or ten rows' programs."""
+    """Replies to give to every row: plans of one edit, both truth values, or ten rows' programs."""
     made = make_appearance(appearance)
     match kind:
         case "plan":
@@ -81,8 +79,6 @@ def _constant_replies(kind: str, appearance: str, found: Iterable[Row]) -> list[
             return [f"{describe(action)}\nSTOP" for action in actions]
         case "truth":
             return ["true", "false"]
-        case "scene":
-            return [scene_answer(scene, made) for scene in constant_answers(appearance)]
         case _:
             return [row.task.program for row in islice(found, 10)]
 

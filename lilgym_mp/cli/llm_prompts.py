@@ -19,7 +19,7 @@ from lilgym_mp.scene.appearances import APPEARANCES
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth, scene or program")
+    parser.add_argument("--task", required=True, metavar="KIND", help="plan, truth or program")
     parser.add_argument("--appearance", choices=list(APPEARANCES), default="tower", help="(default: %(default)s)")
     add_number(parser, "--level", 3, "difficulty of statements, 1 to 5")
     parser.add_argument("--split", choices=list(SPLITS), default="train", help="(default: %(default)s)")

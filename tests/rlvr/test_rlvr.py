@@ -106,7 +106,7 @@ def test_rows__end_a_search_after_the_given_time():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"kind": "essay"}, "unknown kind 'essay'; choose from plan, program, scene, truth"),
+        ({"kind": "essay"}, "unknown kind 'essay'; choose from plan, program, truth"),
         ({"appearance": "mosaic"}, "unknown appearance 'mosaic'"),
         ({"level": 6}, "unknown level 6; choose from 1, 2, 3, 4, 5"),
         ({"split": "all"}, "unknown split 'all'"),
@@ -216,17 +216,6 @@ ANSWERS = {
         ([{"type": "thinking", "thinking": "true"}, {"type": "text", "text": "false"}], "success"),
         ({"verdict": "false"}, "not_understood"),
     ],
-    "scene": [
-        ("LEFT: black; blue\nMIDDLE:\nRIGHT: yellow", "success"),
-        ("So:\n**LEFT:**\nMIDDLE box: Blue\nRIGHT:", "success"),
-        ("LEFT: black\nMIDDLE:\nRIGHT:", "wrong"),
-        ("<answer>LEFT: black; blue\nMIDDLE: empty\nRIGHT: (none)</answer>", "success"),
-        (r"\boxed{LEFT: blue \\ MIDDLE: \\ RIGHT:}", "success"),
-        ("LEFT: blue\nLEFT: black\nMIDDLE:\nRIGHT:", "not_understood"),
-        ("LEFT: blue", "not_understood"),
-        ("LEFT: green\nMIDDLE:\nRIGHT:", "not_understood"),
-        ("LEFT: blue; blue; blue; blue; blue\nMIDDLE:\nRIGHT:", "not_understood"),
-    ],
     "program": [
         (BLUE, "success"),
         (f"Blue exists:\n```python\n{BLUE}\n```", "success"),
@@ -278,13 +267,6 @@ def test_rewards__unknown_or_for_another_kind_are_refused():
         score("", PLAN, "style")
     with pytest.raises(ValueError, match="the reward 'return' is for plans; a truth is rewarded by success"):
         score("", replace(PLAN, kind="truth"), "return")
-
-
-def test_scene__of_scatter_must_be_possible():
-    row = replace(PLAN, kind="scene", appearance="scatter", task=replace(TASK, start=Scene.empty()))
-    overlapping = "LEFT: small blue circle (10, 20); large blue square (5, 15)\nMIDDLE:\nRIGHT:"
-    assert score(overlapping, row).outcome == "not_understood"
-    assert score(overlapping.replace("(5, 15)", "(50, 15)"), row).success
 
 
 def test_program__that_is_always_true_cannot_be_checked():
@@ -364,7 +346,7 @@ def test_messages__have_a_picture_where_one_was_asked_for():
     assert [part["type"] for part in message["content"]] == ["image", "text"]
     assert message["content"][1]["text"] != PLAN.prompt
     assert messages_of(PLAN) == [{"role": "user", "content": PLAN.prompt}]
-    assert [len(images_of(replace(PLAN, kind=kind))) for kind in ("plan", "truth", "scene", "program")] == [1, 1, 0, 0]
+    assert [len(images_of(replace(PLAN, kind=kind))) for kind in ("plan", "truth", "program")] == [1, 1, 0]
     with pytest.raises(ValueError, match="a program row has no picture to show; choose from plan, truth rows"):
         messages_of(replace(PLAN, kind="program"), "image")
 
@@ -389,16 +371,6 @@ def test_hostile_replies__are_scored_in_bounded_time():
     assert slow == []
     assert sum(outcomes.values()) == 800
     assert outcomes["not_understood"] > 400
-
-
-@pytest.mark.parametrize(("appearance", "level"), [("tower", 2), ("scatter", 2), ("tower", 5), ("scatter", 5)])
-def test_scene_rows__no_constant_answer_is_right_often(appearance: str, level: int):
-    found = some("scene", appearance, 120 if level == 2 else 30, level=level)
-    assert abs(sum(row.task.target for row in found) - len(found) / 2) <= 1
-    rng = random.Random(1)
-    answers = [Scene.empty(), *(SAMPLERS[appearance].scene(rng) for _ in range(200))]
-    assert max(sum(row.task.solved_by(answer) for row in found) for answer in answers) < 0.45 * len(found)
-    assert all(score(expert_reply(row), row).success for row in found)
 
 
 def word_mutants(program: str) -> Iterator[str]:

@@ -1,6 +1,6 @@
 """Tasks for training language models with verifiable rewards: endless prompts, and exact scores for replies.
 
-`rows` generates tasks as JSON-ready rows of four kinds: plan, truth, scene and program. `row.prompt` is the text for
+`rows` generates tasks as JSON-ready rows of three kinds: plan, truth and program. `row.prompt` is the text for
 the model, `messages_of(row, scene)` the same with a picture, `score(reply, row)` the reward; `Conversation` plays a
 plan task over several turns. `solutions` are the baselines. docs/language_models.md shows how to train with
 them.

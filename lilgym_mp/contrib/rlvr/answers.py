@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import html
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from itertools import chain
 
-from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.scene import Colour, Item, Scene, SceneError, Shape, Size
-from lilgym_mp.scene.actions import BOX_NAMES, STOP, AddBlock
+from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.wrappers.replies import (
     THOUGHTS,
@@ -60,9 +58,6 @@ _SENTENCE = re.compile(  # begins in small letters, as in "Stop when it is true"
     r"|this|is|are|was|will|would|can|could|should|must|needs?|not)\b)"
 )
 _BARE_NUMBER = re.compile(r"[\W_]{0,9}(?:(?:act|action|step|move)\s?\(?\s?)?\d+[\s)*_`]{0,9}")
-_BOX_LINE = re.compile(rf"^[^\w\n]*({'|'.join(BOX_NAMES)})(?: box)?[*_`]*[ \t]*:([^\n]*)$", re.I | re.M)
-_ITEM = re.compile(r"(\w+) (\w+) (\w+) (?:at )?\((\d{1,3}), ?(\d{1,3})\)")
-_NOTHING = ("empty", "none", "nothing", "-")
 _TRUTH = re.compile(r"[^\w?!~¬≠]*(true|false)[^\w?]*", re.IGNORECASE)
 _FENCED = re.compile(r"```(?:python|py)?[ \t]*\n(.*?)```", re.IGNORECASE | re.DOTALL)
 _PROGRAM_LABEL = re.compile(r"\W*(?:(?:my|the|final)\s+){0,2}(?:answer|program)\W*[:=]", re.IGNORECASE)
@@ -152,24 +147,6 @@ def read_truth(reply: object, *, thoughts: Sequence[str] = THOUGHTS) -> bool:
     return values == {"true"}
 
 
-def read_scene(reply: object, appearance: Appearance, *, thoughts: Sequence[str] = THOUGHTS) -> Scene:
-    """The scene. Raises NotUnderstood, also for one that the appearance does not have."""
-    text = _answer_text(reply, thoughts)
-    boxes: dict[str, str] = {}
-    for match in _BOX_LINE.finditer("\n".join(enclosed_answers(text)) or text):
-        items = " ".join(match[2].strip(" \t*`.").lower().split())
-        if boxes.setdefault(match[1].upper(), items) != items:
-            raise NotUnderstood(f"there are two different lines for {match[1].upper()}")
-    if set(boxes) != set(BOX_NAMES):
-        raise NotUnderstood("there must be a line for each box, LEFT, MIDDLE and RIGHT")
-    try:
-        if appearance.grid is None:
-            return _stacked([boxes[name] for name in BOX_NAMES], appearance)
-        return appearance.check_scene(Scene.of(*(list(_items(boxes[name])) for name in BOX_NAMES)))
-    except SceneError as error:
-        raise NotUnderstood(f"no scene: {error}") from None
-
-
 def read_program(reply: object, *, thoughts: Sequence[str] = THOUGHTS) -> str:
     """The marked program, or else the last line, without markup. Raises NotUnderstood."""
     text = _answer_text(reply, thoughts)
@@ -195,34 +172,3 @@ def _answer_text(reply: object, thoughts: Sequence[str]) -> str:
     if text is None:
         raise NotUnderstood("no text, a thought that does not end, or too long a reply")
     return text
-
-
-def _parts(line: str, separators: str = ";") -> Iterator[str]:
-    parts = (part.strip(" \t*`.") for part in re.split(f"[{separators}]", line, maxsplit=MAX_LINES))
-    return (part for part in parts if part and part.strip("()") not in _NOTHING)
-
-
-def _stacked(boxes: list[str], appearance: Appearance) -> Scene:
-    """Blocks named by colour, from the bottom."""
-    scene = Scene.empty()
-    for box, line in enumerate(boxes):
-        for name in _parts(line, ";,"):
-            if name.upper() not in Colour.__members__:
-                raise NotUnderstood(f"{name!r:.40} is not a colour")
-            action = AddBlock(box, Colour[name.upper()])
-            scene, invalid = appearance.apply(scene, action, RULE_SETS["paper"].placement)
-            if invalid is not None:
-                raise NotUnderstood(f"the {BOX_NAMES[box]} box holds no more blocks")
-    return scene
-
-
-def _items(line: str) -> Iterator[Item]:
-    for part in _parts(line):
-        match = _ITEM.fullmatch(part)
-        try:
-            if match is None:
-                raise KeyError(part)
-            size, colour, shape = (word.upper() for word in match.groups()[:3])
-            yield Item(int(match[4]), int(match[5]), Shape[shape], Colour[colour], Size[size])
-        except KeyError:
-            raise NotUnderstood(f"{part!r:.60} is not an item like: small blue circle (10, 20)") from None

@@ -9,11 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from itertools import islice
 
-import numpy as np
-
 from lilgym_mp.contrib.rlvr.checked_scenes import is_checkable
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, dynamics_of, solver_of
-from lilgym_mp.contrib.rlvr.solutions import constant_answers
 from lilgym_mp.corpus.generator import LEVELS, TrainingPair, split_of, statements
 from lilgym_mp.corpus.held_out import shipped_digests, statement_digest
 from lilgym_mp.corpus.records import SPLITS
@@ -21,7 +18,6 @@ from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.synthesis import near_misses
 from lilgym_mp.envs.rules import State
-from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
@@ -31,9 +27,6 @@ STARTS = 4  # plan rows of a statement and target besides those of one edit
 TRIES = 12  # scenes examined for starts
 PROBES = 3  # of these, after which statements whose goal is always near are given up
 POOL_WALKS = 64
-MAX_CONSTANT_SHARE = 0.4  # of the weights of constant answers to a scene row, that of the right ones
-PATIENT_SHARE = 1.003  # factor on that share for each statement in a row that does not suit the target
-WEIGHT_GROWTH = 1.2  # of the weight of a right answer
 BARREN = 2_000  # statements in a row without a row, after which there is none
 PATIENCE = 3_000  # statements without a new statement, after which statements are repeated
 
@@ -163,28 +156,6 @@ def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     return variants
 
 
-def _scenes(appearance: str, lengths: range, rng: random.Random) -> _Variants:
-    """Targets are true and false in turn, of statements for which few constant answers are right, above all few of
-    those that were right most often before."""
-    answers = constant_answers(appearance)
-    weights = np.ones(len(answers))  # higher the more often an answer was right
-    target = rng.random() < 0.5  # of the next row
-    refused = 0  # statements since the last row
-
-    def variants(program: str) -> Iterator[_Variant]:
-        nonlocal weights, target, refused
-        right = np.fromiter(map(compile_program(program).evaluate, answers), bool) == target
-        most = MAX_CONSTANT_SHARE * PATIENT_SHARE**refused
-        refused += 1
-        if right.any() and weights[right].sum() <= most * weights.sum():
-            weights = weights * np.where(right, WEIGHT_GROWTH, 1)
-            weights /= weights.sum()
-            yield target, Scene.empty(), None
-            target, refused = not target, 0
-
-    return variants
-
-
 def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     """Programs against which others can be checked."""
     return lambda program: iter([(True, Scene.empty(), None)] if is_checkable(program, appearance) else [])
@@ -193,6 +164,5 @@ def _programs(appearance: str, lengths: range, rng: random.Random) -> _Variants:
 _VARIANTS: Mapping[str, Callable[[str, range, random.Random], _Variants]] = {
     "plan": _plans,
     "truth": _truths,
-    "scene": _scenes,
     "program": _programs,
 }

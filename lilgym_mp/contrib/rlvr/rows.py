@@ -18,12 +18,12 @@ from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_progra
 from lilgym_mp.programs.costs import BOUNDED_STEPS
 from lilgym_mp.programs.task import Task
 from lilgym_mp.programs.words import WORDS
-from lilgym_mp.scene import Item, Scene, SceneError
-from lilgym_mp.scene.actions import BOX_NAMES, describe
-from lilgym_mp.scene.appearances import APPEARANCES, Appearance, make_appearance
+from lilgym_mp.scene import SceneError
+from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.appearances import APPEARANCES, make_appearance
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Solver
-from lilgym_mp.wrappers.text import SCALE, SCENE_STYLES, content_of, picture, shown_lines
+from lilgym_mp.wrappers.text import SCENE_STYLES, content_of, picture, shown_lines
 
 FORMAT = "lilgym_mp row 2"
 BUDGET_SHARE = 100  # the solver examines at most a hundredth of its usual number of scenes
@@ -47,8 +47,8 @@ class RowError(ValueError):
 class Row:
     """One task for a language model.
 
-    plan: make `task.statement` have the value `task.target` from `task.start`. truth: its value in `task.start`. scene:
-    a scene in which it has the value `task.target`. program: a program with its meaning.
+    plan: make `task.statement` have the value `task.target` from `task.start`. truth: its value in `task.start`.
+    program: a program with its meaning.
     """
 
     kind: str
@@ -171,40 +171,12 @@ def _truth_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield from shown_lines(task.start, dynamics.appearance, scene)
 
 
-def _scene_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
-    yield f"{PICTURE} You are told a statement. Describe a picture in which it is {_value(task.target)}."
-    yield "Answer with a line for each box, LEFT, MIDDLE and RIGHT, with its items separated by semicolons."
-    if dynamics.appearance.grid is not None:
-        yield SCALE
-        yield (
-            "An item is its size (small: 10 pixels, medium: 20, large: 30), colour (yellow, black, blue), shape"
-            " (circle, square, triangle) and top-left corner; items lie in their box and do not overlap. For example"
-        )
-        yield from ("LEFT: small blue circle (10, 20); large black square (50, 70)", "MIDDLE:", "RIGHT:")
-    else:
-        yield "Items are blocks, named by colour (yellow, black, blue), from the bottom; a box holds 4. For example"
-        yield from ("LEFT: blue; black", "MIDDLE:", "RIGHT: yellow")
-    yield from (ANSWER_LAST, f"Statement: {task.statement}")
-
-
 def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield f"{PICTURE} You are told a statement about pictures. Write a program with its meaning."
     yield SYNTAX
     yield from (word.signature for word in WORDS.values())
     yield f"Answer with the program as the last line. {ANSWER_LAST}"
     yield f"Statement: {task.statement}"
-
-
-def scene_answer(scene: Scene, appearance: Appearance) -> str:
-    """The scene in the form in which a model should answer."""
-
-    def named(item: Item) -> str:
-        if appearance.grid is None:
-            return item.colour.name.lower()
-        return f"{item.size.name} {item.colour.name} {item.shape.name} ({item.x}, {item.y})".lower()
-
-    lines = zip(BOX_NAMES, scene.boxes, strict=True)
-    return "\n".join(f"{name}: {'; '.join(map(named, box.items))}" for name, box in lines)
 
 
 def _value(target: bool) -> str:
@@ -214,7 +186,6 @@ def _value(target: bool) -> str:
 _PROMPTS: Mapping[str, Callable[[Dynamics, Task, str], Iterator[str]]] = {  # lines of the prompt, with a scene's style
     "plan": _plan_lines,
     "truth": _truth_lines,
-    "scene": _scene_lines,
     "program": _program_lines,
 }
 KINDS = tuple(_PROMPTS)

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from PIL import Image
 
 from lilgym_mp.contrib.llm.summary import progression
-from lilgym_mp.contrib.rlvr.answers import NotUnderstood, read_plan, read_program, read_scene, read_truth
+from lilgym_mp.contrib.rlvr.answers import NotUnderstood, read_plan, read_program, read_truth
 from lilgym_mp.contrib.rlvr.checked_scenes import STEP_LIMIT, checked_truths
 from lilgym_mp.contrib.rlvr.rows import Row, RowError, dynamics_of, solver_of
 from lilgym_mp.envs.rules import Outcome, State
@@ -112,15 +112,6 @@ def _check_truth(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool
     return answer == row.task.truth(row.task.start), {"answer": answer}
 
 
-def _check_scene(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool, dict[str, Any]]:
-    scene = read_scene(reply, dynamics_of(row.appearance).appearance, thoughts=thoughts)
-    try:
-        (value,) = bounded_truths(row.task.program, (scene,))
-    except StepLimitError as error:
-        raise NotUnderstood(str(error)) from None
-    return value == row.task.target, {"scene": scene.to_json()}
-
-
 def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bool, dict[str, Any]]:
     program = read_program(reply, thoughts=thoughts)
     expected = checked_truths(row.task.program, row.appearance)
@@ -136,7 +127,6 @@ def _check_program(reply: object, row: Row, thoughts: Sequence[str]) -> tuple[bo
 
 _CHECKS: Mapping[str, Callable[[object, Row, Sequence[str]], tuple[bool, dict[str, Any]]]] = {
     "truth": _check_truth,
-    "scene": _check_scene,
     "program": _check_program,
 }
 
