@@ -29,7 +29,6 @@ from lilgym_mp.evaluation.options import (
     CommandError,
     add_device,
     add_number,
-    add_recording,
     add_seed,
     add_settings,
     add_split,
@@ -96,7 +95,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "whose most probable first action may be STOP; greedy for others, but for imitation as its stop rule says)",
     )
     parser.add_argument("--name", metavar="NAME", help="name of the agent in reports (default: its learner)")
-    add_recording(parser, "--record-decisions")
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="record every episode in DIR, for `report` and the /watch page"
+    )
+    parser.add_argument(
+        "--judge-decisions",
+        action="store_true",
+        help="with --record-decisions: ask the expert at each step whether the action taken begins a shortest solution"
+        " (slow in Scatter)",
+    )
     parser.add_argument(
         "--record-decisions",
         action="store_true",

@@ -24,7 +24,6 @@ from lilgym_mp.evaluation.options import (
     CommandError,
     add_configuration,
     add_number,
-    add_recording,
     add_seed,
     add_settings,
     add_split,
@@ -32,13 +31,17 @@ from lilgym_mp.evaluation.options import (
     check_at_least,
     given_settings,
 )
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
     from lilgym_mp.contrib.llm import Episode, Failure, Player, Summary
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
+# Options of an agent's constructor that the summary shows. Others are left out, as they could be keys.
+PUBLIC_OPTIONS = (
+    *("model", "directory", "temperature", "top_p", "seed", "reasoning_effort", "timeout", "retries"),
+    *("max_tokens", "max_completion_tokens", "max_new_tokens"),
+)
 HOPELESS = 3  # failed episodes, or as many as are played at the same time, after which a run without others ends
 
 
@@ -92,14 +95,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--resume", action="store_true", help="play what is missing or failed in the run of --out")
     parser.add_argument("--force", action="store_true", help="overwrite existing files")
-    add_recording(parser, "--record")
     add_settings(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.llm import Player, make_agent, summarise
-    from lilgym_mp.contrib.llm.recording import named_policy, write_recording
-    from lilgym_mp.evaluation.recording import episodes_file
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if os.getcwd() not in sys.path:  # for --agent module:Class
@@ -123,14 +123,8 @@ def run(args: argparse.Namespace) -> int:
     args.out = args.out or first_free_path(RUNS / name)
     settings = _settings(player, args)
     done = _episodes_to_resume(args.out, settings) if args.resume else []
-    outputs = [args.out / TRANSCRIPTS, args.out / SUMMARY]
-    if args.record is not None:
-        named = named_policy(player, args.agent, agent_options)
-        outputs.append(episodes_file(args.record, named, player.settings, args.split, args.seed))
-    elif args.judge_decisions:
-        raise CommandError("--judge-decisions needs --record DIR")
-    for path in outputs:
-        fresh_file(path, force=args.force or args.resume)
+    for name in (TRANSCRIPTS, SUMMARY):
+        fresh_file(args.out / name, force=args.force or args.resume)
     unused = iter([agent])
 
     def make_player() -> Player:
@@ -146,13 +140,6 @@ def run(args: argparse.Namespace) -> int:
     print(f"results      {args.out}")
     if failures:
         print(f"failed       {len(failures)} episodes, not in the rates; --out {args.out} --resume plays them")
-    if args.record is not None:
-        judges = args.judge_decisions
-        path = write_recording(
-            args.record, player, args.agent, episodes, args.seed, judges=judges, options=agent_options
-        )
-        RecordingMetadata.now(_public_command(args)).write(path)
-        print(f"episodes: {path}")
     return 0
 
 
@@ -243,20 +230,11 @@ def _key_and_value(text: str) -> tuple[str, Any]:
 def _public(option: str) -> str:
     """The --option without what could be a key."""
     from lilgym_mp.contrib.llm.openai_agent import without_credentials
-    from lilgym_mp.contrib.llm.recording import RECORDED_OPTIONS
 
     key, _, value = option.partition("=")
     if key == "url":
         return f"{key}={without_credentials(value)}"
-    return option if key in (*RECORDED_OPTIONS, "timeout", "retries") else f"{key}=..."
-
-
-def _public_command(args: argparse.Namespace) -> list[str]:
-    """The command's arguments, with each --option as `_public` gives it."""
-    words = list(args.argv)
-    for option in args.option:  # a word of its own, or after "--option="
-        words = [word.removesuffix(option) + _public(option) if word.endswith(option) else word for word in words]
-    return words
+    return option if key in PUBLIC_OPTIONS else f"{key}=..."
 
 
 def _print_summary(summary: Summary) -> None:

@@ -18,7 +18,6 @@ from lilgym_mp.scene.actions import Action, ActionType, AddBlock, AddItem, Remov
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
-MAX_ANSWER_LENGTH = 4_000  # characters recorded of a text agent's answer
 MAX_LIKELIEST = 5  # actions and programs recorded per step
 MIN_PROBABILITY = 0.0005  # cells with lower probabilities are not recorded
 DIGITS = 4
@@ -37,20 +36,6 @@ class PolicyOutput(NamedTuple):
     notes: Sequence[tuple[str, ...]] | None = None  # (B,) lines about the statement, such as its unknown words
 
 
-class AgentAnswer(NamedTuple):
-    """A text agent's answer."""
-
-    text: str
-    understood: bool  # whether a valid action could be parsed from it
-
-    @classmethod
-    def truncated(cls, text: str, *, understood: bool) -> Self:
-        """The answer, without the middle of its text if that is longer than MAX_ANSWER_LENGTH."""
-        if len(text) > MAX_ANSWER_LENGTH:
-            text = f"{text[: MAX_ANSWER_LENGTH // 2]} [...] {text[-MAX_ANSWER_LENGTH // 2 :]}"
-        return cls(text, understood)
-
-
 @dataclass(frozen=True)
 class Decision:
     """A policy's outputs at one step, before its action."""
@@ -66,14 +51,12 @@ class Decision:
     programs: Mapping[str, float] = field(default_factory=dict[str, float])  # the most probable programs planned for
     optimal: bool | None = None  # whether the action taken begins a shortest solution; None if not judged or unknown
     steps_to_go: int | None = None  # length of a shortest solution, including STOP; None as above
-    answers: tuple[AgentAnswer, ...] = ()  # answers of a text agent; the last one chose the action
     notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
 
     def to_json(self) -> dict[str, Any]:
         values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         for name in ("add_cells", "remove_cells"):
             values[name] = [[cell, probability] for cell, probability in values[name].items()]
-        values["answers"] = [list(answer) for answer in self.answers]
         return {**values, "likeliest": [[describe(action), probability] for action, probability in self.likeliest]}
 
     @classmethod
@@ -89,7 +72,6 @@ class Decision:
         _probability("legal_probability", values["legal_probability"])
         for program, value in dict(values["programs"]).items():
             _probability(f"programs: {program:.40}", value)
-        values["answers"] = tuple(AgentAnswer(str(text), bool(known)) for text, known in values.get("answers", ()))
         values["notes"] = tuple(map(str, values.get("notes", ())))
         if len(values["types"]) != len(ActionType) or len(values["legal"]) != len(ActionType):
             raise ValueError(f"types and legal must be {len(ActionType)} numbers each")

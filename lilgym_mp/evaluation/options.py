@@ -151,19 +151,6 @@ def add_run_directory(parser: argparse.ArgumentParser, default: str) -> None:
     parser.add_argument("--resume", action="store_true", help="continue the run in that directory")
 
 
-def add_recording(parser: argparse.ArgumentParser, decisions_option: str) -> None:
-    """--record and --judge-decisions; `decisions_option`: the option that has decisions recorded."""
-    parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="record every episode in DIR, for `report` and the /watch page"
-    )
-    parser.add_argument(
-        "--judge-decisions",
-        action="store_true",
-        help=f"with {decisions_option}: ask the expert at each step whether the action taken begins a shortest solution"
-        " (slow in Scatter)",
-    )
-
-
 def flag_name(name: str) -> str:
     """The option for a field, without its leading dashes."""
     return name.replace("_", "-")

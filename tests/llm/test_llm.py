@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import gzip
 import io
 import json
 import subprocess
@@ -24,11 +23,7 @@ from lilgym_mp.cli import main
 from lilgym_mp.contrib.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
-from lilgym_mp.contrib.llm.recording import write_recording
-from lilgym_mp.contrib.report.report_data import load_report_data
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import read_episodes
-from lilgym_mp.evaluation.files import SUFFIX
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from lilgym_mp.wrappers.replies import parse_reply
@@ -367,12 +362,11 @@ def test_command__imports_an_agent_from_the_current_directory(tmp_path: Path):
 
 
 def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    for option in ("--out", "--record"):
-        command = f"--agent expert --episodes 1 {option} {tmp_path / option}"
-        assert play(command) == 0
-        assert play(command) == 2
-        assert "--force overwrites it" in capsys.readouterr().err
-        assert play(f"{command} --force") == 0
+    command = f"--agent expert --episodes 1 --out {tmp_path}"
+    assert play(command) == 0
+    assert play(command) == 2
+    assert "--force overwrites it" in capsys.readouterr().err
+    assert play(f"{command} --force") == 0
 
 
 @pytest.mark.parametrize(
@@ -464,95 +458,26 @@ def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path
     assert parse_reply(answers["Hm Hm STOP"].text, TOWER.dynamics().appearance, 9) == (0, True)
 
 
-class Hesitant(agents_module.ExpertAgent):
-    """Gives one unparseable answer, then the expert's."""
+class Model(Scripted):
+    """Has the options of a model."""
 
-    asked = 0
-
-    def answer(self, messages: Sequence[Message]) -> str:
-        self.asked += 1
-        return "Let me think." if self.asked == 1 else f"Thus\n{super().answer(messages)}"
-
-
-def test_recording__keeps_every_answer_before_its_action(tmp_path: Path):
-    player = Player(Settings("TowerFlipIt"), Hesitant())
-    played = [player.play(task) for task in player.task_ids()[:2]]
-    path = write_recording(tmp_path, player, "mine:Hesitant", played, 0, judges=True)
-    read = read_episodes(path)
-    for recorded, episode in zip(read.episodes, played, strict=True):
-        decisions = recorded.decisions or ()
-        assert [each.likeliest[0][1] for each in decisions] == [1.0] * len(episode.actions)
-        assert [each.answers[-1].text for each in decisions] == [t.answer for t in episode.turns if t.action]
-        assert all(each.optimal for each in decisions)
-        assert recorded.is_success == episode.is_success
-    decisions = read.episodes[0].decisions
-    assert decisions is not None
-    assert [(answer.text[:3], answer.understood) for answer in decisions[0].answers] == [("Let", False), ("Thu", True)]
-
-
-UNKNOWN = "unknown training data (model small)"
-
-
-class Sampler(Scripted):
-    """Stops; has the options of a model."""
-
-    def __init__(self, model: str, temperature: float = 0.7, secret: str = "") -> None:
+    def __init__(self, model: str, secret: str = "") -> None:
         super().__init__()
-
-
-@pytest.mark.parametrize(
-    ("agent", "options", "expected", "recipe"),
-    [
-        ("random", "", ("sampled", True, "none"), {}),
-        (
-            f"{__name__}:Sampler",
-            "--option model=small temperature=0",
-            ("greedy", False, UNKNOWN),
-            {"model": "small", "temperature": 0},
-        ),
-        (
-            f"{__name__}:Sampler",
-            "--option model=small",
-            ("sampled", False, UNKNOWN),
-            {"model": "small", "temperature": 0.7},
-        ),
-    ],
-)
-def test_recording__names_the_model_and_whether_it_samples(
-    agent: str, options: str, expected: tuple[str, bool, str], recipe: dict[str, Any], tmp_path: Path
-):
-    shown = {"scene": "drawing", "legal_actions": False, "retries": 2, "history": 12}
-    command = f"--agent {agent} --episodes 1 --record {tmp_path} --scene drawing --no-legal-actions --retries 2"
-    assert play(f"{command} {options}") == 0
-    header = read_episodes(next(tmp_path.glob(f"*{SUFFIX}"))).header
-    assert header.agent == f"text {agent}"
-    assert (header.actions, header.mask, header.supervision) == expected
-    assert header.recipe == {"agent": agent, **recipe, **shown}
-
-
-def test_recording__two_models_are_two_rows_of_a_report(tmp_path: Path):
-    agent = f"{__name__}:Sampler"
-    for model in ("small", "large"):
-        assert play(f"--agent {agent} --episodes 1 --option model={model} --record {tmp_path}") == 0
-    agents = load_report_data([tmp_path]).agents
-    assert sorted(agents) == [f"text {agent} (model {model})" for model in ("large", "small")]
 
 
 @pytest.mark.parametrize(
     ("agent", "options", "shown"),
     [
-        ("openai", ["--option", "url=URL?key=SECRET", "model=m"], "url=SAFE model=m"),
-        (f"{__name__}:Sampler", ["--option", "secret=SECRET", "model=m"], "secret=... "),
-        (f"{__name__}:Sampler", ["--option=secret=SECRET", "--option=model=m"], "secret=... "),
+        ("openai", ["--option", "url=URL?key=SECRET", "model=m"], ["model=m", "url=SAFE"]),
+        (f"{__name__}:Model", ["--option", "secret=SECRET", "model=m"], ["model=m", "secret=..."]),
+        (f"{__name__}:Model", ["--option=secret=SECRET", "--option=model=m"], ["model=m", "secret=..."]),
     ],
 )
-def test_command__writes_no_secrets(agent: str, options: list[str], shown: str, tmp_path: Path):
+def test_command__writes_no_secrets(agent: str, options: list[str], shown: list[str], tmp_path: Path):
     with served(lambda body, number: (200, chat("STOP"))) as (url, _):
         options = [option.replace("URL", url.replace("//", "//user:SECRET@")) for option in options]
-        assert play(f"--agent {agent} --episodes 1 --record {tmp_path} --out {tmp_path}", *options) == 0
-    assert shown.replace("SAFE", url) in next(tmp_path.glob("*.metadata.json")).read_text()
-    files = list(tmp_path.iterdir())
-    assert len(files) == 4
-    for file in files:
-        data = file.read_bytes()
-        assert b"SECRET" not in (gzip.decompress(data) if file.suffix == ".gz" else data), file
+        assert play(f"--agent {agent} --episodes 1 --out {tmp_path}", *options) == 0
+    recorded = json.loads((tmp_path / "summary.json").read_text())["settings"]["option"]
+    assert recorded == [option.replace("SAFE", url) for option in shown]
+    for name in ("summary.json", "transcripts.jsonl"):
+        assert "SECRET" not in (tmp_path / name).read_text()

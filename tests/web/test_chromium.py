@@ -556,29 +556,6 @@ def test_watch__steps_through_two_recordings_by_keyboard(browser: Any, tmp_path:
         _assert_clean(watched)
 
 
-def test_watch__shows_a_language_models_answers(browser: Any, tmp_path: Path):
-    from lilgym_mp.contrib.llm import Player
-    from lilgym_mp.contrib.llm.recording import write_recording
-    from tests.llm.test_llm import Hesitant
-
-    (tmp_path / "runs").mkdir()
-    player = Player(Settings("TowerFlipIt"), Hesitant())
-    write_recording(tmp_path / "runs", player, "mine:Hesitant", [player.play(player.task_ids()[0])], 0, judges=True)
-    with served(tmp_path, runs=tmp_path / "runs") as (url, _), watched_page(browser, url=url) as watched:
-        page = watched.page
-        page.goto("/watch")
-        page.locator("#episodes button").first.click()
-        page.wait_for_selector(".side .answer")
-        assert page.locator(".side h3", has_text="Answer, not understood as an action").count() == 1
-        answers = page.locator(".side .answer").all_inner_texts()
-        assert answers[0] == "Let me think."
-        assert answers[1].startswith("Thus\n")
-        page.keyboard.press("ArrowRight")
-        page.wait_for_selector("#step-line:has-text('Step 2')")
-        assert page.locator(".side .answer").count() == 1
-        _assert_clean(watched)
-
-
 def _of_expert(title: str) -> bool:
     return title.startswith("expert")
 

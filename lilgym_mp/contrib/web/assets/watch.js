@@ -125,10 +125,6 @@ class Side {
       const notes = decision.notes.map((note) => element("p", { class: "notice" }, note));
       parts.push(element("div", {}, element("h3", {}, "About the statement"), ...notes));
     }
-    const answers = decision.answers.map(({ understood, text }) => {
-      const title = understood ? "Answer" : "Answer, not understood as an action";
-      return element("div", {}, element("h3", {}, title), element("pre", { class: "answer", tabindex: 0 }, text || "(nothing)"));
-    });
     const legal = `${decision.legal_stop} STOP, ${decision.legal_add} ADD, ${decision.legal_remove} REMOVE`;
     const optimal = decision.optimal ? "yes" : "no";
     const known = facts({
@@ -142,7 +138,7 @@ class Side {
       "Optimal according to the expert": decision.steps_to_go === null ? null : decision.optimal === null ? "unknown" : optimal,
       "Shortest solution from here": decision.steps_to_go === null ? null : plural(decision.steps_to_go, "action"),
     });
-    return [...answers, element("div", { class: "beliefs" }, ...parts), known];
+    return [element("div", { class: "beliefs" }, ...parts), known];
   }
 }
 

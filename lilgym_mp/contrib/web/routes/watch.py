@@ -208,6 +208,5 @@ def _decision_body(decision: Decision, rows: int, scene: Scene, target: bool) ->
             for cell in sorted({*adds, *removes})
         ],
         "likeliest": {describe(action): share for action, share in decision.likeliest},
-        "answers": [answer._asdict() for answer in decision.answers],
         "satisfied": [program for program in decision.programs if _has_value(program, scene, target)],
     }
