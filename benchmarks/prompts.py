@@ -13,13 +13,16 @@ from collections import Counter
 from collections.abc import Iterable
 from itertools import islice
 
-from lilgym_mp.contrib.rlvr import BASELINES, KINDS, Row, rows, score
+import numpy as np
+
+from lilgym_mp.contrib.rlvr import KINDS, Row, expert_reply, rows, score
+from lilgym_mp.contrib.rlvr.rows import dynamics_of
 from lilgym_mp.corpus import load_all_tasks
-from lilgym_mp.corpus.generator import LEVELS
+from lilgym_mp.corpus.generator import LEVELS, statements
 from lilgym_mp.corpus.held_out import SPLITS as HELD_OUT
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.evaluation.terminal import table
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.scene.actions import STOP, Action, describe
 from lilgym_mp.scene.appearances import make_appearance
 
 APPEARANCES = ("tower", "scatter")
@@ -40,7 +43,7 @@ def speed(count: int) -> None:
             for row in found:
                 _ = row.prompt
             warm = count / (time.process_time() - begun)
-            replies = [BASELINES["expert"](row, random.Random(0)) for row in found]
+            replies = [expert_reply(row) for row in found]
             seconds = [_seconds(reply, row) for reply, row in zip(replies, found, strict=True)]
             micro = 1e6 * statistics.median(seconds)
             lines.append((appearance, kind, round(cold), round(warm), round(micro), round(1e6 * max(seconds))))
@@ -59,14 +62,31 @@ def baselines(count: int) -> None:
         for kind in KINDS:
             found = list(islice(rows(kind, appearance, 3, seed=8, split="dev"), count))
             rng = random.Random(0)
-            rates = [
-                100 * statistics.mean(score(reply(row, rng), row).reward for row in found)
-                for reply in BASELINES.values()
-            ]
+            replies = ([expert_reply(row) for row in found], [random_reply(row, rng) for row in found])
+            rates = [100 * statistics.mean(map(_reward, each, found)) for each in replies]
             constants = _constant_replies(kind, appearance, found)
-            best = max(statistics.mean(score(reply, row).reward for row in found) for reply in constants)
+            best = max(statistics.mean(_reward(reply, row) for row in found) for reply in constants)
             lines.append((appearance, kind, *rates, 100 * best))
-    print(table(("appearance", "task", *(f"{name}, %" for name in BASELINES), "best constant, %"), lines), "\n")
+    print(table(("appearance", "task", "expert, %", "random, %", "best constant, %"), lines), "\n")
+
+
+def _reward(reply: str, row: Row) -> float:
+    return score(reply, row).reward
+
+
+def random_reply(row: Row, rng: random.Random) -> str:
+    """A random plan of legal actions, truth value, or program of a statement of the same level."""
+    if row.kind == "truth":
+        return rng.choice(("true", "false"))
+    if row.kind == "program":
+        return next(statements(row.appearance, row.level or 1, rng)).program
+    dynamics = dynamics_of(row.appearance)
+    state, plan = dynamics.start(row.task), list[Action]()
+    while len(plan) < dynamics.horizon and STOP not in plan:
+        legal = np.flatnonzero(dynamics.legal_mask(state)).tolist()
+        plan.append(dynamics.appearance.decode(rng.choice(legal)))
+        state = dynamics.step(state, plan[-1]).state
+    return "\n".join(map(describe, plan))
 
 
 def _constant_replies(kind: str, appearance: str, found: Iterable[Row]) -> list[str]:

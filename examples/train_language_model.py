@@ -3,14 +3,12 @@
 Needs torch and no download. Each line printed has a step, the success rate on 400 tasks of dev (greedy), the mean
 number of actions, and the share of plans that do nothing: empty ones and those that begin with STOP.
 Try: python examples/train_language_model.py --supervised-steps 20 --reward-steps 5 --rows 500
-With `--plans random` the model only learns the form of plans before the rewards, which `--reward` chooses.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import random
 import time
 from collections.abc import Sequence
 from itertools import chain, islice
@@ -19,7 +17,7 @@ from pathlib import Path
 import torch
 from torch import Tensor, nn
 
-from lilgym_mp.contrib.rlvr import BASELINES, REWARDS, Row, rows, score
+from lilgym_mp.contrib.rlvr import Row, expert_reply, rows, score
 from lilgym_mp.contrib.rlvr.rows import dynamics_of
 from lilgym_mp.corpus import words
 from lilgym_mp.scene.actions import describe
@@ -108,7 +106,6 @@ def reply_of(plan: Sequence[int]) -> str:
 class Training:
     def __init__(self, args: argparse.Namespace) -> None:
         torch.manual_seed(args.seed)
-        self.rng = random.Random(args.seed)
         lengths = {"min_actions": args.min_actions, "max_actions": args.max_actions}
         self.stream = rows("plan", "tower", args.level, seed=args.seed, **lengths)
         self.dev = list(islice(rows("plan", "tower", args.level, split="dev", **lengths), 400))
@@ -119,8 +116,8 @@ class Training:
         self.begun = time.process_time()
 
     def supervise(self) -> None:
-        """Learns the baseline's plans."""
-        replies = encoded_plans([BASELINES[self.args.plans](row, self.rng) for row in self.seen])
+        """Learns the expert's plans."""
+        replies = encoded_plans(list(map(expert_reply, self.seen)))
         prompts = self.tokens.prompts(self.seen)
         optimizer = torch.optim.AdamW(self.model.parameters(), lr=1e-3)
         for step in range(self.args.supervised_steps):
@@ -141,9 +138,7 @@ class Training:
             prompts = self.tokens.prompts(batch)
             plans = self.model.plans(prompts, TEMPERATURE)
             replies = map(reply_of, plans.tolist())
-            rewards = torch.tensor(
-                [score(reply, row, self.args.reward).reward for reply, row in zip(replies, batch, strict=True)]
-            )
+            rewards = torch.tensor([score(reply, row).reward for reply, row in zip(replies, batch, strict=True)])
             groups = rewards.view(-1, GROUP)
             advantages = ((groups - groups.mean(1, keepdim=True)) / (groups.std(1, keepdim=True) + 1e-3)).flatten()
             loss = -(advantages * self.model.log_probabilities(prompts, plans)).mean()
@@ -152,7 +147,7 @@ class Training:
             nn.utils.clip_grad_norm_(self.model.parameters(), 1.0)
             optimizer.step()
             if step % self.args.report_every == 0 or step == self.args.reward_steps:
-                self.report(f"rewarded by {self.args.reward}", step)
+                self.report("rewarded", step)
 
     def report(self, phase: str, step: int) -> None:
         plans = self.model.plans(self.tokens.prompts(self.dev), 0.0).tolist()
@@ -177,8 +172,6 @@ def main() -> None:
     parser.add_argument("--level", type=int, default=1)
     parser.add_argument("--min-actions", type=int, default=2)
     parser.add_argument("--max-actions", type=int, default=5)
-    parser.add_argument("--plans", choices=["expert", "random"], default="expert", help="what to supervise")
-    parser.add_argument("--reward", choices=sorted(REWARDS), default="success")
     parser.add_argument("--rows", type=int, default=10_000, help="tasks with plans to learn from")
     parser.add_argument("--supervised-steps", type=int, default=400)
     parser.add_argument("--reward-steps", type=int, default=100)

@@ -1,6 +1,6 @@
 """Score a language model's replies to prompts.
 
-Scores replies exactly, and prints the success rate over all prompts, the mean reward and the outcomes. A prompt without
+Scores replies exactly, and prints the success rate over all prompts and the outcomes. A prompt without
 a reply counts as a failure, and a line that is repeated counts once. With several samples of each prompt, told apart
 by "sample" or their texts, rates are means over prompts, and pass@k is the chance that one of k samples is right.
 """
@@ -13,7 +13,6 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from math import comb
 from pathlib import Path
-from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_file, write_json
@@ -35,7 +34,6 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="REPLIES",
         help='JSON lines {"id": ..., "reply": ...}, with "sample": N if a prompt has several',
     )
-    parser.add_argument("--reward", default="success", metavar="NAME", help="success (default), progress or return")
     add_thoughts(parser)
     parser.add_argument("--out", type=Path, metavar="FILE", help="write the summary and every score with its reason")
 
@@ -49,28 +47,26 @@ def run(args: argparse.Namespace) -> int:
     rows = _rows(args.prompts)
     scores: list[dict[str, Any]] = []
     for row, record in _replies(args.answers, args.prompts, rows):
-        found = score(record["reply"], row, args.reward, thoughts=args.thoughts or THOUGHTS)
+        found = score(record["reply"], row, thoughts=args.thoughts or THOUGHTS)
         sample = {"sample": record["sample"]} if "sample" in record else {}
         scores.append(
             {"id": row.id, **sample, "reward": found.reward, "outcome": found.outcome, "details": found.details}
         )
     if not scores:
         raise CommandError(f"{args.answers}: there are no replies")
-    for row in (rows[name] for name in rows.keys() - {each["id"] for each in scores}):
-        reward = score(None, row, args.reward).reward
-        scores.append({"id": row.id, "reward": reward, "outcome": MISSING, "details": {"reason": "there is no reply"}})
+    for name in rows.keys() - {each["id"] for each in scores}:
+        scores.append({"id": name, "reward": 0.0, "outcome": MISSING, "details": {"reason": "there is no reply"}})
     summary = summarised(scores)
     count, success = summary["prompts"], summary["success"]
     interval = f"95 % interval {summary['success_low']:.1%} to {summary['success_high']:.1%}"
     print(f"success   {success:.1%} ({success * count:.4g} of {count}; {interval})")
     for name, rate in summary["pass"].items():
         print(f"{name:<9} {rate:.1%}")
-    print(f"reward    {summary['mean_reward']:+.3f} ({args.reward})")
     print(f"outcomes  {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
     for reason, number in list(summary["reasons"].items())[:SHOWN_REASONS]:
         print(f"          {number} x {reason}")
     if args.out is not None:
-        write_json(args.out, {"reward": args.reward, **summary, "scores": scores})
+        write_json(args.out, {**summary, "scores": scores})
     return 0
 
 
@@ -99,7 +95,6 @@ def summarised(scores: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "pass": {
             f"pass@{k}": sum(1 - comb(total - good, k) / comb(total, k) for total, good in right) / count for k in ks
         },
-        "mean_reward": fmean(fmean(each["reward"] for each in group) for group in by_prompt.values()),
         "outcomes": dict(sorted(Counter(each["outcome"] for each in scores).items())),
         "reasons": dict(reasons.most_common()),
     }

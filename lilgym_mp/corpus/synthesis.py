@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import random
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
 from typing import Any
 
@@ -47,13 +47,17 @@ def near_misses(
     """Pairs of a true scene and a false one that are neighbours in a walk, the first of each walk; none has a scene of
     an earlier pair. Adds the scenes before each change to `seen`."""
     used: set[Scene] = set()
+    evaluate = compile_program(program).evaluate
+    first, first_value = None, None
     for walk in walks:
         scenes = iter(walk)
         scene = next(scenes)
-        value = _value(program, scene)
+        if scene is not first:  # walks often begin like the one before
+            first, first_value = scene, _value(evaluate, scene)
+        value = first_value
         for after in scenes:
             before, value_before = scene, value
-            scene, value = after, _value(program, after)
+            scene, value = after, _value(evaluate, after)
             if value_before is not None and seen is not None:
                 seen[value_before].append(before)
             if None not in (value, value_before) and value != value_before:
@@ -72,10 +76,10 @@ def _walk(appearance: str, rng: random.Random) -> Iterator[Scene]:
         yield (scene := sampler.changed(rng, scene))
 
 
-def _value(program: str, scene: Scene) -> bool | None:
-    """The program's truth value, None where it has none."""
+def _value(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | None:
+    """The truth value, None where there is none."""
     try:
-        return compile_program(program).evaluate(scene)
+        return evaluate(scene)
     except ProgramRuntimeError:
         return None
 

@@ -9,15 +9,15 @@ from collections.abc import Iterator
 from itertools import cycle, islice
 from typing import Any
 
-from lilgym_mp.contrib.rlvr import KINDS, Conversation, Row, random_reply, rows, score
+from lilgym_mp.contrib.rlvr import KINDS, Conversation, Row, expert_reply, rows, score
 from tests.stress.program_language import ATTACKS
 
 MAX_SECONDS = 0.05
 MEGABYTE = 1_000_000
 PIECES = (
     *("ADD(LEFT, BLUE)", "STOP", "add left blue", "remove", "ADD(", "ADD((((", "true", "false", "<think>", "</think>"),
-    *("<answer>", "</answer>", "\\boxed{", "Action:", "Answer: ", "LEFT:", "MIDDLE: ;;;", "RIGHT: blue; black", "1. "),
-    *("small blue circle (1, 2); ", "\x00", "\x1b[31m", "\ud800", "\u202e", "９", "²"),
+    *("<answer>", "</answer>", "\\boxed{", "Action:", "Answer: ", "1. "),
+    *("\x00", "\x1b[31m", "\ud800", "\u202e", "９", "²"),
     *("\n", "\r\n", " ", "\t", ",", "->"),
     *("{", "}", "[" * 40, "lambda x: ", "exist(all_items)", "9" * 5_000, "-", "`", "*" * 30, "é", "\u2028", "not "),
     *("import os; os.abort()", "__import__('os')", "eval(", "while True: pass", "print(1)", "{{7*7}}", "'; DROP TABLE"),
@@ -50,7 +50,7 @@ def examined(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     """Scores `count` replies; returns how many had each outcome, and which took longer than MAX_SECONDS."""
     rng = random.Random(seed)
     sources = [
-        (row, hostile_replies(rng, random_reply(row, rng)))
+        (row, hostile_replies(rng, expert_reply(row)))
         for kind in KINDS
         for appearance in ("tower", "scatter")
         for row in islice(rows(kind, appearance, 5, seed=seed), 1)
@@ -70,8 +70,7 @@ def examined(count: int, seed: int) -> tuple[Counter[str], list[str]]:
 
 def _timed(reply: Any, row: Row) -> tuple[str, float]:
     """The outcome of a reply, and the CPU seconds it took."""
-    begun, reward = time.process_time(), "success"
+    begun = time.process_time()
     if row.kind == "plan":
         Conversation(row).step(reply)
-        reward = "return" if row.appearance == "scatter" else "progress"
-    return score(reply, row, reward).outcome, time.process_time() - begun
+    return score(reply, row).outcome, time.process_time() - begun

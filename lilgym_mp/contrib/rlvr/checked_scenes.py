@@ -78,9 +78,8 @@ def is_checkable(program: str, appearance: str) -> bool:
             break
     else:
         return False
-    crowded = max(_scenes(appearance), key=lambda scene: sum(1 for _ in scene.items()))
     try:
-        compiled.evaluate_reference(crowded, step_limit=STEP_LIMIT // 2 // CROWDED_SCENES)
+        compiled.evaluate_reference(_crowded_scene(appearance), step_limit=STEP_LIMIT // 2 // CROWDED_SCENES)
     except StepLimitError:
         return False
     except ProgramRuntimeError:
@@ -113,6 +112,11 @@ def _scenes(appearance: str) -> tuple[Scene, ...]:
         *(SAMPLERS[appearance].scene(rng) for _ in range(RANDOM)),
     ]
     return tuple(rng.sample(scenes, len(scenes)))
+
+
+@cache
+def _crowded_scene(appearance: str) -> Scene:
+    return max(_scenes(appearance), key=lambda scene: sum(1 for _ in scene.items()))
 
 
 def _changed(scenes: Sequence[Scene], appearance: str) -> Iterator[Scene]:

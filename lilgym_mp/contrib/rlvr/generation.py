@@ -27,6 +27,7 @@ STARTS = 4  # plan rows of a statement and target besides those of one edit
 TRIES = 12  # scenes examined for starts
 PROBES = 3  # of these, after which statements whose goal is always near are given up
 POOL_WALKS = 64
+MOST_PAIRS = 300  # of neighbouring scenes, examined for two in which a statement differs
 BARREN = 2_000  # statements in a row without a row, after which there is none
 PATIENCE = 3_000  # statements without a new statement, after which statements are repeated
 
@@ -79,10 +80,9 @@ def _rows(
         if barren > BARREN:
             words = f"{lengths.start} to {lengths.stop - 1} actions" if kind == "plan" else "a checkable meaning"
             raise ValueError(f"{BARREN} {appearance} statements of level {level} in a row have no {kind} with {words}")
-        pair = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}" if kind == "truth" else None
         for target, scene, steps in variants(program):
             name = f"{appearance}-{kind}-{split}-{level}-{seed}-{number}"
-            yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps, pair)
+            yield Row(kind, appearance, Task(name, statement, program, target, scene), level, steps)
             number, barren, begun = number + 1, 0, time.monotonic()
 
 
@@ -150,7 +150,7 @@ def _truths(appearance: str, lengths: range, rng: random.Random) -> _Variants:
     pool = ScenePool.sample(appearance, rng, POOL_WALKS)
 
     def variants(program: str) -> Iterator[_Variant]:
-        pair = next(near_misses(program, pool.neighbours(rng)), ())
+        pair = next(near_misses(program, islice(pool.neighbours(rng), MOST_PAIRS)), ())
         yield from ((not start.label, start.scene, None) for start in rng.sample(pair, len(pair)))
 
     return variants

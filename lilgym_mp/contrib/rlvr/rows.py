@@ -13,7 +13,7 @@ from typing import Any, cast
 
 from PIL import Image
 
-from lilgym_mp.envs.rules import Dynamics, make_dynamics
+from lilgym_mp.envs.rules import Dynamics, State, make_dynamics
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.costs import BOUNDED_STEPS
 from lilgym_mp.programs.task import Task
@@ -56,7 +56,6 @@ class Row:
     task: Task
     level: int | None = None  # difficulty level of a generated statement
     steps: int | None = None  # actions of a shortest plan from the start, STOP included; None if unknown
-    pair: str | None = None  # shared by two truth rows whose scenes are one edit apart
 
     @property
     def id(self) -> str:
@@ -68,8 +67,8 @@ class Row:
         return _prompt(self, "list")
 
     def to_json(self) -> dict[str, Any]:
-        """An unknown level or number of steps is 0, no pair "", and the start scene is JSON text: in tables, columns of
-        rows of all kinds have the same types."""
+        """An unknown level or number of steps is 0, and the start scene is JSON text: in tables, columns of rows of all
+        kinds have the same types."""
         return {
             "format": FORMAT,
             "id": self.id,
@@ -77,7 +76,6 @@ class Row:
             "appearance": self.appearance,
             "level": self.level or 0,
             "steps": self.steps or 0,
-            "pair": self.pair or "",
             "prompt": self.prompt,
             "task": {**self.task.to_json(), "start": json.dumps(self.task.start.to_json())},
         }
@@ -103,14 +101,14 @@ class Row:
             value = compile_program(task.program).evaluate(task.start, step_limit=BOUNDED_STEPS)
             if kind == "plan" and value == task.target:
                 raise ValueError("the statement has the target value at the start, so there is no plan")
-            level, steps, pair = (record.get(name) or None for name in ("level", "steps", "pair"))
-            if {type(level), type(steps)} - {int, type(None)} or not isinstance(pair, str | None):
-                raise ValueError("level and steps must be whole numbers, pair a text, or null")
+            level, steps = (record.get(name) or None for name in ("level", "steps"))
+            if {type(level), type(steps)} - {int, type(None)}:
+                raise ValueError("level and steps must be whole numbers or null")
         except (ProgramError, ProgramRuntimeError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: its program: {error}") from None
         except (ValueError, TypeError, RecursionError, SceneError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: {error}") from None
-        return cls(kind, appearance, task, level, steps, pair)
+        return cls(kind, appearance, task, level, steps)
 
 
 @cache
@@ -124,6 +122,19 @@ def solver_of(appearance: str) -> Solver:
     """A solver with a small budget."""
     dynamics = dynamics_of(appearance)
     return Solver(dynamics, Solver(dynamics).budget // BUDGET_SHARE)
+
+
+def expert_reply(row: Row) -> str:
+    """A right reply."""
+    if row.kind == "truth":
+        return str(row.task.truth(row.task.start)).lower()
+    if row.kind == "program":
+        return row.task.program
+    solver = solver_of(row.appearance)
+    solution = solver.solve(row.task)
+    if not solution.solved:  # the generator searches so, and finds more
+        solution = solver.solve_distant(State(row.task, row.task.start, 0), 1)
+    return "\n".join(map(describe, solution.actions))
 
 
 def _prompt(row: Row, scene: str) -> str:
