@@ -59,15 +59,6 @@ def test_three_sessions_at_once__each_play_their_own_task(url: str):
         session.close()
 
 
-def test_replies_without_an_action__end_without_reward(url: str):
-    with LilgymEnv(base_url=url).sync() as session:
-        session.reset(seed=1)
-        assert session.step(LilgymAction(reply="hm")).observation.outcome == "not_understood"
-        result = session.step(LilgymAction(reply=""))
-        assert (result.reward, result.done) == (0, True)
-        assert session.step(LilgymAction(reply="STOP")).observation.outcome == "over"
-
-
 @pytest.mark.parametrize("settings", [{"level": 99}, {"appearance": "mosaic"}, {"difficulty": 2}])
 def test_reset__with_invalid_settings_is_refused(url: str, settings: dict[str, object]):
     response = httpx.post(f"{url}/reset", json={"seed": 1, **settings}, timeout=60)

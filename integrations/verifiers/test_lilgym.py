@@ -1,4 +1,4 @@
-"""Episodes in process against a chat server on loopback: one reply, and several turns."""
+"""Episodes in process against a chat server on loopback."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from typing import Any
 import pytest
 import verifiers.v1 as vf
 from lilgym import LilgymConfig, LilgymTaskset
-from lilgym_turns import TurnsConfig, TurnsEnv
 from verifiers.v1.utils.loaders import load_environment
 
 from lilgym_mp.contrib.rlvr import Row, expert_reply
@@ -55,17 +54,10 @@ def played(env: vf.Env, task: vf.Task, url: str) -> vf.Episode:
     return asyncio.run(play())
 
 
-def content(message: dict[str, Any]) -> str:
-    text = message["content"]
-    return text if isinstance(text, str) else "".join(part["text"] for part in text)
-
-
-NULL = {"harness": {"id": "null"}, "runtime": {"type": "subprocess"}}
-
-
 @pytest.mark.parametrize("kind", ["plan", "truth"])
 def test_one_reply__is_scored(kind: str):
-    config = vf.SingleAgentEnvConfig(taskset=LilgymConfig(id="lilgym", kind=kind), agent=NULL)
+    agent = {"harness": {"id": "null"}, "runtime": {"type": "subprocess"}}
+    config = vf.SingleAgentEnvConfig(taskset=LilgymConfig(id="lilgym", kind=kind), agent=agent)
     env = load_environment(config)
     task = next(iter(env.taskset))
     for reply, reward in ((expert_reply(Row.from_json(task.data.row)), 1), ("no idea", 0)):
@@ -73,21 +65,6 @@ def test_one_reply__is_scored(kind: str):
             episode = played(env, task, url)
         assert episode.errors == []
         assert episode.traces[0].rewards["verified"].score == reward
-
-
-def test_several_turns__reward_the_end():
-    env = TurnsEnv(TurnsConfig(taskset=LilgymConfig(id="lilgym_turns", level=1, min_actions=3), player=NULL))
-    task = next(iter(env.taskset))
-    plan = expert_reply(Row.from_json(task.data.row)).splitlines()
-
-    def answer(messages: list[dict[str, Any]]) -> str:
-        assert "Actions left:" in content(messages[-1])
-        return f"Next:\n{plan[sum(message['role'] == 'assistant' for message in messages)]}"
-
-    with chat_server(answer) as url:
-        episode = played(env, task, url)
-    assert episode.errors == []
-    assert episode.traces[0].rewards["verified"].score == 1
 
 
 def test_taskset__is_bounded_and_repeatable():

@@ -34,7 +34,7 @@ from lilgym_mp.evaluation.options import (
 from lilgym_mp.evaluation.terminal import Progress
 
 if TYPE_CHECKING:
-    from lilgym_mp.contrib.llm import Episode, Failure, Player, Summary
+    from lilgym_mp.contrib.llm import Episode, Failure, Player
 
 TRANSCRIPTS, SUMMARY = "transcripts.jsonl", "summary.json"
 # Options of an agent's constructor that the summary shows. Others are left out, as they could be keys.
@@ -136,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
     episodes, failures = _play(player, make_player, args, done, settings)
     summary = summarise(episodes, len(failures), args.prices and tuple(args.prices))
     _print_summary(summary)
-    write_json(args.out / SUMMARY, {"settings": settings, **asdict(summary)})
+    write_json(args.out / SUMMARY, {"settings": settings, **summary})
     print(f"results      {args.out}")
     if failures:
         print(f"failed       {len(failures)} episodes, not in the rates; --out {args.out} --resume plays them")
@@ -237,15 +237,15 @@ def _public(option: str) -> str:
     return option if key in PUBLIC_OPTIONS else f"{key}=..."
 
 
-def _print_summary(summary: Summary) -> None:
+def _print_summary(summary: dict[str, Any]) -> None:
     tokens = ""
-    if summary.prompt_tokens is not None and summary.completion_tokens is not None:
-        tokens = f"{summary.prompt_tokens:,} tokens read, {summary.completion_tokens:,} written, "
-    interval = f"95 % interval {summary.success_low:.1%} to {summary.success_high:.1%}"
-    print(f"success      {summary.success:.1%} ({summary.successes} of {summary.episodes}; {interval})")
-    print(f"progression  {summary.progression:.3f} ± {summary.progression_deviation:.3f}")
-    print(f"reward       {summary.mean_reward:+.2f} in {summary.mean_actions:.1f} actions")
-    print(f"answers      {summary.answers}, {summary.misunderstood} of them without a valid action")
-    money = "" if summary.cost is None else f"{summary.cost:.4g} at the given prices, "
-    retried = f", {summary.failed_calls} failed calls" if summary.failed_calls else ""
-    print(f"cost         {tokens}{money}{summary.seconds:.1f} seconds{retried}")
+    if summary["prompt_tokens"] is not None and summary["completion_tokens"] is not None:
+        tokens = f"{summary['prompt_tokens']:,} tokens read, {summary['completion_tokens']:,} written, "
+    interval = f"95 % interval {summary['success_low']:.1%} to {summary['success_high']:.1%}"
+    print(f"success      {summary['success']:.1%} ({summary['successes']} of {summary['episodes']}; {interval})")
+    print(f"progression  {summary['progression']:.3f} ± {summary['progression_deviation']:.3f}")
+    print(f"reward       {summary['mean_reward']:+.2f} in {summary['mean_actions']:.1f} actions")
+    print(f"answers      {summary['answers']}, {summary['misunderstood']} of them without a valid action")
+    money = "" if summary["cost"] is None else f"{summary['cost']:.4g} at the given prices, "
+    retried = f", {summary['failed_calls']} failed calls" if summary["failed_calls"] else ""
+    print(f"cost         {tokens}{money}{summary['seconds']:.1f} seconds{retried}")

@@ -122,11 +122,11 @@ def test_summary__counts_answers_tokens_and_outcomes():
     player = Player(TOWER, Scripted("hm", "hm", "ADD(LEFT, BLUE)"), retries=1)
     episodes = [player.play(task) for task in player.task_ids()[:3]]
     summary = summarise(episodes)
-    assert summary.answers == sum(len(episode.turns) for episode in episodes)
-    assert summary.misunderstood == 2
-    assert summary.prompt_tokens == 10 * summary.answers
-    assert sum(summary.outcomes.values()) == 3
-    assert summary.success_low <= summary.success <= summary.success_high
+    assert summary["answers"] == sum(len(episode.turns) for episode in episodes)
+    assert summary["misunderstood"] == 2
+    assert summary["prompt_tokens"] == 10 * summary["answers"]
+    assert sum(summary["outcomes"].values()) == 3
+    assert summary["success_low"] <= summary["success"] <= summary["success_high"]
 
 
 @contextmanager

@@ -6,7 +6,7 @@ docs/language_models.md explains how to plug in a model.
 from lilgym_mp.contrib.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
 from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
 from lilgym_mp.contrib.llm.player import Player, play_all
-from lilgym_mp.contrib.llm.summary import Episode, Failure, Summary, progression, summarise, wilson_interval
+from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, summarise, wilson_interval
 
 __all__ = [
     "AGENTS",
@@ -19,7 +19,6 @@ __all__ = [
     "OpenAIAgent",
     "Player",
     "RandomAgent",
-    "Summary",
     "make_agent",
     "play_all",
     "progression",

@@ -90,37 +90,14 @@ def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
     return max(0.0, centre - half), min(1.0, centre + half)
 
 
-@dataclass(frozen=True)
-class Summary:
-    """Results of an agent on a split; token counts and costs are None if unknown.
-
-    Episodes that failed because the agent did are counted apart, not among `episodes`.
-    """
-
-    episodes: int
-    successes: int
-    success: float
-    success_low: float  # 95 % confidence interval
-    success_high: float
-    progression: float  # mean
-    progression_deviation: float  # standard error of the mean
-    mean_reward: float
-    mean_actions: float
-    answers: int
-    misunderstood: int  # answers that named no action
-    seconds: float  # total time of the agent
-    prompt_tokens: int | None
-    completion_tokens: int | None
-    outcomes: dict[str, int]
-    failed_episodes: int
-    failed_calls: int  # before an answer, or an episode's failure
-    cost: float | None  # of all tokens, in the currency of the prices
-
-
 def summarise(
     episodes: Sequence[Episode], failed_episodes: int = 0, prices: tuple[float, float] | None = None
-) -> Summary:
-    """`prices`: of a million tokens read and written. Raises ValueError without episodes."""
+) -> dict[str, Any]:
+    """The results of an agent, by name as in `summary.json`; token counts and the cost are None if unknown.
+
+    Episodes that failed because the agent did are counted apart, not among `episodes`. `prices`: of a million tokens
+    read and written. Raises ValueError without episodes.
+    """
     count, successes = len(episodes), sum(episode.is_success for episode in episodes)
     low, high = wilson_interval(successes, count)
     progressions = [episode.progression for episode in episodes]
@@ -131,26 +108,26 @@ def summarise(
     cost = None
     if prices is not None and read is not None and written is not None:
         cost = (read * prices[0] + written * prices[1]) / 1e6
-    return Summary(
-        episodes=count,
-        successes=successes,
-        success=successes / count,
-        success_low=low,
-        success_high=high,
-        progression=statistics.fmean(progressions),
-        progression_deviation=deviation / math.sqrt(count),
-        mean_reward=statistics.fmean(episode.reward for episode in episodes),
-        mean_actions=statistics.fmean(len(episode.actions) for episode in episodes),
-        answers=len(turns),
-        misunderstood=sum(not turn.understood for turn in turns),
-        seconds=sum(turn.seconds for turn in turns),
-        prompt_tokens=read,
-        completion_tokens=written,
-        outcomes={outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
-        failed_episodes=failed_episodes,
-        failed_calls=sum(turn.retries for turn in turns) + failed_episodes,
-        cost=cost,
-    )
+    return {
+        "episodes": count,
+        "successes": successes,
+        "success": successes / count,
+        "success_low": low,  # 95 % confidence interval
+        "success_high": high,
+        "progression": statistics.fmean(progressions),
+        "progression_deviation": deviation / math.sqrt(count),  # standard error of the mean
+        "mean_reward": statistics.fmean(episode.reward for episode in episodes),
+        "mean_actions": statistics.fmean(len(episode.actions) for episode in episodes),
+        "answers": len(turns),
+        "misunderstood": sum(not turn.understood for turn in turns),  # answers that named no action
+        "seconds": sum(turn.seconds for turn in turns),  # total time of the agent
+        "prompt_tokens": read,
+        "completion_tokens": written,
+        "outcomes": {outcome: outcomes.count(outcome) for outcome in sorted(set(outcomes))},
+        "failed_episodes": failed_episodes,
+        "failed_calls": sum(turn.retries for turn in turns) + failed_episodes,  # before an answer, or a failure
+        "cost": cost,  # of all tokens, in the currency of the prices
+    }
 
 
 def _total(numbers: Sequence[int | None]) -> int | None:

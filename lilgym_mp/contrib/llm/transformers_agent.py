@@ -8,6 +8,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Sequence
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -57,30 +58,29 @@ class TransformersAgent:
         self._ends = {self._tokenizer.eos_token_id, *(ends if isinstance(ends, list) else [ends])} - {None}
         self._max_new_tokens = int(max_new_tokens)
         self._batch = int(batch)
-        self._waiting: deque[_Request] = deque()
+        self._waiting: deque[tuple[Sequence[Message], Future[Answer]]] = deque()
         self._lock = threading.Lock()
 
     def answer(self, messages: Sequence[Message]) -> Answer:
-        request = _Request(messages)
-        self._waiting.append(request)
-        while request.result is None:
+        future = Future[Answer]()
+        self._waiting.append((messages, future))
+        while not future.done():
             with self._lock:
-                if request.result is None:
+                if not future.done():
                     time.sleep(GATHERING_SECONDS)
                     self._answer_together(
                         [self._waiting.popleft() for _ in range(min(self._batch, len(self._waiting)))]
                     )
-        if isinstance(request.result, Answer):
-            return request.result
-        raise AgentError(described(request.result)) from request.result
+        return future.result()
 
-    def _answer_together(self, requests: Sequence[_Request]) -> None:
+    def _answer_together(self, requests: Sequence[tuple[Sequence[Message], Future[Answer]]]) -> None:
         try:
-            answers = self._answers([request.messages for request in requests])
+            answers = self._answers([messages for messages, _ in requests])
+            for (_, future), answer in zip(requests, answers, strict=True):
+                future.set_result(answer)
         except Exception as error:
-            answers = [error] * len(requests)
-        for request, answer in zip(requests, answers, strict=True):
-            request.result = answer
+            for _, future in requests:
+                future.set_exception(error if isinstance(error, AgentError) else AgentError(described(error)))
 
     def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
         inputs = self._inputs([list(map(self._readable, messages)) for messages in conversations])
@@ -130,12 +130,6 @@ class TransformersAgent:
         if not self._sees:
             raise AgentError("the model in the directory reads no pictures; choose --scene list or drawing")
         return {**message, "content": [part if part["type"] == "text" else _image(part) for part in parts]}
-
-
-class _Request:
-    def __init__(self, messages: Sequence[Message]) -> None:
-        self.messages = messages
-        self.result: Answer | Exception | None = None
 
 
 def _image(part: dict[str, Any]) -> dict[str, Any]:

@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import random
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
-from enum import Enum
 from functools import cache, lru_cache
 from itertools import chain, islice, zip_longest
 
-from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemTypes, with_item
+from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.scene_walks import ScenePool
-from lilgym_mp.programs import Program, ProgramRuntimeError, StepLimitError, bounded_truths, compile_program, syntax
-from lilgym_mp.programs.printing import source_of
-from lilgym_mp.programs.words import WORDS
-from lilgym_mp.scene import BOX_COUNT, Box, Colour, Scene
-from lilgym_mp.scene.appearances import APPEARANCES
+from lilgym_mp.programs import (
+    Program,
+    ProgramError,
+    ProgramRuntimeError,
+    StepLimitError,
+    bounded_truths,
+    compile_program,
+)
+from lilgym_mp.programs.values import ENUMS
+from lilgym_mp.scene import BOX_COUNT, Scene
 
 CHECKED_SCENES = (100, 70, 40, 20)  # fewer if the program is slow
 CROWDED_SCENES = 40  # as large as the largest, on which a program must be fast enough
@@ -25,8 +30,7 @@ STEP_LIMIT = 200_000  # of a program on all checked scenes together; the stateme
 WALKS, RANDOM = 96, 800  # sampled walks, and scenes besides
 CHANGED_SCENES, CHANGES = 16, 16  # scenes of the rarer value that are changed, and how often each
 
-COMPARISONS = ("==", "!=", "<", "<=", ">", ">=")
-# Words that can stand in for each other
+# Words and signs of which each can stand in for the others
 _GROUPS = (
     ("is_yellow", "is_blue", "is_black"),
     ("is_circle", "is_square", "is_triangle"),
@@ -38,9 +42,16 @@ _GROUPS = (
     ("all_same_color", "all_same_shape", "all_same_size"),
     ("le", "ge", "lt", "gt", "equal_int"),
     ("All", "Any"),
+    *(tuple(enum.__members__) for enum in ENUMS.values()),
+    ("==", "!=", "<", "<=", ">", ">="),
 )
-_SIBLINGS: Mapping[str, tuple[str, ...]] = {
-    name: tuple(other for other in group if other != name) for group in _GROUPS for name in group
+_REPLACEMENTS: Mapping[str, tuple[str, ...]] = {
+    **{word: tuple(other for other in group if other != word) for group in _GROUPS for word in group},
+    "exist": ("1 == count", "1 < count", "1 > count"),
+    "and": ("or", "and True or False and", "and False or"),  # the other connective, and either part left out
+    "or": ("and", "or False and", "and False or"),
+    "not": ("",),
+    "NOT": ("",),
 }
 
 
@@ -89,8 +100,11 @@ def is_checkable(program: str, appearance: str) -> bool:
 
 def _separating(program: Program, candidates: Sequence[Scene], values: Mapping[Scene, bool]) -> Iterator[Scene]:
     """The first candidate that tells the program from each of those one edit away, if any does."""
-    for tree in mutants(program.tree):
-        mutant = Program(source_of(tree))
+    for source in mutants(program.source):
+        try:
+            mutant = Program(source)
+        except ProgramError:
+            continue
         found = next((scene for scene in candidates if _value(mutant, scene) != values[scene]), None)
         if found is not None:
             yield found
@@ -120,65 +134,21 @@ def _crowded_scene(appearance: str) -> Scene:
 
 
 def _changed(scenes: Sequence[Scene], appearance: str) -> Iterator[Scene]:
-    """The scenes with an item changed, repeated or of another colour, or a box repeated."""
+    """The scenes with an item changed, or with a box repeated."""
     rng = random.Random(0)
     for scene in scenes:
         for index in range(CHANGES):
-            box = index % BOX_COUNT
-            items = scene.boxes[box].items
             yield SAMPLERS[appearance].changed(rng, scene)
-            yield scene.with_box(rng.randrange(BOX_COUNT), scene.boxes[box])
-            if items:
-                item = rng.choice(items)
-                other = item._replace(colour=rng.choice(list(Colour)))
-                yield scene.with_box(box, Box(tuple(other if each is item else each for each in items)))
-                if APPEARANCES[appearance].grid is not None:
-                    yield with_item(rng, scene, box, ItemTypes((item.shape,), (item.colour,), (item.size,)))
+            yield scene.with_box(rng.randrange(BOX_COUNT), scene.boxes[index % BOX_COUNT])
 
 
-def mutants(node: syntax.Node) -> Iterator[syntax.Node]:
-    """Every tree one edit away: another word, number, colour, comparison or connective, or a part left out."""
-    yield from _replacements(node)
-    for child in syntax.children(node):
-        for changed in mutants(child):
-            yield syntax.with_children(node, lambda part, old=child, new=changed: new if part is old else part)
-
-
-def _replacements(node: syntax.Node) -> Iterator[syntax.Node]:
-    match node:
-        case syntax.Constant(value=Enum() as member):
-            yield from (syntax.Constant(other) for other in type(member) if other is not member)
-        case syntax.Constant(value=value) if type(value) is int:
-            yield from (syntax.Constant(other) for other in (value - 1, value + 1) if other >= 0)
-        case syntax.WordName(word=word):
-            yield from (syntax.WordName(WORDS[name]) for name in _SIBLINGS.get(word.name, ()))
-        case syntax.Not(operand=operand):
-            yield operand
-        case syntax.Logic(operator=operator, operands=operands):
-            yield syntax.Logic("or" if operator == "and" else "and", operands)
-            for index in range(len(operands)):
-                rest = operands[:index] + operands[index + 1 :]
-                yield rest[0] if len(rest) == 1 else syntax.Logic(operator, rest)
-        case syntax.Comparison(operators=operators):
-            for index, operator in enumerate(operators):
-                for other in COMPARISONS if operator in COMPARISONS else ():
-                    if other != operator:
-                        changed = (*operators[:index], other, *operators[index + 1 :])
-                        yield syntax.Comparison(node.left, changed, node.rights)
-        case syntax.Call(word=word, arguments=arguments):
-            yield from (syntax.Call(WORDS[name], arguments) for name in _SIBLINGS.get(word.name, ()))
-            yield from _shortened(word.name, arguments)
-        case _:
-            pass
-
-
-def _shortened(name: str, arguments: tuple[syntax.Node | None, ...]) -> Iterator[syntax.Node]:
-    """A call without its negation or filter, and counts in place of `exist`."""
-    first = arguments[0] if arguments else None
-    if first is None:
-        return
-    if name == "NOT" or name.startswith("filter_"):
-        yield first
-    elif name == "exist":
-        count = syntax.call(WORDS["count"], first)
-        yield from (syntax.Comparison(count, (sign,), (syntax.Constant(1),)) for sign in ("==", ">", "<"))
+def mutants(program: str) -> Iterator[str]:
+    """The program with one edit: another word, number or sign, or a part left out. Few of them are no programs."""
+    for match in re.finditer(r"\bis_\w+\([^()]*\)", program):
+        yield f"{program[: match.start()]}True{program[match.end() :]}"
+    for match in re.finditer(r"\w+|[<>=!]+", program):
+        token = match[0]
+        others = _REPLACEMENTS.get(token, ())
+        if token.isdecimal():
+            others = (str(int(token) + 1), *([str(int(token) - 1)] if int(token) else []))
+        yield from (program[: match.start()] + other + program[match.end() :] for other in others)
