@@ -17,7 +17,7 @@ import torch
 from datasets import IterableDataset
 from trl import GRPOConfig, GRPOTrainer
 
-from lilgym_mp.contrib.rlvr import Conversation, Row, RowError, images_of, messages_of, rows, score
+from lilgym_mp.contrib.rlvr import Conversation, Row, images_of, messages_of, rows, score
 from lilgym_mp.wrappers.text import content_of
 
 
@@ -48,17 +48,10 @@ def _examples(arguments: tuple[str, str, int], *, turns: bool, scene: str, **set
         yield {"prompt": prompt, "row": json.dumps(row.to_json()), **({"images": images} if images else {})}
 
 
-def verified_reward(completions: Sequence[Any], row: Sequence[str], **columns: Any) -> list[float | None]:
-    """1 for each right completion, else 0, also for an empty one. None, which TRL leaves out, for a row that cannot be
-    scored."""
-    return [_reward(completion, data) for completion, data in zip(completions, row, strict=True)]
-
-
-def _reward(completion: Any, data: str) -> float | None:
-    try:
-        return score(completion, Row.from_json(json.loads(data))).reward
-    except (RowError, ValueError):
-        return None
+def verified_reward(completions: Sequence[Any], row: Sequence[str], **columns: Any) -> list[float]:
+    """1 for each right completion, else 0, also for an empty one."""
+    rows = [Row.from_json(json.loads(data)) for data in row]
+    return [score(*each).reward for each in zip(completions, rows, strict=True)]
 
 
 class PlanEnvironment:
@@ -96,21 +89,6 @@ class PlanEnvironment:
         return self._reward
 
 
-def trainer(
-    model: Any, *, turns: bool = False, scene: str = "list", tokenizer: Any = None, dataset: Any = None, **settings: Any
-) -> GRPOTrainer:
-    """A trainer of plans. `settings`: of GRPOConfig."""
-    environment = partial(PlanEnvironment, scene)
-    rewards = {"environment_factory": environment} if turns else {"reward_funcs": verified_reward}
-    return GRPOTrainer(
-        model=model,
-        args=GRPOConfig(**settings),
-        train_dataset=stream(turns=turns, scene=scene) if dataset is None else dataset,
-        processing_class=tokenizer,
-        **rewards,
-    )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", required=True)
@@ -126,8 +104,13 @@ def main() -> None:
     settings |= {"max_completion_length": args.max_completion_length, "use_cpu": not torch.accelerator.is_available()}
     for key, _, value in (option.partition("=") for option in args.option):
         settings[key] = json.loads(value)
-    dataset = stream(level=args.level, turns=args.turns, scene=args.scene)
-    trainer(args.model, turns=args.turns, scene=args.scene, dataset=dataset, **settings).train()
+    environment = {"environment_factory": partial(PlanEnvironment, args.scene)}
+    GRPOTrainer(
+        model=args.model,
+        args=GRPOConfig(**settings),
+        train_dataset=stream(level=args.level, turns=args.turns, scene=args.scene),
+        **(environment if args.turns else {"reward_funcs": verified_reward}),
+    ).train()
 
 
 if __name__ == "__main__":

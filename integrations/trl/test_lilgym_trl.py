@@ -1,4 +1,4 @@
-"""Two GRPO steps of a tiny random model: rewards vary and weights change, for whole plans and for several turns."""
+"""Two GRPO steps of a tiny random model by the script: rewards vary and weights change, in one reply and in turns."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ import subprocess
 import sys
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 import transformers
 import trl
-from lilgym_trl import PlanEnvironment, stream, trainer, verified_reward
+from lilgym_trl import PlanEnvironment, stream, verified_reward
+from safetensors.torch import load_file
 from tokenizers import AddedToken, Tokenizer, models, pre_tokenizers
 
-from lilgym_mp.contrib.rlvr import Row, expert_reply, rows
+from lilgym_mp.contrib.rlvr import expert_reply, rows
 
 SPECIAL = ("<|endoftext|>", "<|im_start|>", "<|im_end|>", "[UNK]")
 NAMES = ("ADD(LEFT, BLUE)", "ADD(MIDDLE, YELLOW)", "REMOVE(LEFT)", "STOP")
 CALL = '<tool_call>\n{{"name": "act", "arguments": {{"action": "{}"}}}}\n</tool_call>'
 
 
-def tiny_model(directory: Path, replies: tuple[str, ...]) -> tuple[Any, Any, list[int]]:
-    """A random model, its tokenizer, and the tokens that it must not generate: all but the replies and the end."""
+def save_tiny_model(directory: Path, replies: tuple[str, ...]) -> list[int]:
+    """Saves a random model; returns the tokens that it must not generate: all but the replies and the end."""
     vocabulary = {token: index for index, token in enumerate(SPECIAL)}
     for row in islice(rows("plan", "tower", 2), 50):
         for word in row.prompt.split():
@@ -37,44 +37,36 @@ def tiny_model(directory: Path, replies: tuple[str, ...]) -> tuple[Any, Any, lis
         tokenizer_object=backend, eos_token="<|im_end|>", pad_token="<|endoftext|>", unk_token="[UNK]"
     )
     tokenizer.chat_template = (Path(trl.__file__).parent / "chat_templates" / "qwen3.jinja").read_text()
+    tokenizer.save_pretrained(directory)
     config = transformers.Qwen3Config(
         vocab_size=len(tokenizer), hidden_size=32, intermediate_size=64, num_hidden_layers=2, num_attention_heads=2,
         num_key_value_heads=2, head_dim=16, max_position_embeddings=8_192, eos_token_id=tokenizer.eos_token_id,
         pad_token_id=tokenizer.pad_token_id,
     )  # fmt: skip
     torch.manual_seed(0)
-    model = transformers.Qwen3ForCausalLM(config)
+    transformers.Qwen3ForCausalLM(config).save_pretrained(directory)
     kept = {tokenizer.eos_token_id, *tokenizer.convert_tokens_to_ids(list(replies))}
-    return model, tokenizer, [token for token in range(len(tokenizer)) if token not in kept]
+    return [token for token in range(len(tokenizer)) if token not in kept]
 
 
 @pytest.mark.parametrize("turns", [False, True])
-def test_grpo__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: bool):
+def test_script__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: bool):
     replies = tuple(CALL.format(name) for name in NAMES) if turns else tuple(f"{name}\n" for name in NAMES)
-    model, tokenizer, suppressed = tiny_model(tmp_path, replies)
-    before = {name: weight.clone() for name, weight in model.named_parameters()}
-    training = trainer(
-        model,
-        turns=turns,
-        tokenizer=tokenizer,
-        dataset=stream(level=1, max_actions=2, turns=turns),
-        output_dir=str(tmp_path),
-        max_steps=2,
-        num_generations=16,
-        per_device_train_batch_size=32,
-        max_completion_length=800 if turns else 3,
-        learning_rate=0.01,
-        generation_kwargs={"suppress_tokens": suppressed},
-        use_cpu=True,
-        report_to="none",
-        logging_steps=1,
-        **({"max_tool_calling_iterations": 3} if turns else {}),
-    )
-    training.train()
-    deviations = [entry["reward_std"] for entry in training.state.log_history if "reward_std" in entry]
-    assert len(deviations) == 2
-    assert max(deviations) > 0
-    assert any(not torch.equal(weight, before[name]) for name, weight in model.named_parameters())
+    suppressed = save_tiny_model(tmp_path, replies)
+    options = {"num_generations": 16, "per_device_train_batch_size": 32, "learning_rate": 0.01, "report_to": "none"}
+    options["generation_kwargs"] = {"suppress_tokens": suppressed}
+    if turns:
+        options["max_tool_calling_iterations"] = 3
+    script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py")), "--model", str(tmp_path), "--level", "1"]
+    words = ["--steps", "2", "--max-completion-length", "800" if turns else "3", "--out", str(tmp_path / "out")]
+    words += ["--turns"] * turns + ["--option", *(f"{key}={json.dumps(value)}" for key, value in options.items())]
+    done = subprocess.run([*script, *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2_000:]
+    checkpoint = tmp_path / "out" / "checkpoint-2"
+    history = json.loads((checkpoint / "trainer_state.json").read_text())["log_history"]
+    assert max(entry.get("reward_std", 0) for entry in history) > 0
+    before, after = (load_file(path / "model.safetensors") for path in (tmp_path, checkpoint))
+    assert any(not torch.equal(weight, before[name]) for name, weight in after.items())
 
 
 def test_reward__of_right_wrong_and_odd_completions():
@@ -84,22 +76,6 @@ def test_reward__of_right_wrong_and_odd_completions():
     parts = [{"role": "assistant", "content": [{"type": "text", "text": expert_reply(row)}]}]
     odd = [[{"role": "assistant"}], [], "", expert_reply(row), parts]
     assert verified_reward([right, *odd], [data] * 6) == [1, 0, 0, 0, 1, 1]
-    assert verified_reward([right, right], ["{}", "no"]) == [None, None]
-
-
-def test_script__trains_as_documented(tmp_path: Path):
-    model, tokenizer, _ = tiny_model(tmp_path, ())
-    model.save_pretrained(tmp_path)
-    tokenizer.save_pretrained(tmp_path)
-    script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py")), "--model", str(tmp_path), "--level", "1"]
-    done = subprocess.run(
-        [*script, "--steps", "2", "--max-completion-length", "4", "--out", str(tmp_path / "out")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-2_000:]
-    assert "reward_std" in done.stdout
 
 
 def test_stream__has_pictures_and_prompts_for_turns():
@@ -114,9 +90,3 @@ def test_stream__has_pictures_and_prompts_for_turns():
     environment.reset(seen["row"])
     assert [part["type"] for part in environment.act("hm")] == ["image", "text"]
     assert environment.act("STOP") == "The episode is over: wrong_stop."
-
-
-def test_stream__rows_can_be_scored():
-    for example in stream(level=1).take(3):
-        row = Row.from_json(json.loads(example["row"]))
-        assert example["prompt"][0]["content"] == row.prompt

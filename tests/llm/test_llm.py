@@ -395,7 +395,10 @@ def test_command__invalid_arguments_are_reported(
     assert message in capsys.readouterr().err
 
 
-def tiny_model(directory: Path, chat_template: str | None = None) -> None:
+TEMPLATE = "<bos> {% for message in messages %}{{ message.content }} {% endfor %}"
+
+
+def tiny_model(directory: Path, chat_template: str | None = TEMPLATE) -> None:
     """Saves a random model whose tokenizer begins every text with <bos>."""
     transformers = pytest.importorskip("transformers", reason="needs the extra transformers")
     tokenizers = pytest.importorskip("tokenizers", reason="needs the extra transformers")
@@ -418,7 +421,7 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
     agent = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 3})
     answer = agent.answer([{"role": "user", "content": "STOP the"}])
     assert isinstance(answer, Answer)
-    assert answer.prompt_tokens == 5  # <bos> user: STOP the assistant:
+    assert answer.prompt_tokens == 3  # <bos> STOP the
     assert 1 <= (answer.completion_tokens or 0) <= 3
     player = Player(TOWER, agent)
     assert player.play(player.task_ids()[0]).turns[0].completion_tokens is not None
@@ -426,11 +429,13 @@ def test_transformers__generates_from_a_local_directory(tmp_path: Path):
         agent.answer([{"role": "user", "content": [{"type": "text", "text": "STOP"}]}])
     with pytest.raises(AgentError, match="no such directory"):
         make_agent("transformers", {"directory": str(tmp_path / "nowhere")})
+    tiny_model(tmp_path / "bare", None)
+    with pytest.raises(AgentError, match="has no chat template"):
+        make_agent("transformers", {"directory": str(tmp_path / "bare")})
 
 
 def test_transformers__batches_begin_once_and_keep_the_tags_of_thoughts(tmp_path: Path):
-    template = "<bos> {% for message in messages %}{{ message.content }} {% endfor %}"
-    tiny_model(tmp_path, template)
+    tiny_model(tmp_path)
     agent: Any = make_agent("transformers", {"directory": str(tmp_path), "max_new_tokens": 5})
     batches: list[Any] = []
     torch = pytest.importorskip("torch")

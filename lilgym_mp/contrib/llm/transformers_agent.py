@@ -49,6 +49,8 @@ class TransformersAgent:
             model: Any = loader.from_pretrained(directory, use_safetensors=True, **local)
         except (OSError, ValueError) as error:
             raise AgentError(f"{directory}: {error}") from None
+        if not getattr(self._reader, "chat_template", None):
+            raise AgentError(f"{directory}: the tokenizer has no chat template")
         self._model: Any = model.to(device).eval()
         self._tokenizer: Any = self._reader.tokenizer if self._sees else self._reader
         self._tokenizer.padding_side = "left"
@@ -83,8 +85,14 @@ class TransformersAgent:
                 future.set_exception(error if isinstance(error, AgentError) else AgentError(described(error)))
 
     def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
-        inputs = self._inputs([list(map(self._readable, messages)) for messages in conversations])
-        inputs = inputs.to(self._model.device)
+        inputs = self._reader.apply_chat_template(  # the template writes the special tokens itself
+            [list(map(self._readable, messages)) for messages in conversations],
+            add_generation_prompt=True,
+            tokenize=True,
+            padding=True,
+            return_dict=True,
+            return_tensors="pt",
+        ).to(self._model.device)
         generated = self._model.generate(
             **inputs,
             max_new_tokens=self._max_new_tokens,
@@ -94,32 +102,10 @@ class TransformersAgent:
         counts = inputs["attention_mask"].sum(1).tolist()
         return [self._answer(count, row) for count, row in zip(counts, generated.tolist(), strict=True)]
 
-    def _inputs(self, conversations: list[list[Message]]) -> Any:
-        """Tokens of the chat template, which writes the special tokens itself, or of the messages concatenated."""
-        has_template = bool(getattr(self._reader, "chat_template", None))
-        if has_template:
-            texts = [
-                self._reader.apply_chat_template(messages, tokenize=False, add_generation_prompt=True)
-                for messages in conversations
-            ]
-        else:
-            spoken = [[f"{message['role']}: {message['content']}" for message in each] for each in conversations]
-            texts = ["\n\n".join([*lines, "assistant:"]) for lines in spoken]
-        images = [
-            [part["image"] for message in messages for part in message["content"] if part["type"] == "image"]
-            for messages in (conversations if self._sees else ())
-        ]
-        pictures = {"images": images} if any(images) else {}
-        return self._reader(
-            text=texts, **pictures, return_tensors="pt", padding=True, add_special_tokens=not has_template
-        )
-
     def _answer(self, prompt_tokens: int, tokens: list[int]) -> Answer:
         """Up to the first end; other special tokens are kept, as they may be the tags of thoughts."""
         length = next((index for index, token in enumerate(tokens) if token in self._ends), len(tokens))
-        pictures = {getattr(self._reader, f"{kind}_token_id", None) for kind in ("image", "video")}
-        shown = [token for token in tokens[:length] if token not in pictures]
-        text = self._tokenizer.decode(shown, skip_special_tokens=False)
+        text = self._tokenizer.decode(tokens[:length], skip_special_tokens=False)
         return Answer(text, prompt_tokens, min(length + 1, len(tokens)))
 
     def _readable(self, message: Message) -> Message:
