@@ -155,7 +155,7 @@ class Training:
         record = {
             "phase": phase,
             "step": step,
-            "success": sum(score(reply, row).success for reply, row in zip(replies, self.dev, strict=True))
+            "success": sum(score(reply, row).reward for reply, row in zip(replies, self.dev, strict=True))
             / len(self.dev),
             "actions": sum(len(reply.splitlines()) for reply in replies) / len(self.dev),
             "does_nothing": sum(reply.splitlines()[:1] in ([], ["STOP"]) for reply in replies) / len(self.dev),

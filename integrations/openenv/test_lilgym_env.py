@@ -1,8 +1,7 @@
-"""The server and its client: three sessions at once, the expert's reward, odd messages, and OpenEnv's validation."""
+"""The server and its client: three sessions at once, the expert's reward, and OpenEnv's validation."""
 
 from __future__ import annotations
 
-import json
 import re
 import socket
 import subprocess
@@ -15,9 +14,7 @@ import httpx
 import pytest
 from lilgym_env import LilgymAction, LilgymEnv
 
-from lilgym_mp.contrib.rlvr import rows
-from lilgym_mp.contrib.rlvr.rows import solver_of
-from lilgym_mp.scene.actions import describe
+from lilgym_mp.contrib.rlvr import expert_reply, rows
 
 PACKAGE = Path(__file__).parent / "lilgym_env"
 
@@ -40,13 +37,12 @@ def url() -> Iterator[str]:
 
 
 def test_three_sessions_at_once__each_play_their_own_task(url: str):
-    solver = solver_of("tower")
-    tasks = [next(rows("plan", level=2, seed=seed)).task for seed in (1, 2, 3)]
-    plans = [list(map(describe, solver.solve(task).actions)) for task in tasks]
+    tasks = [next(rows("plan", level=2, seed=seed)) for seed in (1, 2, 3)]
+    plans = [expert_reply(row).splitlines() for row in tasks]
     sessions = [LilgymEnv(base_url=url).sync() for _ in tasks]
-    for session, task, seed in zip(sessions, tasks, (1, 2, 3), strict=True):
+    for session, row, seed in zip(sessions, tasks, (1, 2, 3), strict=True):
         session.connect()
-        assert task.statement in session.reset(seed=seed, level=2).observation.text
+        assert row.task.statement in session.reset(seed=seed, level=2).observation.text
     results = [None] * 3
     while any(plans):
         for index, (session, plan) in enumerate(zip(sessions, plans, strict=True)):
@@ -72,10 +68,3 @@ def test_openenv__validates_the_package():
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"Verdict: (?:PASS|WARN)", done.stdout), done.stdout
     assert "FAIL" not in done.stdout
-
-
-def test_openenv__validates_the_running_server(url: str):
-    command = [str(Path(sys.executable).with_name("openenv")), "validate", "--url", url, "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert json.loads(done.stdout)["passed"] is True

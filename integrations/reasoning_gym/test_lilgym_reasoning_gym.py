@@ -35,8 +35,3 @@ def test_curriculum__raises_the_difficulty_which_entries_name():
     assert entry["metadata"]["difficulty"] == {"level": 4, "min_actions": 3}
     assert entry["metadata"]["actions"] >= 3
     assert "-dev-4-" in entry["metadata"]["row"]["id"]
-
-
-def test_config__names_what_is_wrong():
-    with pytest.raises(ValueError, match="unknown split 'all'"):
-        reasoning_gym.create_dataset("lilgym", split="all")

@@ -93,6 +93,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--model", required=True)
     parser.add_argument("--level", type=int, default=2)
+    parser.add_argument("--max-actions", type=int, help="of the shortest plan, STOP included")
     parser.add_argument("--steps", type=int, default=200)
     parser.add_argument("--turns", action="store_true")
     parser.add_argument("--scene", choices=["list", "image", "both"], default="list")
@@ -108,7 +109,7 @@ def main() -> None:
     GRPOTrainer(
         model=args.model,
         args=GRPOConfig(**settings),
-        train_dataset=stream(level=args.level, turns=args.turns, scene=args.scene),
+        train_dataset=stream(level=args.level, max_actions=args.max_actions, turns=args.turns, scene=args.scene),
         **(environment if args.turns else {"reward_funcs": verified_reward}),
     ).train()
 

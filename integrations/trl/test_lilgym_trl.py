@@ -58,7 +58,16 @@ def test_script__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: b
     if turns:
         options["max_tool_calling_iterations"] = 3
     script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py")), "--model", str(tmp_path), "--level", "1"]
-    words = ["--steps", "2", "--max-completion-length", "800" if turns else "3", "--out", str(tmp_path / "out")]
+    words = [
+        "--max-actions",
+        "2",
+        "--steps",
+        "2",
+        "--max-completion-length",
+        "800" if turns else "3",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     words += ["--turns"] * turns + ["--option", *(f"{key}={json.dumps(value)}" for key, value in options.items())]
     done = subprocess.run([*script, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2_000:]

@@ -1,75 +1,50 @@
-"""Episodes in process against a chat server on loopback."""
+"""The documented command, against a chat server on loopback that gives the expert's replies."""
 
 from __future__ import annotations
 
-import asyncio
 import json
+import os
+import subprocess
+import sys
 import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from pathlib import Path
 
-import pytest
-import verifiers.v1 as vf
 from lilgym import LilgymConfig, LilgymTaskset
-from verifiers.v1.utils.loaders import load_environment
 
 from lilgym_mp.contrib.rlvr import Row, expert_reply
 
+LINE = (
+    "lilgym -m MODEL --client.base-url URL --env.taskset.level 2 --env.taskset.size 2"
+    " --env.agent.harness.id null --env.agent.runtime.type subprocess --no-push"
+)
 
-@contextmanager
-def chat_server(answer: Callable[[list[dict[str, Any]]], str]) -> Iterator[str]:
+
+def test_command__scores_the_replies_of_a_bounded_number_of_tasks(tmp_path: Path):
+    rows = [Row.from_json(task.data.row) for task in LilgymTaskset(LilgymConfig(id="lilgym", size=2)).load()]
+    replies = {rows[0].prompt: expert_reply(rows[0]), rows[1].prompt: "no idea"}
+
     class Handler(BaseHTTPRequestHandler):
         def do_POST(self) -> None:
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
-            message = {"role": "assistant", "content": answer(body["messages"])}
-            streams = body.get("stream", False)
-            choice = {"index": 0, "delta" if streams else "message": message, "finish_reason": "stop"}
-            reply: dict[str, Any] = {"id": "1", "created": 0, "model": "fake", "choices": [choice]}
-            reply["object"] = "chat.completion.chunk" if streams else "chat.completion"
-            reply["usage"] = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
-            text = json.dumps(reply)
-            data = (f"data: {text}\n\ndata: [DONE]\n\n" if streams else text).encode()
+            content = body["messages"][-1]["content"]
+            prompt = content if isinstance(content, str) else content[-1]["text"]
+            choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": replies[prompt]}}
+            usage = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
+            made = {"id": "1", "object": "chat.completion", "created": 0, "model": "fake"}
+            data = json.dumps({**made, "choices": [choice], "usage": usage}).encode()
             self.send_response(200)
-            self.send_header("Content-Type", "text/event-stream" if streams else "application/json")
+            self.send_header("Content-Type", "application/json")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data)
 
-        def log_message(self, format: str, *args: Any) -> None: ...
-
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/v1"
+        line = LINE.replace("URL", f"http://127.0.0.1:{server.server_address[1]}/v1")
+        command = [str(Path(sys.executable).with_name("vf-eval")), *line.split()]
+        here = {**os.environ, "PYTHONPATH": str(Path(__file__).parent)}
+        done = subprocess.run(command, cwd=tmp_path, env=here, capture_output=True, text=True, check=False)
         server.shutdown()
-
-
-def played(env: vf.Env, task: vf.Task, url: str) -> vf.Episode:
-    async def play() -> vf.Episode:
-        context = vf.ModelContext("fake", vf.EvalClientConfig(base_url=url, api_key_var="NO_KEY"))
-        async with env.serving():
-            return await env.run_episode(task, context)
-
-    return asyncio.run(play())
-
-
-@pytest.mark.parametrize("kind", ["plan", "truth"])
-def test_one_reply__is_scored(kind: str):
-    agent = {"harness": {"id": "null"}, "runtime": {"type": "subprocess"}}
-    config = vf.SingleAgentEnvConfig(taskset=LilgymConfig(id="lilgym", kind=kind), agent=agent)
-    env = load_environment(config)
-    task = next(iter(env.taskset))
-    for reply, reward in ((expert_reply(Row.from_json(task.data.row)), 1), ("no idea", 0)):
-        with chat_server(lambda messages, reply=reply: reply) as url:
-            episode = played(env, task, url)
-        assert episode.errors == []
-        assert episode.traces[0].rewards["verified"].score == reward
-
-
-def test_taskset__is_bounded_and_repeatable():
-    def ids() -> list[str]:
-        return [task.data.id for task in LilgymTaskset(LilgymConfig(id="lilgym", size=5))]
-
-    assert ids() == ids()
-    assert len(set(ids())) == 5
+    assert done.returncode == 0, done.stderr
+    assert "verified 0.50" in done.stdout, done.stdout

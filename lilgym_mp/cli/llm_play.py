@@ -183,7 +183,7 @@ def _play(
             file.flush()
             if isinstance(result, Failure):
                 failures.append(result)
-                print(printable(f"{result.task}: failed: {result.error}"))
+                print(printable(f"{result.task}: failed: {result.error}").replace("\n", " "))
                 if len(kept) == 0 and len(failures) >= min(max(HOPELESS, concurrency), len(jobs)):
                     raise CommandError(f"{result.task}: {result.error} (all of {len(failures)} episodes failed)")
             else:

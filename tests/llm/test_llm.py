@@ -20,9 +20,10 @@ import pytest
 from PIL import Image
 
 from lilgym_mp.cli import main
-from lilgym_mp.contrib.llm import OpenAIAgent, Player, make_agent, progression, summarise, wilson_interval
+from lilgym_mp.contrib.llm import Player, make_agent, progression, summarise, wilson_interval
 from lilgym_mp.contrib.llm import agents as agents_module
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, Message
+from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
@@ -378,7 +379,6 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
         ("--agent json:loads", "cannot be constructed with the options"),
         ("--agent os:abort.x", "name it module:Class, importable from here"),
         ("--agent openai --option url=ftp://x model=m", "url must begin with http:// or https://"),
-        ("--agent openai --option url=http://x model=m retries=-1", "retries must be 0 or more, not -1"),
         ("--agent openai --option url=http://x model=m api_key=x", "api_key cannot be set"),
         ("--agent openai --option model=m", "set OPENAI_API_KEY to the API key, or give the"),
         ("--agent expert --resume --out nowhere", "nowhere: no run to resume"),

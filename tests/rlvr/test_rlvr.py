@@ -62,7 +62,7 @@ def test_rows__are_deterministic_and_complete_and_only_the_expert_is_always_righ
 def test_expert__finds_the_plan_of_a_row_that_needs_a_long_search():
     *_, row = some("plan", "scatter", 31, seed=91)
     assert row.steps == 12
-    assert score(expert_reply(row), row).success
+    assert score(expert_reply(row), row).reward == 1
 
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
@@ -239,7 +239,7 @@ ANSWERS = {
 def test_answer__is_read_and_checked(kind: str, reply: object, outcome: str):
     found = score(reply, replace(PLAN, kind=kind))
     assert found.outcome == outcome
-    assert found.reward == float(outcome == "success") == float(found.success)
+    assert found.reward == float(outcome == "success")
     assert ("agreement" in found.details) == (kind == "program" and outcome != "not_understood")
 
 
@@ -257,8 +257,8 @@ def test_program__that_is_always_true_cannot_be_checked():
         ({"appearance": "mosaic"}, "row 't': unknown appearance 'mosaic'"),
         ({"level": "three"}, "level and steps must be whole numbers"),
         ({"task": None}, "row 't': a task must be an object"),
-        ({"task": {**TOLD, "program": "exist("}}, "its program: "),
-        ({"task": {**TOLD, "program": "is_blue(unique(all_boxes))"}}, "its program: "),
+        ({"task": {**TOLD, "program": "exist("}}, "row 't': "),
+        ({"task": {**TOLD, "program": "is_blue(unique(all_boxes))"}}, "row 't': "),
         ({"task": {**TOLD, "target": False}}, "has the target value at the start, so there is no plan"),
         ({"task": {**TOLD, "start": [[], [], []]}}, "must be str, bytes or bytearray"),
         ({"task": {**TOLD, "start": "[" * 100_000}}, "row 't'"),
@@ -370,7 +370,7 @@ def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
                 for mutant in set(word_mutants(row.task.program)):
                     if list(map(compile_program(mutant), scenes)) != truths:
                         wrong += 1
-                        rewarded += score(mutant, row).success
+                        rewarded += score(mutant, row).reward
     assert wrong > 300
     assert rewarded < 0.01 * wrong
 
@@ -378,5 +378,5 @@ def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
 def test_checked_truths__tell_exactly_one_from_at_least_one():
     boxes = "filter_obj(all_boxes, lambda b: exist(filter_color(b.all_items_in_box(), Color.BLUE)))"
     row = replace(PLAN, kind="program", task=replace(TASK, program=f"exist({boxes})"))
-    assert score(f"count({boxes}) >= 1", row).success
+    assert score(f"count({boxes}) >= 1", row).reward == 1
     assert score(f"count({boxes}) == 1", row).outcome == "wrong"

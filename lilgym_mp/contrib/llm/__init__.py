@@ -3,22 +3,17 @@
 docs/language_models.md explains how to plug in a model.
 """
 
-from lilgym_mp.contrib.llm.agents import AGENTS, AgentError, Answer, ExpertAgent, LanguageAgent, RandomAgent, make_agent
-from lilgym_mp.contrib.llm.openai_agent import OpenAIAgent
+from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, make_agent
 from lilgym_mp.contrib.llm.player import Player, play_all
 from lilgym_mp.contrib.llm.summary import Episode, Failure, progression, summarise, wilson_interval
 
 __all__ = [
-    "AGENTS",
     "AgentError",
     "Answer",
     "Episode",
-    "ExpertAgent",
     "Failure",
     "LanguageAgent",
-    "OpenAIAgent",
     "Player",
-    "RandomAgent",
     "make_agent",
     "play_all",
     "progression",

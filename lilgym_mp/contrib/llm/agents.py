@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from lilgym_mp.corpus.notes import printable
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Expert
@@ -19,10 +18,7 @@ Message = dict[str, Any]
 
 
 class AgentError(ValueError):
-    """The agent is unavailable or does not answer. Control characters in the message are escaped."""
-
-    def __init__(self, message: str) -> None:
-        super().__init__(printable(message).replace("\n", "\\n"))
+    """The agent is unavailable or does not answer."""
 
 
 class Answer(NamedTuple):
@@ -86,17 +82,12 @@ def make_agent(name: str, options: Mapping[str, Any] | None = None) -> LanguageA
     """
     path = name if ":" in name else choose("agent", name, AGENTS)
     try:
-        maker = resolve_name(path)
-    except Exception as error:
-        raise AgentError(f"agent {name!r}: {described(error)}; name it module:Class, importable from here") from error
-    try:
-        agent = maker(**(options or {}))
+        agent = resolve_name(path)(**(options or {}))
     except AgentError:
         raise
     except Exception as error:
-        raise AgentError(
-            f"agent {name!r} cannot be constructed with the options {dict(options or {})}: {described(error)}"
-        ) from error
+        given = f"with the options {dict(options or {})}; name it module:Class, importable from here"
+        raise AgentError(f"agent {name!r} cannot be constructed {given}: {described(error)}") from error
     if not callable(getattr(agent, "answer", None)):
         raise AgentError(f"agent {name!r} has no method answer(messages)")
     return agent

@@ -49,8 +49,6 @@ class OpenAIAgent:
             raise AgentError(f"set {KEY_VARIABLE} to the API key, or give the url of a server that needs none")
         if url is not None and not url.startswith(("http://", "https://")):
             raise AgentError(f"url must begin with http:// or https://, not {without_credentials(url)!r}")
-        if int(retries) < 0:
-            raise AgentError(f"retries must be 0 or more, not {retries}")
         for name in fields:
             if name in REFUSED or "key" in name:
                 raise AgentError(f"{name} cannot be set; the key is read from {KEY_VARIABLE}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.pool import ThreadPool
 from typing import Any
@@ -124,7 +124,7 @@ class Player:
 
 
 def play_all(
-    make_player: Callable[[], Player], jobs: Iterable[tuple[str, int]], concurrency: int
+    make_player: Callable[[], Player], jobs: Sequence[tuple[str, int]], concurrency: int
 ) -> Iterator[Episode | Failure]:
     """The episodes of the jobs, task ids with seeds, as they end; `concurrency` of them are played at the same time.
 
@@ -140,11 +140,8 @@ def play_all(
         except AgentError as error:
             return Failure(job[0], str(error), local.player.conversation)
 
-    waiting = list(jobs)
-    if not waiting:
-        return
-    with ThreadPool(min(concurrency, len(waiting))) as pool:  # its threads end after their current episode
-        yield from pool.imap_unordered(play, waiting)
+    with ThreadPool(max(1, min(concurrency, len(jobs)))) as pool:  # its threads end after their current episode
+        yield from pool.imap_unordered(play, jobs)
 
 
 def _extended(message: Message, text: str, *, before: bool = False) -> Message:

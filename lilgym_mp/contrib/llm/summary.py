@@ -83,10 +83,9 @@ def wilson_interval(successes: float, episodes: int) -> tuple[float, float]:
     """The 95 % confidence interval of a success rate (Wilson 1927). Raises ValueError without episodes."""
     if episodes < 1 or not 0 <= successes <= episodes:
         raise ValueError(f"no success rate from {successes} successes in {episodes} episodes")
-    rate, squared = successes / episodes, Z_95**2
-    centre = (rate + squared / (2 * episodes)) / (1 + squared / episodes)
-    spread = math.sqrt(rate * (1 - rate) / episodes + squared / (4 * episodes**2)) * Z_95
-    half = spread / (1 + squared / episodes)
+    weight = episodes + Z_95**2
+    centre = (successes + Z_95**2 / 2) / weight
+    half = Z_95 / weight * math.sqrt(successes * (1 - successes / episodes) + Z_95**2 / 4)
     return max(0.0, centre - half), min(1.0, centre + half)
 
 

@@ -41,11 +41,9 @@ class TransformersAgent:
             raise AgentError(f"{directory}: no such directory; save a model and its tokenizer there first")
         local = {"local_files_only": True}
         try:
-            kind = library.AutoConfig.from_pretrained(directory, **local).model_type
-            self._sees = kind in library.models.auto.modeling_auto.MODEL_FOR_IMAGE_TEXT_TO_TEXT_MAPPING_NAMES
-            reader = library.AutoProcessor if self._sees else library.AutoTokenizer
+            self._reader: Any = library.AutoProcessor.from_pretrained(directory, **local)  # or the tokenizer
+            self._sees = hasattr(self._reader, "image_processor")
             loader = library.AutoModelForImageTextToText if self._sees else library.AutoModelForCausalLM
-            self._reader: Any = reader.from_pretrained(directory, **local)
             model: Any = loader.from_pretrained(directory, use_safetensors=True, **local)
         except (OSError, ValueError) as error:
             raise AgentError(f"{directory}: {error}") from None
@@ -85,13 +83,17 @@ class TransformersAgent:
                 future.set_exception(error if isinstance(error, AgentError) else AgentError(described(error)))
 
     def _answers(self, conversations: Sequence[Sequence[Message]]) -> list[Answer]:
-        inputs = self._reader.apply_chat_template(  # the template writes the special tokens itself
-            [list(map(self._readable, messages)) for messages in conversations],
-            add_generation_prompt=True,
-            tokenize=True,
-            padding=True,
-            return_dict=True,
-            return_tensors="pt",
+        given = [list(map(self._readable, messages)) for messages in conversations]
+        texts = [
+            self._reader.apply_chat_template(messages, tokenize=False, add_generation_prompt=True) for messages in given
+        ]
+        pictures: dict[str, Any] = {}
+        if self._sees:
+            parts = [[part for message in messages for part in message["content"]] for messages in given]
+            images = [[part["image"] for part in each if part["type"] == "image"] for each in parts]
+            pictures = {"images": images} if any(images) else {}
+        inputs = self._reader(  # the template has written the special tokens
+            text=texts, **pictures, padding=True, add_special_tokens=False, return_tensors="pt"
         ).to(self._model.device)
         generated = self._model.generate(
             **inputs,

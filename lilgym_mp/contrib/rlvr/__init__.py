@@ -7,15 +7,13 @@ plan task over several turns. docs/language_models.md shows how to train with th
 
 from lilgym_mp.contrib.rlvr.generation import rows
 from lilgym_mp.contrib.rlvr.rows import KINDS, Row, RowError, expert_reply, images_of, messages_of
-from lilgym_mp.contrib.rlvr.scoring import Conversation, Score, Turn, score
+from lilgym_mp.contrib.rlvr.scoring import Conversation, score
 
 __all__ = [
     "KINDS",
     "Conversation",
     "Row",
     "RowError",
-    "Score",
-    "Turn",
     "expert_reply",
     "images_of",
     "messages_of",

@@ -44,7 +44,7 @@ def rows(
     split: str = "train",
     min_actions: int = 2,
     max_actions: int | None = None,
-    seconds: float | None = None,
+    seconds: float = math.inf,
 ) -> Iterator[Row]:
     """Endless rows, deterministic in the arguments.
 
@@ -63,8 +63,7 @@ def rows(
     most = horizon if max_actions is None else max_actions
     if not 2 <= min_actions <= most <= horizon:
         raise ValueError(f"min_actions and max_actions must be 2 to {horizon}, ascending, not {min_actions} and {most}")
-    limit = math.inf if seconds is None else seconds
-    return _rows(kind, appearance, level, seed, split, range(min_actions, most + 1), limit)
+    return _rows(kind, appearance, level, seed, split, range(min_actions, most + 1), seconds)
 
 
 def _rows(

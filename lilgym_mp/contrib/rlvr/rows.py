@@ -104,9 +104,7 @@ class Row:
             level, steps = (record.get(name) or None for name in ("level", "steps"))
             if {type(level), type(steps)} - {int, type(None)}:
                 raise ValueError("level and steps must be whole numbers or null")
-        except (ProgramError, ProgramRuntimeError) as error:
-            raise RowError(f"row {record.get('id')!r:.80}: its program: {error}") from None
-        except (ValueError, TypeError, RecursionError, SceneError) as error:
+        except (ProgramError, ProgramRuntimeError, ValueError, TypeError, RecursionError, SceneError) as error:
             raise RowError(f"row {record.get('id')!r:.80}: {error}") from None
         return cls(kind, appearance, task, level, steps)
 
@@ -171,7 +169,7 @@ def _plan_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield "Answer with one action on each line, in order, ending with STOP, such as"
     yield from (describe(appearance.example), "STOP", f"Other lines are ignored. {ANSWER_LAST}")
     yield f"Statement: {task.statement}"
-    yield f"Make the statement {_value(task.target)}."
+    yield f"Make the statement {str(task.target).lower()}."
     yield from shown_lines(task.start, appearance, scene)
 
 
@@ -188,10 +186,6 @@ def _program_lines(dynamics: Dynamics, task: Task, scene: str) -> Iterator[str]:
     yield from (word.signature for word in WORDS.values())
     yield f"Answer with the program as the last line. {ANSWER_LAST}"
     yield f"Statement: {task.statement}"
-
-
-def _value(target: bool) -> str:
-    return str(target).lower()
 
 
 _PROMPTS: Mapping[str, Callable[[Dynamics, Task, str], Iterator[str]]] = {  # lines of the prompt, with a scene's style

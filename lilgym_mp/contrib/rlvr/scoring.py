@@ -33,10 +33,6 @@ class Score(NamedTuple):
     outcome: str
     details: Mapping[str, Any]
 
-    @property
-    def success(self) -> bool:
-        return self.outcome == SUCCESS
-
 
 def score(reply: object, row: Row, *, thoughts: Sequence[str] = THOUGHTS) -> Score:
     """The score of a model's reply, a text, content parts or messages; anything else is not understood.

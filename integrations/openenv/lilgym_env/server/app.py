@@ -1,7 +1,5 @@
 """The application: `uvicorn server.app:app --port 8000`, one environment for each session."""
 
-import argparse
-
 import uvicorn
 from openenv.core.env_server.http_server import create_app
 
@@ -16,11 +14,7 @@ app = create_app(PlanEnvironment, LilgymAction, LilgymObservation, env_name="lil
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--host", default="127.0.0.1")
-    parser.add_argument("--port", type=int, default=8000)
-    args = parser.parse_args()
-    uvicorn.run(app, host=args.host, port=args.port)
+    uvicorn.run(app, port=8000)
 
 
 if __name__ == "__main__":
