@@ -10,7 +10,7 @@ from reasoning_gym.factory import ProceduralDataset, register_dataset
 
 from lilgym_mp.contrib.rlvr import Row, expert_reply, rows, score
 
-DIFFICULTY = ("level", "min_actions")  # fields that the curriculum raises
+DIFFICULTY = {"level": [1, 2, 3, 4, 5], "min_actions": [2, 3, 4, 5]}  # fields that the curriculum raises
 
 
 @dataclass
@@ -62,10 +62,9 @@ class LilgymCurriculum(BaseCurriculum):
 
     def __init__(self) -> None:
         super().__init__(LilgymCurriculum.__name__, LilgymConfig)
-        levels = {"level": [1, 2, 3, 4, 5], "min_actions": [2, 3, 4, 5]}
-        for name in DIFFICULTY:
+        for name, levels in DIFFICULTY.items():
             self._define_attributes(
-                ScalarAttributeDefinition(name=name, field_name=name, levels=levels[name], description=name)
+                ScalarAttributeDefinition(name=name, field_name=name, levels=levels, description=name)
             )
 
 

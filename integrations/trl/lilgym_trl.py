@@ -1,7 +1,5 @@
 """GRPO with TRL: prompts as a streaming dataset, rewards for whole replies, and an environment for several turns.
 
-pip install torch==2.13.0
-pip install . "trl==1.16.*" jmespath
 python integrations/trl/lilgym_trl.py --model DIRECTORY_OR_NAME --level 2 --steps 200 [--turns] [--scene image]
 """
 

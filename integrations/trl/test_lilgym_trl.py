@@ -54,21 +54,11 @@ def test_script__changes_the_weights_by_varying_rewards(tmp_path: Path, turns: b
     replies = tuple(CALL.format(name) for name in NAMES) if turns else tuple(f"{name}\n" for name in NAMES)
     suppressed = save_tiny_model(tmp_path, replies)
     options = {"num_generations": 16, "per_device_train_batch_size": 32, "learning_rate": 0.01, "report_to": "none"}
-    options["generation_kwargs"] = {"suppress_tokens": suppressed}
-    if turns:
-        options["max_tool_calling_iterations"] = 3
-    script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py")), "--model", str(tmp_path), "--level", "1"]
-    words = [
-        "--max-actions",
-        "2",
-        "--steps",
-        "2",
-        "--max-completion-length",
-        "800" if turns else "3",
-        "--out",
-        str(tmp_path / "out"),
-    ]
-    words += ["--turns"] * turns + ["--option", *(f"{key}={json.dumps(value)}" for key, value in options.items())]
+    options |= {"generation_kwargs": {"suppress_tokens": suppressed}, "max_tool_calling_iterations": 3}
+    words = f"--model {tmp_path} --level 1 --max-actions 2 --steps 2 --out {tmp_path / 'out'} --max-completion-length"
+    words = [*words.split(), "800", "--turns"] if turns else [*words.split(), "3"]
+    words += ["--option", *(f"{key}={json.dumps(value)}" for key, value in options.items())]
+    script = [sys.executable, str(Path(__file__).with_name("lilgym_trl.py"))]
     done = subprocess.run([*script, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-2_000:]
     checkpoint = tmp_path / "out" / "checkpoint-2"

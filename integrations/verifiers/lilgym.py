@@ -1,8 +1,4 @@
-"""Tasks with one reply each, for verifiers. Without a sandbox, which they do not need:
-
-vf-eval lilgym -m MODEL --client.base-url http://localhost:8000/v1 --env.taskset.level 2 --env.taskset.size 100 \\
-    --env.agent.harness.id null --env.agent.runtime.type subprocess --no-push
-"""
+"""Tasks with one reply each, for verifiers; docs/language_models.md has a command."""
 
 from collections.abc import Iterator
 from itertools import islice

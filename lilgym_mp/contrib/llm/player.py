@@ -11,7 +11,6 @@ from typing import Any
 
 from lilgym_mp.contrib.llm.agents import AgentError, Answer, LanguageAgent, Message, described
 from lilgym_mp.contrib.llm.summary import Episode, Failure, Turn, progression
-from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene.actions import describe
@@ -42,7 +41,6 @@ class Player:
     system: bool = True
     conversation: list[Message] = field(init=False, default_factory=list[Message])  # of the last episode
     env: TextObservation = field(init=False)
-    tasks: TaskSet = field(init=False)
     dynamics: Dynamics = field(init=False)
 
     def __post_init__(self) -> None:
@@ -53,7 +51,7 @@ class Player:
         self.env = TextObservation(
             env, scene=self.scene, legal_actions=self.legal_actions, thoughts=tuple(self.thoughts)
         )
-        self.tasks, self.dynamics = env.tasks, env.dynamics
+        self.dynamics = env.dynamics
         self._solver = Solver(env.dynamics)
 
     def task_ids(self) -> Sequence[str]:
