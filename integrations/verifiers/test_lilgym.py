@@ -29,12 +29,13 @@ def test_command__scores_the_replies_of_a_bounded_number_of_tasks(tmp_path: Path
             body = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
             content = body["messages"][-1]["content"]
             prompt = content if isinstance(content, str) else content[-1]["text"]
-            choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": replies[prompt]}}
+            choice = {"index": 0, "finish_reason": "stop", "delta": {"role": "assistant", "content": replies[prompt]}}
             usage = {"prompt_tokens": 1, "completion_tokens": 1, "total_tokens": 2}
-            made = {"id": "1", "object": "chat.completion", "created": 0, "model": "fake"}
-            data = json.dumps({**made, "choices": [choice], "usage": usage}).encode()
+            made = {"id": "1", "object": "chat.completion.chunk", "created": 0, "model": "fake"}
+            text = json.dumps({**made, "choices": [choice], "usage": usage})
+            data = f"data: {text}\n\ndata: [DONE]\n\n".encode()
             self.send_response(200)
-            self.send_header("Content-Type", "application/json")
+            self.send_header("Content-Type", "text/event-stream")
             self.send_header("Content-Length", str(len(data)))
             self.end_headers()
             self.wfile.write(data)

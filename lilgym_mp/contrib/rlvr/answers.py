@@ -78,7 +78,7 @@ def read_plan(reply: object, appearance: Appearance, *, thoughts: Sequence[str] 
     if not plans:
         lines = _lines(text)
         labelled = next((index for index, line in enumerate(lines) if _prefix(line)["whole"]), 0)
-        plans = [_plan(lines[labelled:], appearance) or _plan(lines, appearance)]
+        plans = [_plan(lines[labelled:], appearance) or _plan(lines[:labelled], appearance)]
     stop = appearance.encode(STOP)
     if plans[0][-1:] == [stop] and all(plan == plans[0] for plan in plans):
         plans = plans[:1]  # a plan that is stated several times
