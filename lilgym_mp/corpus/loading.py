@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import gc
 import os
 import threading
-from collections.abc import Callable, Generator, Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -82,7 +80,7 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
     faults: list[Fault] = []
     appearance, start, _ = configuration
     *_, is_released = cache_key
-    with _garbage_collection_paused(), note_after(f"loading corpus {corpus}"):
+    with note_after(f"loading corpus {corpus}"):
         source = read_released_file(file, faults) if is_released else read_corpus_file(file, faults, configuration)
         provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)
         reader = TaskReader(appearance, faults)
@@ -93,15 +91,3 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
     if not tasks:
         raise NoTasksError(f"{file}: has no tasks for {provenance}; it has {source.contents(start)}")
     return tasks
-
-
-@contextmanager
-def _garbage_collection_paused() -> Generator[None, None, None]:
-    """Reading allocates many containers but no cycles; garbage collection would take a third of the time."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()
