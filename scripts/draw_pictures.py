@@ -56,6 +56,7 @@ BADGE_CHARACTER = 6.8  # pixels
 
 ELSEWHERE = {  # pictures made by other commands
     "proposer_verifier_curve.svg": "python examples/proposer_verifier_audit.py; its chart",
+    "llm_curve.png": "a chart of what examples/finetune_language_model.py and train_language_model.py --out write",
     "sb3_curve.png": "a chart of evaluations on official dev during examples/train_masked_ppo.py, three seeds",
     "reliability.png": "the chart of a report on the runs in docs/agents.md",
     "report.png": "lilgym-mp report RESULTS --out OUT; a screenshot of its page",

@@ -141,6 +141,28 @@ def test_train_language_model__reports_both_phases(run: Run) -> None:
     assert phases == ["supervised", "supervised", "rewarded"]
 
 
+@pytest.mark.long
+def test_finetune_language_model__reports_each_phase_and_saves_the_models(run: Run, tmp_path: Path) -> None:
+    transformers = pytest.importorskip("transformers", reason="examples/finetune_language_model.py needs transformers")
+    tokenizers = pytest.importorskip("tokenizers")
+    words = {word: index for index, word in enumerate(("<eos>", "STOP", "ADD(LEFT, BLUE)", "Statement:", "LEFT:"))}
+    backend = tokenizers.Tokenizer(tokenizers.models.WordLevel(words, unk_token="<eos>"))
+    backend.pre_tokenizer = tokenizers.pre_tokenizers.CharDelimiterSplit("\n")
+    tokenizer = transformers.PreTrainedTokenizerFast(tokenizer_object=backend, eos_token="<eos>")
+    tokenizer.chat_template = "{% for message in messages %}{{ message.content }}{% endfor %}"
+    tokenizer.save_pretrained(tmp_path / "tiny")
+    sizes = {"hidden_size": 16, "intermediate_size": 16, "num_hidden_layers": 2, "num_attention_heads": 2}
+    config = transformers.LlamaConfig(vocab_size=len(words), bos_token_id=None, eos_token_id=0, **sizes)
+    transformers.LlamaForCausalLM(config).save_pretrained(tmp_path / "tiny")
+    short = ("--supervised-steps", "2", "--reward-steps", "2", "--rows", "40", "--dev-rows", "10")
+    printed = run("finetune_language_model.py", "--model", "tiny", "--out", "out", *short)
+    assert printed == (tmp_path / "out" / "progress.jsonl").read_text()
+    reported = [(line["phase"], line["step"]) for line in map(json.loads, printed.splitlines())]
+    assert reported[2:] == [("zero-shot", 0), ("supervised", 2), ("rewarded", 2)]
+    for name in ("supervised", "rewarded"):
+        assert (tmp_path / "out" / name / "model.safetensors").exists()
+
+
 def test_torchrl__collects_legal_actions_only(run_in_process: Run) -> None:
     _needs("torchrl_rollout.py", "torchrl", "torchrl")
     printed = run_in_process("torchrl_rollout.py", "--steps", "64", "--envs", "2", "--batch", "64", "--width", "8")
