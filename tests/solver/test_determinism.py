@@ -20,7 +20,7 @@ RIVALS = 6  # goals planned for together
 def results(appearance: str, order: int) -> dict[str, object]:
     """Plans and sets of first actions for some tasks, computed in an order drawn with the seed `order`."""
     dynamics = mdp(appearance)
-    solver = Solver(dynamics)
+    solver = Solver(dynamics, BUDGET)
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
     chosen = random.Random(0).sample(range(len(tasks)), 10)
     found: dict[str, object] = {}
@@ -28,7 +28,7 @@ def results(appearance: str, order: int) -> dict[str, object]:
         one = tasks[index]
         rivals = [tasks[(index + 3 * step) % len(tasks)] for step in range(RIVALS)]
         goals = [WeightedGoal(rival.program, rival.target, 1 / (2 + rank)) for rank, rival in enumerate(rivals)]
-        plan = solver.plan_for(goals, one.start, dynamics.horizon - 1, BUDGET)
+        plan = solver.plan_for(goals, one.start, dynamics.horizon - 1)
         edited = after_random_edits(dynamics, State(one, one.start, 0), 2, index)
         found[f"plan {index}"] = [list(map(str, plan.actions)), plan.satisfied, plan.mass, plan.scenes]
         found[f"set {index}"] = Solver(dynamics, BUDGET).optimal_actions(edited).actions
