@@ -66,7 +66,7 @@ def results_text(results: Sequence[Result], width: int | None = None) -> str:
         width = get_terminal_size().columns
     if width is not None:
         notes = [fill(note, width, subsequent_indent="  ") for note in notes]
-    return "\n\n".join([*parts, *notes])
+    return "\n\n".join([*parts, "\n".join(notes[:-1]), notes[-1]])
 
 
 def _row(result: Result, *, seen: bool) -> tuple[str, ...]:

@@ -187,7 +187,7 @@ def recipe(configuration: str, corpus: str = "builtin", **environment: Any) -> R
         "wrap": structured_observation_v0,
         "vocabulary": Vocabulary(words),
         "same_statement": ours.same_statement,
-        "statement_episodes": 4 if settings.appearance == "tower" else 2,  # Scatter's are longer
+        "statement_episodes": 4 if settings.appearance == "tower" else 2,  # those of the results in the documents
         "recolour": ours.recolour,
         "empty_starts": ours.empty_starts,
         "stop_forcing": True,
