@@ -8,6 +8,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import cast
 
@@ -34,7 +35,12 @@ class VocabularyError(ValueError):
 
 def words(statement: str) -> list[str]:
     """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
-    return _WORD.findall(statement.lower())
+    return list(_words(statement))
+
+
+@lru_cache(2**12)  # every new environment asks for those of its corpus
+def _words(statement: str) -> tuple[str, ...]:
+    return tuple(_WORD.findall(statement.lower()))
 
 
 def normalised(statement: str) -> str:

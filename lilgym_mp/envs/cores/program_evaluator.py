@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from lilgym_mp.programs.errors import FallbackError
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_SIDE, Box, Colour, Item, Shape, Size
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
-from lilgym_mp.scene.arrays import Int64Array
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 NOT_COMPILED, UNSUPPORTED = -1, -2  # sentinels instead of a program's index
 
@@ -111,11 +112,20 @@ class ItemBoxLowering(BoxLowering):
         bit = len(self._indices)
         if bit == BITS:
             raise Unsupported
-        for size in Size:
-            places = range(BOX_SIDE - size.pixels + 1)
-            passing = [[test.passes(Item(x, y, Shape.SQUARE, Colour.BLACK, size)) for y in places] for x in places]
-            self.places[size, : len(places), : len(places)] |= np.array(passing, np.int64) << bit
+        self.places |= _passing_places(test).astype(np.int64) << bit
         self._indices[function] = bit
+
+
+@cache
+def _passing_places(test: ItemTest) -> BoolArray:
+    """(sizes, x, y) whether an item of each size passes a test of its position."""
+    passing = np.zeros((len(Size), BOX_SIDE, BOX_SIDE), np.bool_)
+    for size in Size:
+        places = range(BOX_SIDE - size.pixels + 1)
+        passing[size, : len(places), : len(places)] = [
+            [test.passes(Item(x, y, Shape.SQUARE, Colour.BLACK, size)) for y in places] for x in places
+        ]
+    return passing
 
 
 class StackBoxLowering(BoxLowering):
