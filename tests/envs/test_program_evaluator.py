@@ -67,7 +67,7 @@ def play(core: Core, chance: np.random.Generator) -> None:
     core.step(None)
 
 
-@pytest.mark.parametrize(("corpus", "rounds"), [("builtin", 5), ("lilgym", 3)])
+@pytest.mark.parametrize(("corpus", "rounds"), [("builtin", 3), ("lilgym", 2)])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_goals__equal_the_values_of_every_program_of_a_corpus(
     corpus: str, rounds: int, appearance: str, request: pytest.FixtureRequest
@@ -87,7 +87,7 @@ def test_goals__equal_the_values_of_every_program_of_a_corpus(
             assert goal == state.task.solved_by(copied(state.scene)), (state.task.program, state.scene)
             found[goal] += 1
         play(core, chance)
-    assert min(found.values()) > 100
+    assert min(found.values()) > 40
 
 
 OPERATIONS = {
