@@ -17,7 +17,7 @@ from lilgym_mp.scene.appearances import Appearance, Scatter, Tower
 TOWER = Tower()
 SCATTER = Scatter()
 PIXELS = Scatter((380, 100))
-GRIDS = [(19, 5), (19, 1), (38, 10), (76, 20), (95, 4), (190, 50), (380, 100)]
+GRIDS = [(19, 5), (19, 1), (95, 4), (380, 100)]
 
 
 def all_or_sampled(appearance: Appearance) -> Iterable[int]:
@@ -58,11 +58,9 @@ def test_scatter_indices__stop_then_adds_by_cell_shape_colour_size_then_removes(
     [
         (TOWER, [0, -1, -1], STOP),
         (TOWER, [1, 2, 0], AddBlock(2, Colour.YELLOW)),
-        (TOWER, [1, 0, 2], AddBlock(0, Colour.BLUE)),
         (TOWER, [2, 1, -1], RemoveBlock(1)),
         (SCATTER, [0, -1, -1, -1, -1, -1], STOP),
         (SCATTER, [1, 18, 4, 2, 1, 0], AddItem(18, 4, Shape.TRIANGLE, Colour.BLACK, Size.SMALL)),
-        (SCATTER, [1, 0, 3, 0, 2, 2], AddItem(0, 3, Shape.CIRCLE, Colour.BLUE, Size.LARGE)),
         (SCATTER, [2, 7, 0, -1, -1, -1], RemoveItem(7, 0)),
         (PIXELS, [2, 379, 99, -1, -1, -1], RemoveItem(379, 99)),
     ],
@@ -76,17 +74,13 @@ def test_array_form__is_converted_both_ways(appearance: Appearance, values: list
     ("appearance", "values", "message"),
     [
         (TOWER, [1, 0], r"an action array must be 3 whole numbers \[type, box, colour\], not \[1, 0\]"),
-        (SCATTER, [[1, 0, 0, 0, 0, 0]], r"must be 6 whole numbers \[type, x, y, shape, colour, size\]"),
-        (SCATTER, [1.0, 0, 0, 0, 0, 0], r"must be 6 whole numbers .* not \[1\.0, 0"),
+        (SCATTER, [1.0, 0, 0, 0, 0, 0], r"must be 6 whole numbers \[type, x, y, shape, colour, size\], not \[1\.0, 0"),
         (TOWER, [True, False, False], r"must be 3 whole numbers"),
-        (TOWER, [1, None, 0], r"must be 3 whole numbers"),
         (TOWER, [3, 0, 0], r"type 3 of the action is out of range; choose from 0 \.\. 2"),
-        (TOWER, [1, 3, 0], r"box 3 of the action is out of range; choose from 0 \.\. 2"),
         (TOWER, [1, 0, -1], r"colour -1 of the action is out of range"),
         (SCATTER, [1, 19, 0, 0, 0, 0], r"x 19 of the action is out of range; choose from 0 \.\. 18"),
         (SCATTER, [2, 0, 5, 0, 0, 0], r"y 5 of the action is out of range; choose from 0 \.\. 4"),
         (SCATTER, [1, 0, 0, 3, 0, 0], r"shape 3 of the action is out of range"),
-        (SCATTER, [1, 0, 0, 0, 3, 0], r"colour 3 of the action is out of range"),
     ],
 )
 def test_array_form__an_invalid_array_is_refused_with_slot_and_choices(
@@ -109,14 +103,11 @@ def test_array_form__any_list_is_an_action_or_raises_action_error(values: list[A
 @pytest.mark.parametrize(
     ("appearance", "action"),
     [
-        (TOWER, AddItem(0, 0, Shape.CIRCLE, Colour.BLUE, Size.LARGE)),
         (TOWER, RemoveItem(0, 0)),
         (TOWER, AddBlock(3, Colour.BLUE)),
         (TOWER, "STOP"),
         (SCATTER, AddBlock(0, Colour.BLUE)),
         (SCATTER, RemoveItem(19, 0)),
-        (SCATTER, AddItem(0, 0, Shape.CIRCLE, Colour.BLUE, 3)),  # type: ignore[arg-type]
-        (SCATTER, None),
     ],
 )
 def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearance, action: Any):
@@ -129,7 +120,6 @@ def test_encode__an_action_of_another_appearance_is_refused(appearance: Appearan
     [
         (STOP, "STOP"),
         (AddBlock(0, Colour.BLUE), "ADD(LEFT, BLUE)"),
-        (AddBlock(2, Colour.YELLOW), "ADD(RIGHT, YELLOW)"),
         (RemoveBlock(1), "REMOVE(MIDDLE)"),
         (AddItem(18, 4, Shape.CIRCLE, Colour.BLACK, Size.LARGE), "ADD(18, 4, CIRCLE, BLACK, LARGE)"),
         (RemoveItem(3, 4), "REMOVE(3, 4)"),

@@ -26,11 +26,8 @@ JSON = [
 SCENE = scene([circle(0, 70, LARGE)], [], [triangle(5, -2, SMALL, B), square(40, 80, colour=K)])
 
 
-def test_from_json__reads_the_released_form():
+def test_json__is_the_released_form():
     assert Scene.from_json(JSON) == SCENE
-
-
-def test_to_json__writes_the_released_form():
     assert SCENE.to_json() == JSON
 
 
@@ -57,13 +54,10 @@ def test_from_json__malformed_data_is_refused_with_its_place(data: object, messa
     ("key", "value", "message"),
     [
         ("type", "disc", r"unknown type 'disc'; choose from circle, square, triangle"),
-        ("type", ["circle"], r"unknown type \['circle'\]"),
         ("color", "yellow", r"unknown color 'yellow'; choose from #0099ff, Black, Yellow"),
         ("size", 15, r"unknown size 15; choose from 10, 20, 30"),
-        ("size", 20.5, r"unknown size 20\.5"),
         ("size", True, r"unknown size True"),
         ("x_loc", 1.5, r"x_loc must be a whole number of pixels, not 1\.5"),
-        ("y_loc", "3", r"y_loc must be a whole number of pixels, not '3'"),
         ("y_loc", True, r"y_loc must be a whole number of pixels, not True"),
     ],
 )

@@ -32,7 +32,7 @@ from tests.appearances import reference
 FOOTPRINTS = range(9)
 SPAN = range(-OFFSET_LIMIT, OFFSET_LIMIT + 1)
 OLDER_AT = (40, 40)  # not where the script puts it
-RANDOM_PLACEMENTS = 5_000
+RANDOM_PLACEMENTS = 2_000
 OVERHANG = 4  # pixels that an older item may lie outside its box, as the release leaves some
 
 
@@ -78,7 +78,9 @@ def test_outlines__are_a_64_sided_circle_a_square_and_an_upright_triangle(footpr
             assert {tuple(point) for point in points} == {(3 + side / 2, 7), (3, 7 + side), (3 + side, 7 + side)}
 
 
-@pytest.mark.parametrize("older_footprint", FOOTPRINTS)
+@pytest.mark.parametrize(
+    "older_footprint", [pytest.param(each, marks=() if each % 4 == 0 else pytest.mark.long) for each in FOOTPRINTS]
+)
 def test_overlap_distance_and_move__equal_shapelys_at_every_offset(older_footprint: int):
     tables, older = placement_tables(), item_of(older_footprint, *OLDER_AT)
     outlines = np.full(OFFSET_COUNT**2, script.footprint_polygon(older_footprint, *OLDER_AT))
@@ -169,7 +171,7 @@ def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDAr
 
 
 @pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
-@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 15), ((38, 10), 10), ((19, 1), 2)], ids=str)
+@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 6), ((38, 10), 6), ((19, 1), 2)], ids=str)
 def test_random_play__every_edit_equals_shapelys(grid: tuple[int, int], plays: int, rules: PlacementRules):
     scatter, chance, tried = Scatter(grid), random.Random(0), 0
     for _ in range(plays):

@@ -17,7 +17,7 @@ from lilgym_mp.scene.appearances import Scatter
 from tests.envs.test_cores import Side, task_set
 from tests.scenes import LARGE, SMALL, circle, scatter_boxes, scene, square, triangle, unchecked_boxes
 
-GRIDS = [(19, 5), (38, 10), (95, 4), (19, 2), (38, 1), (76, 50)]
+GRIDS = [(19, 5), (38, 10), (95, 4), (38, 1), (76, 50)]
 BY_RULES = pytest.mark.parametrize("rules", RULE_SETS)
 
 
@@ -48,7 +48,7 @@ def test_masks__are_exact_for_literal_boxes(grid: tuple[int, int], rules: str) -
     assert_masks_are_exact([scene([], items[:count], []) for count in (5, 3, 4, 0, 1)], grid, rules)
 
 
-@settings(max_examples=50)
+@settings(max_examples=20)
 @given(
     grid=st.sampled_from(GRIDS[:3]),
     rules=st.sampled_from(list(RULE_SETS)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.corpus import load_tasks
@@ -42,7 +42,6 @@ def new_planner(appearance: str, *, seed: int = 0, is_flipit: bool = True) -> Se
 
 
 @pytest.mark.parametrize("appearance", ["tower", pytest.param("scatter", marks=pytest.mark.long)])
-@settings(max_examples=50)
 @given(data=st.data())
 def test_plan__is_valid_by_the_rules_and_stops_within_the_horizon(appearance: str, data: st.DataObject):
     tasks = load_tasks("builtin", appearance, "flipit", "dev")
