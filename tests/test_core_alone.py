@@ -16,14 +16,15 @@ for name in ("numba", "lilgym_mp.envs.fast"):
 """
 PLAY = """
 import gymnasium, lilgym_mp
-env = gymnasium.make("lilgym_mp/{}-v0", split="dev")
-env.reset(seed=0)
-for episode in range(12):
-    env.reset(options=dict(task=env.unwrapped.tasks.ids[0]))
-    env.step(int(env.unwrapped.action_masks().nonzero()[0][-1]))
-    goal = env.unwrapped.goal_reached()
-    _, reward, terminated, *_ = env.step(0)
-    assert terminated and reward == (1 if goal else -1)
+for configuration in ("TowerFlipIt", "ScatterFlipIt"):
+    env = gymnasium.make(f"lilgym_mp/{configuration}-v0", split="dev")
+    env.reset(seed=0)
+    for episode in range(12):
+        env.reset(options=dict(task=env.unwrapped.tasks.ids[0]))
+        env.step(int(env.unwrapped.action_masks().nonzero()[0][-1]))
+        goal = env.unwrapped.goal_reached()
+        _, reward, terminated, *_ = env.step(0)
+        assert terminated and reward == (1 if goal else -1)
 """
 EVALUATE = """
 import sys
@@ -43,21 +44,15 @@ def run(code: str) -> str:
     return done.stderr
 
 
-@pytest.mark.parametrize("configuration", ["TowerFlipIt", "ScatterFlipIt"])
-def test_core__plays_without_numba_and_without_generated_code(configuration: str):
-    assert run(BLOCKED + PLAY.format(configuration)).count("RuntimeWarning: programs are evaluated slowly") == 1
+def test_core__plays_without_numba_and_without_generated_code():
+    assert run(BLOCKED + PLAY).count("RuntimeWarning: programs are evaluated slowly") == 1
 
 
 def test_program__has_code_generated_only_once_it_is_evaluated_often():
     run(EVALUATE)
 
 
-@pytest.mark.parametrize("use", ["tower", "scatter"])
-def test_environment__loads_few_lines_of_the_package(use: str):
+@pytest.mark.parametrize(("use", "limit"), [("scatter", 6_000), pytest.param("ppo", 16_000, marks=pytest.mark.long)])
+def test_package__loads_few_lines_for_a_use(use: str, limit: int):
     lines, _ = load_script("print_closures").closure(use)
-    assert lines <= 6_000
-
-
-def test_train_ppo__loads_no_solver_and_no_other_learner():
-    lines, _ = load_script("print_closures").closure("ppo")
-    assert lines <= 16_000
+    assert lines <= limit

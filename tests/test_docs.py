@@ -1,4 +1,4 @@
-"""The code in the documents runs and prints the output they show."""
+"""The code in the documents runs and prints the output they show; their links and pictures are right."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import doctest
 import io
 import re
 import shlex
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -13,12 +14,14 @@ import pytest
 from lilgym_mp.cli import main, parse_args
 from lilgym_mp.solver import expert
 from tests.documents import run_document
+from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 PAGES = (
     *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception", "questions"),
     *("troubleshooting", "vectorised", "wrappers"),
 )
+PICTURES = (".png", ".gif", ".svg")
 LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
     "stable_baselines3.md": ("stable_baselines3",),
@@ -120,3 +123,18 @@ def test_tests_named_in_the_fidelity_table__exist() -> None:
     sources = "".join(path.read_text() for path in (ROOT / "tests").rglob("test_*.py"))
     assert named
     assert [name for name in named if f"def {name}(" not in sources] == []
+
+
+def test_pictures__are_each_shown_on_a_page_and_made_by_a_documented_command() -> None:
+    pytest.importorskip("pettingzoo")
+    drawing = load_script("draw_pictures")
+    folder = ROOT / "docs" / "pictures"
+    names = {path.relative_to(folder).as_posix() for path in folder.rglob("*.*") if path.suffix in PICTURES}
+    pages = "".join(path.read_text() for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+    assert [name for name in names if f"pictures/{name}" not in pages] == []
+    assert names >= set(drawing.FILES)
+    others = names - set(drawing.FILES)
+    assert [name for name in others if not any(fnmatch(name, pattern) for pattern in drawing.ELSEWHERE)] == []
+    assert [pattern for pattern in drawing.ELSEWHERE if not any(fnmatch(name, pattern) for name in others)] == []
+    assert (folder / "badges.svg").read_text() == drawing.badges()
+    assert (folder / "logo.svg").read_text() == drawing.logo()

@@ -1,4 +1,4 @@
-"""Project rules: packaging, light imports, no official statements, the summary of skipped tests."""
+"""Project rules: packaging, extras, light imports, no official statements."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ import sys
 import tarfile
 import tomllib
 from collections.abc import Iterator
+from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from lilgym_mp.corpus import extras
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
 SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
+EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
 
@@ -104,6 +108,29 @@ def test_import__loads_nothing_heavy():
     done = _run(sys.executable, "-c", program)
     assert done.returncode == 0, done.stderr
     assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
+
+
+@pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])
+def test_install__names_the_packages_of_the_extra(extra: str, monkeypatch: pytest.MonkeyPatch):
+    built = [f'{package}; extra == "{name}"' for name, packages in EXTRAS.items() for package in packages]
+    monkeypatch.setattr(extras, "requires", lambda name: ["numpy>=2.0", *built])
+    expected = {re.split(r"[<>=]", package)[0] for package in EXTRAS[extra]}
+    assert set(re.findall(r'"([A-Za-z0-9_-]+(?:\[[a-z0-9,]+\])?)[^"]*"', extras.install(extra))) == expected
+    assert extras.install(extra).endswith(f"(the extra {extra})")
+
+
+def test_install__of_a_checkout_that_is_not_installed(monkeypatch: pytest.MonkeyPatch):
+    def missing(name: str) -> None:
+        raise PackageNotFoundError(name)
+
+    monkeypatch.setattr(extras, "requires", missing)
+    assert extras.install("report") == 'pip install ".[report]" (the extra report)'
+
+
+def test_extras__named_in_code_exist():
+    sources = [path for place in ("lilgym_mp", "wrappers") for path in (ROOT / place).rglob("*.py")]
+    named = {extra for path in sources for extra in re.findall(r"""\binstall\(["'](\w+)["']\)""", path.read_text())}
+    assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -97,6 +97,7 @@ def test_settings__grid(grid: Any, count: int):
         ({"rules": "lilgym"}, "unknown rules 'lilgym'; choose from paper, release"),
         ({"corpus": "nlvr"}, 'no corpus \'nlvr\': no such file or directory; choose from "builtin", "lilgym", or'),
         ({"image_size": "full"}, "unknown image_size 'full'; choose from half, native"),
+        ({"observation": "pictures"}, "unknown observation 'pictures'; choose from arrays, text"),
         ({"render_mode": "video"}, "unknown render_mode 'video'; choose from ansi, human, rgb_array"),
         ({"appearance": "scatter", "grid": 5}, "grid must be 'native' or a pair .* not 5"),
         ({"horizon": 0}, "horizon must be a positive whole number of actions or None, not 0"),
