@@ -13,7 +13,8 @@ import pytest
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.formats import read_released_file
 from lilgym_mp.corpus.official import FileFacts, content_digest
-from lilgym_mp.scene import Colour, Item
+from lilgym_mp.programs import compile_program
+from lilgym_mp.scene import Colour, Item, Scene
 from tests.scenes import B, K, Y, scene, square, tower
 
 BUILTIN = Path(__file__).parent.parent / "data" / "builtin.jsonl.gz"
@@ -23,8 +24,9 @@ CIRCLE = {"x_loc": 0, "y_loc": 70, "type": "circle", "color": "Yellow", "size": 
 TRIANGLE = {"x_loc": 60, "y_loc": 5, "type": "triangle", "color": "#0099ff", "size": 10}
 
 
-def _statement(name: str, appearance: str, split: str, statement: str, program: str, **starts: Any) -> dict[str, Any]:
-    """A corpus entry; `starts`: a scene in which the statement is true ("yes"), and one in which it is not ("no")."""
+def entry(name: str, appearance: str, split: str, statement: str, program: str, **starts: Any) -> dict[str, Any]:
+    """A corpus entry; `starts`: scenes as JSON, by what their ids end with."""
+    truth = compile_program(program)
     return {
         "id": name,
         "appearance": appearance,
@@ -32,7 +34,8 @@ def _statement(name: str, appearance: str, split: str, statement: str, program: 
         "statement": statement,
         "program": program,
         "starts": [
-            {"id": f"{name}-{answer}", "label": answer == "yes", "scene": boxes} for answer, boxes in starts.items()
+            {"id": f"{name}-{end}", "label": truth(Scene.from_json(scene)), "scene": scene}
+            for end, scene in starts.items()
         ],
     }
 
@@ -40,14 +43,14 @@ def _statement(name: str, appearance: str, split: str, statement: str, program: 
 _BLUE = "exist(filter_color(all_items, Color.BLUE))"
 _BLACK = "exist(filter_color(all_items, Color.BLACK))"
 _ROUND = "exist(filter_shape(all_items, Shape.CIRCLE))"
-BLUE = _statement(
+BLUE = entry(
     *("blue", "tower", "train", "Blue is here.", _BLUE),
     yes=[[BLACK_BLOCK], [BLUE_BLOCK], []],
     no=[[BLACK_BLOCK], [], []],
 )
-PAIR = _statement("pair", "tower", "train", "Two blocks, it's all.", "count(all_items) == 2", no=[[BLUE_BLOCK], [], []])
-BLACK = _statement("black", "tower", "dev", "Black is seen somewhere.", _BLACK, yes=[[], [], [BLACK_BLOCK]])
-ROUND = _statement(
+PAIR = entry("pair", "tower", "train", "Two blocks, it's all.", "count(all_items) == 2", no=[[BLUE_BLOCK], [], []])
+BLACK = entry("black", "tower", "dev", "Black is seen somewhere.", _BLACK, yes=[[], [], [BLACK_BLOCK]])
+ROUND = entry(
     *("round", "scatter", "train", "Something round.", _ROUND),
     yes=[[], [CIRCLE, TRIANGLE], []],
     no=[[TRIANGLE], [], []],
@@ -106,7 +109,7 @@ THREE_STATEMENTS = {
 def write_three_statements(path: Path) -> Path:
     """Writes three statements without start scenes, the same in train and dev, and returns the path."""
     entries = [
-        _statement(f"{split}-{index}", "tower", split, statement, program)
+        entry(f"{split}-{index}", "tower", split, statement, program)
         for split in ("train", "dev")
         for index, (statement, program) in enumerate(THREE_STATEMENTS.items())
     ]
@@ -139,7 +142,7 @@ def _corner_squares(*colours: Colour) -> list[Item]:
 def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, Any]:
     name = COLOURS[colour]
     other = next(candidate for candidate in COLOURS if candidate != colour)
-    return _statement(
+    return entry(
         *(f"{appearance}-{split}-has-{name}", appearance, split, f"There is something {name}."),
         f"exist(filter_color(all_items, Color.{name.upper()}))",
         yes=scene(items(colour)).to_json(),
@@ -149,7 +152,7 @@ def _has(split: str, appearance: str, colour: Colour, items: Any) -> dict[str, A
 
 def _counts(split: str, appearance: str, items: Any) -> dict[str, Any]:
     count = 1 + SPLITS.index(split)
-    return _statement(
+    return entry(
         *(f"{appearance}-{split}-count", appearance, split, f"Count them: {count}.", f"count(all_items) == {count}"),
         yes=scene(items(*[Y] * count)).to_json(),
         no=scene().to_json(),

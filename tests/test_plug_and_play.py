@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -13,8 +14,8 @@ import pytest
 
 from lilgym_mp.corpus import TaskSet, words, write_corpus
 from lilgym_mp.corpus.extras import install
-from lilgym_mp.scene import Scene
 from lilgym_mp.wrappers import MultiDiscreteActions, StopForcing, stop_forcing_v0
+from tests.corpora import BLUE
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
 
@@ -28,13 +29,6 @@ def test_arrays__equal_the_text_observations(id: str):
     assert array["target"].tolist() == [text["target"]]
     vocabulary = arrays.unwrapped._arrays.vocabulary  # pyright: ignore[reportAttributeAccessIssue]
     assert vocabulary.decode(array["statement"]) == words(text["statement"])
-
-
-def test_observation__must_be_known():
-    with pytest.raises(ValueError, match="unknown observation 'pictures'; choose from arrays, text"):
-        gym.make(TOWER, observation="pictures")
-    with pytest.raises(ValueError, match="unknown observation 'pictures'; choose from arrays, text"):
-        gym.make_vec(TOWER, num_envs=2, observation="pictures")
 
 
 def test_ppo__learns_from_the_obvious_first_line():
@@ -77,18 +71,9 @@ def test_masks_by_slots__allow_anything_where_stop_alone_is_legal():
     pytest.fail("no goal was reached")
 
 
-@pytest.mark.parametrize(("settings", "horizon"), [({}, 12), ({"rules": "release"}, 11), ({"horizon": 5}, 5)])
-def test_horizon__is_an_attribute(settings: dict[str, Any], horizon: int):
-    assert gym.make(TOWER, **settings).get_wrapper_attr("horizon") == horizon
-    assert gym.make_vec(TOWER, num_envs=2, **settings).unwrapped.horizon == horizon  # pyright: ignore[reportAttributeAccessIssue]
-
-
 def test_tasks__are_found_by_number_as_by_text(tmp_path: Path):
-    blue = {"id": "17", "appearance": "tower", "split": "train", "statement": "Blue is here."}
-    program = {"program": "exist(filter_color(all_items, Color.BLUE))"}
-    starts = {"starts": [{"id": "1757", "label": False, "scene": Scene.empty().to_json()}]}
     path = tmp_path / "own.jsonl"
-    write_corpus(path, "own", "MIT", [{**blue, **program, **starts}])
+    write_corpus(path, "own", "MIT", [BLUE | {"starts": [BLUE["starts"][1] | {"id": "1757"}]}])
     env = gym.make(TOWER, corpus=path)
     tasks: TaskSet = env.unwrapped.tasks  # pyright: ignore[reportAttributeAccessIssue]
     assert tasks.by_id(1757) is tasks.by_id("1757") is tasks.by_id(np.int64(1757))
@@ -110,18 +95,11 @@ def test_vector_wrappers__when_collected_leave_their_environment_open(monkeypatc
     envs.reset(seed=0)
 
 
-def test_sb3__without_its_extra_names_it(tmp_path: Path):
-    (tmp_path / "stable_baselines3.py").write_text(
-        "raise ModuleNotFoundError('No module named stable_baselines3', name='stable_baselines3')\n"
-    )
-    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import lilgym_mp.sb3"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert 'pip install "stable-baselines3' in done.stderr.splitlines()[-1]
-
-
-def test_module__runs_as_the_command():
-    done = subprocess.run([sys.executable, "-m", "lilgym_mp", "--version"], capture_output=True, text=True, check=False)
-    assert done.stdout.split()[0] == "lilgym-mp"
+def test_sb3__without_its_extra_names_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    monkeypatch.delitem(sys.modules, "lilgym_mp.sb3", raising=False)
+    with pytest.raises(ModuleNotFoundError, match='pip install "stable-baselines3'):
+        importlib.import_module("lilgym_mp.sb3")
 
 
 def test_batched_games__work_without_pettingzoo():

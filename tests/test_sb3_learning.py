@@ -56,20 +56,24 @@ def test_training__changes_the_weights_and_the_entropy_coefficient(trained: Mask
     assert trained.ent_coef == pytest.approx(0.3)  # at the start of the second of two rollouts
 
 
-@pytest.mark.parametrize("backend", ["batched", "workers", "dummy", pytest.param("subproc", marks=pytest.mark.long)])
-@pytest.mark.parametrize("algorithm", [PPO, MaskablePPO])
-def test_training__works_with_every_backend_from_images_and_items(algorithm: Any, backend: str) -> None:
-    for changes in ({"wrap": None}, {"stop_forcing": False}):
-        model = small_model(algorithm, "TowerFlipIt", backend=backend, **changes)
-        model.learn(32)
-        assert model.num_timesteps == 32
-        model.env.close()
-
-
-@pytest.mark.parametrize("configuration", ["ScatterScratch", "ScatterFlipIt"])
-def test_training__works_in_scatter(configuration: str) -> None:
-    model = small_model(configuration=configuration, recolour=False)
-    model.learn(32, use_masking=False)
+@pytest.mark.parametrize(
+    ("algorithm", "configuration", "changes"),
+    [
+        (MaskablePPO, "TowerFlipIt", {"wrap": None}),
+        (MaskablePPO, "TowerFlipIt", {"stop_forcing": False, "backend": "dummy"}),
+        (PPO, "TowerFlipIt", {"stop_forcing": False, "backend": "workers"}),
+        (PPO, "ScatterFlipIt", {"recolour": False}),
+        pytest.param(PPO, "TowerFlipIt", {"wrap": None, "backend": "dummy"}, marks=pytest.mark.long),
+        pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "workers"}, marks=pytest.mark.long),
+        pytest.param(MaskablePPO, "TowerFlipIt", {"wrap": None, "backend": "subproc"}, marks=pytest.mark.long),
+    ],
+)
+def test_training__works_with_every_backend_from_images_and_items(
+    algorithm: Any, configuration: str, changes: dict[str, Any]
+) -> None:
+    model = small_model(algorithm, configuration, **changes)
+    model.learn(32)
+    assert model.num_timesteps == 32
     model.env.close()
 
 
@@ -194,8 +198,7 @@ def statements_of(envs: Any, steps: int) -> list[list[str]]:
     return [list(observation["statement"]) for observation in observations]
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-@pytest.mark.parametrize("episodes", [2, 3])
+@pytest.mark.parametrize(("workers", "episodes"), [(1, 3), (2, 2)])
 def test_sampler__a_group_plays_one_statement_for_some_episodes_of_each(workers: int, episodes: int) -> None:
     sampler = StatementSampler(SCRATCH, same_statement=4, statement_episodes=episodes)
     envs = WorkerVectorEnv(SCRATCH, COUNT, workers, sampler=sampler, autoreset_mode="SameStep")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import gymnasium as gym
 import pytest
@@ -11,6 +10,7 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.wrappers import tokenized_statement_v0
+from tests.corpora import entry
 
 STATEMENT = "A blue block crowns some box."
 
@@ -22,16 +22,8 @@ def split(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture
 def corpus(tmp_path: Path, split: str) -> str:
-    entry: dict[str, Any] = {
-        "id": "crown",
-        "appearance": "tower",
-        "split": split,
-        "statement": STATEMENT,
-        "program": "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))",
-        "starts": [],
-    }
-    path = tmp_path / "one_split.jsonl"
-    write_corpus(path, "one split", "CC0-1.0", [entry])
+    path, program = tmp_path / "one_split.jsonl", "exist(filter_obj(all_items, lambda x: is_blue(x) and is_top(x)))"
+    write_corpus(path, "one split", "CC0-1.0", [entry("crown", "tower", split, STATEMENT, program)])
     return str(path)
 
 

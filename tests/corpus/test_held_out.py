@@ -8,7 +8,7 @@ import pytest
 
 from lilgym_mp.corpus import load_all_tasks, write_corpus
 from lilgym_mp.corpus.held_out import corpus_digests, digests_sha256, held_out_digests, statement_digest
-from tests.solver.conftest import STATEMENTS, entry
+from tests.solver.conftest import STATEMENTS, corpus_entries
 
 
 def test_held_out_digests__do_not_depend_on_installed_files(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
@@ -30,7 +30,7 @@ def test_held_out_digests__cover_official_dev(official_data: Path):
 
 def test_held_out_digests__add_those_of_a_corpus_of_ones_own(tmp_path: Path):
     path = tmp_path / "own.jsonl"
-    write_corpus(path, "own", "MIT", [entry(index, "dev", *fields) for index, fields in enumerate(STATEMENTS)])
+    write_corpus(path, "own", "MIT", corpus_entries("dev"))
     added = held_out_digests(str(path)) - held_out_digests("builtin")
     assert added == {statement_digest(statement) for _, statement, _, _ in STATEMENTS}
     assert digests_sha256(held_out_digests(str(path))) != digests_sha256(held_out_digests("builtin"))

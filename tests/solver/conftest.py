@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import write_corpus
-from lilgym_mp.programs.task import Task
-from lilgym_mp.scene import Scene
+from tests.corpora import entry
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower, triangle
 
 TOWERS = (scene(), scene(tower(B), tower(K, Y), tower(B, B, K)), scene(tower(Y), tower(Y), tower(Y)))
@@ -33,26 +32,18 @@ STATEMENTS = (
 )  # fmt: skip
 
 
-def entry(index: int, split: str, appearance: str, statement: str, program: str, starts: tuple[Scene, ...]) -> Any:
-    name = f"{split}-{index}"
-    flips = [
-        {"id": f"{name}-{position}", "label": Task("", "", program, True, start).truth(start), "scene": start.to_json()}
-        for position, start in enumerate(starts)
+def corpus_entries(split: str) -> list[Any]:
+    return [
+        entry(
+            f"{split}-{index}", appearance, split, *told, **{str(n): start.to_json() for n, start in enumerate(starts)}
+        )
+        for index, (appearance, *told, starts) in enumerate(STATEMENTS)
     ]
-    return {
-        "id": name,
-        "appearance": appearance,
-        "split": split,
-        "statement": statement,
-        "program": program,
-        "starts": flips,
-    }
 
 
 @pytest.fixture(scope="session")
 def corpus(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of the corpus: for each appearance three statements with three starts each, in train and in dev."""
     path: Path = tmp_path_factory.mktemp("corpus") / "own.jsonl"
-    entries = [entry(index, split, *fields) for split in ("train", "dev") for index, fields in enumerate(STATEMENTS)]
-    write_corpus(path, "own", "MIT", entries)
+    write_corpus(path, "own", "MIT", corpus_entries("train") + corpus_entries("dev"))
     return str(path)

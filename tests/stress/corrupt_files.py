@@ -11,16 +11,11 @@ from pathlib import Path
 from typing import Any
 
 from lilgym_mp.corpus import CorpusError, load_tasks, write_corpus
+from tests.corpora import entry
 
 SCENE = [[], [{"x_loc": 10, "y_loc": 10, "type": "circle", "color": "Black", "size": 10}], []]
-ENTRY: dict[str, Any] = {
-    "id": "black",
-    "appearance": "scatter",
-    "split": "train",
-    "statement": "Something is black.",
-    "program": "exist(filter_color(all_items, Color.BLACK))",
-    "starts": [{"id": "black-1", "label": True, "scene": SCENE}],
-}
+PROGRAM = "exist(filter_color(all_items, Color.BLACK))"
+ENTRY = entry("black", "scatter", "train", "Something is black.", PROGRAM, yes=SCENE)
 ODD_VALUES: tuple[Any, ...] = (
     None, True, 0, -1, 10**30, 1.5, float("nan"), "", " ", "\x1b[31m", "a" * 10_000, [], [[]], {}, {"a": 1}, "\ud800",
 )  # fmt: skip

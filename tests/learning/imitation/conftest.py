@@ -8,9 +8,10 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp.corpus import write_corpus
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE
+from tests.corpora import BLACK_BLOCK, BLUE_BLOCK, CIRCLE, entry
 
 SMALL: dict[str, Any] = {
     "pretraining": 0.0,
@@ -36,42 +37,23 @@ STATEMENTS: dict[str, list[tuple[str, str]]] = {
         ("There is no triangle.", "not exist(filter_shape(all_items, Shape.TRIANGLE))"),
     ],
 }
-SCENES: dict[str, list[list[list[dict[str, Any]]]]] = {
-    "tower": [[[BLUE_BLOCK], [], []], [[BLACK_BLOCK], [], []], [[BLUE_BLOCK], [BLACK_BLOCK], []]],
-    "scatter": [[[CIRCLE], [], []], [[], [BLACK_CIRCLE], []]],
+SCENES: dict[str, dict[str, Any]] = {
+    "tower": {"0": [[BLUE_BLOCK], [], []], "1": [[BLACK_BLOCK], [], []], "2": [[BLUE_BLOCK], [BLACK_BLOCK], []]},
+    "scatter": {"0": [[CIRCLE], [], []], "1": [[], [BLACK_CIRCLE], []]},
 }
 
 
 @pytest.fixture(scope="session")
 def statements(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of a corpus with three statements per appearance, the same in train and dev."""
-    from lilgym_mp.corpus import write_corpus
-    from lilgym_mp.programs import compile_program
-    from lilgym_mp.scene import Scene
-
     path = tmp_path_factory.mktemp("imitation") / "statements.jsonl"
-    entries: list[dict[str, Any]] = []
-    for appearance, pairs in STATEMENTS.items():
-        for split in ("train", "dev"):
-            for number, (statement, program) in enumerate(pairs):
-                name = f"{appearance}-{split}-{number}"
-                truth = compile_program(program)
-                starts = [
-                    {"id": f"{name}-{index}", "label": bool(truth(Scene.from_json(scene))), "scene": scene}
-                    for index, scene in enumerate(SCENES[appearance])
-                ]
-                entries.append(
-                    {
-                        "id": name,
-                        "appearance": appearance,
-                        "split": split,
-                        "statement": statement,
-                        "program": program,
-                        "starts": starts,
-                    }
-                )
+    entries = [
+        entry(f"{appearance}-{split}-{number}", appearance, split, *told, **SCENES[appearance])
+        for appearance, pairs in STATEMENTS.items()
+        for split in ("train", "dev")
+        for number, told in enumerate(pairs)
+    ]
     write_corpus(path, "our own statements", "as this package", entries)
-    json.loads(path.read_text().splitlines()[0])
     return str(path)
 
 
