@@ -57,6 +57,7 @@ def test_croissant__describes_the_corpus_file():
     assert written == load_script("write_croissant").text(), "run scripts/write_croissant.py"
 
 
+@pytest.mark.long
 def test_croissant__is_valid_and_can_be_read(tmp_path: Path):
     mlcroissant = pytest.importorskip("mlcroissant", reason='needs mlcroissant: pip install ".[croissant]"')
     for name in ("croissant.json", "builtin.jsonl.gz"):

@@ -297,6 +297,7 @@ def test_check__missing_released_files_are_listed_but_not_faults(released: Path)
     assert "tower_scratch_train.json" in report.absent_files
 
 
+@pytest.mark.long
 def test_check__the_official_train_and_dev_data_have_no_faults(official_data: Path):
     report = check_corpus(official_data)
     assert report.faults == ()

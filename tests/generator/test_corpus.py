@@ -33,7 +33,7 @@ def test_load_scratch__has_the_documented_number_of_distinct_statements(appearan
 
 @pytest.mark.parametrize(("appearance", "level"), SAMPLES)
 def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appearance: str, level: int):
-    tasks = load_tasks(f"generated:{level}:5", appearance, "flipit", "dev")
+    tasks = load_tasks(f"generated:{level}", appearance, "flipit", "dev")
     assert len(tasks) == 4 * SPLIT_SIZES["dev"]
     assert contexts(tasks) == 2 * SPLIT_SIZES["dev"]
     assert not any(task.solved_by(task.start) for task in tasks)
@@ -43,7 +43,7 @@ def test_load_flipit__has_two_true_and_two_false_start_scenes_per_statement(appe
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_start_scenes__differ_in_one_item_within_a_pair(appearance: str):
-    for entry in generated_entries(CorpusSpec(3), appearance, "dev"):
+    for entry in generated_entries(CorpusSpec(2), appearance, "dev"):
         for place in (0, 2):
             one, other = (boxed_items(start.scene) for start in entry.starts[place : place + 2])
             assert sorted((len(one - other), len(other - one))) == [0, 1]
@@ -72,10 +72,9 @@ def test_load__builds_a_task_set_once_for_callers_in_several_threads():
     assert generated_entries.cache_info().misses == before + 1
 
 
-@pytest.mark.parametrize("seed", [0, 3])
-def test_splits__share_no_meaning(seed: int):
+def test_splits__share_no_meaning():
     for split in ("dev", "test"):
-        tasks = load_tasks(f"generated:2:{seed}", "tower", "scratch", split)
+        tasks = load_tasks("generated:2", "tower", "scratch", split)
         assert {split_of(task.program, "tower") for task in tasks} == {split}
 
 

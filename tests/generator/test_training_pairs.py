@@ -47,7 +47,7 @@ def test_training_pairs__rejects_an_unknown_appearance() -> None:
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str) -> None:
     pool = [Scene.empty(), *scenes(appearance, 6)]
-    for pair in pairs(appearance, 500):
+    for pair in pairs(appearance, 250):
         program = compile_program(pair.program)
         for scene in pool:
             assert program.evaluate(scene) in (True, False), pair
@@ -55,8 +55,8 @@ def test_training_pairs__every_program_evaluates_on_every_scene(appearance: str)
 
 @pytest.mark.parametrize("appearance", APPEARANCES)
 def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appearance: str) -> None:
-    pool = scenes(appearance, 120)
-    sample = pairs(appearance, 250)
+    pool = scenes(appearance, 80)
+    sample = pairs(appearance, 150)
     varied = sum(len({compile_program(pair.program)(scene) for scene in pool}) == 2 for pair in sample)
     assert varied > 0.55 * len(sample)
 
@@ -65,7 +65,7 @@ def test_training_pairs__are_mostly_neither_always_true_nor_always_false(appeara
 def test_training_pairs__equal_statements_have_equivalent_programs(appearance: str) -> None:
     pool = scenes(appearance, 60)
     programs: dict[str, set[str]] = {}
-    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 25_000):
+    for statement, program in islice(training_pairs(appearance, 8, noise=False, bound_share=0), 8_000):
         programs.setdefault(statement, set()).add(program)
     for statement, found in programs.items():
         if len(found) == 1:

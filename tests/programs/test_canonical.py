@@ -37,11 +37,11 @@ def value(source: str, scene: Scene) -> bool | None:
 
 
 def check(corpus: str) -> int:
-    """Checks every third training program of the corpus; returns their number."""
+    """Checks every sixth training program of the corpus; returns their number."""
     count = 0
     for appearance in ("tower", "scatter"):
         probes = scenes(appearance)
-        for source in sorted({task.program for task in load_tasks(corpus, appearance, "scratch", "train")})[::3]:
+        for source in sorted({task.program for task in load_tasks(corpus, appearance, "scratch", "train")})[::6]:
             tree = parse(source)
             assert parse(source_of(tree)) == tree, source
             form = canonical_form(tree)
@@ -59,12 +59,12 @@ def check(corpus: str) -> int:
 
 
 def test_builtin_programs__keep_their_truth_in_canonical_form_and_have_tokens():
-    assert check("builtin") > 500
+    assert check("builtin") > 250
 
 
 @pytest.mark.usefixtures("official_data")
 def test_official_programs__keep_their_truth_in_canonical_form_and_have_tokens():
-    assert check("lilgym") > 600
+    assert check("lilgym") > 300
 
 
 @pytest.mark.parametrize(
