@@ -42,6 +42,13 @@ def test_rows__contain_no_invalid_action_and_count_what_autoreset_does_not_ignor
     assert steps == played
 
 
+@pytest.fixture
+def few_actions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Makes the command's workloads short."""
+    monkeypatch.setattr(bench, "Workload", lambda settings, name, actions: Workload(settings, name, 110))
+
+
+@pytest.mark.usefixtures("few_actions")
 def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -57,6 +64,7 @@ def test_bench__measures_speed_and_memory_of_the_given_numbers_of_environments(
     assert {"single", "single, masks", "batched, no copy", "games, batched"} <= {way for way, *_ in megabytes}
 
 
+@pytest.mark.usefixtures("few_actions")
 def test_bench__ctrl_c_keeps_results_so_far(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch):
     rates = iter([1.0] * 20)
 

@@ -23,7 +23,7 @@ from tests.corpora import write_own_corpus
 
 PPO = {"envs": 2, "same_statement": 1, "rollout": 32, "batch_size": 16, "epochs": 1}
 IMITATION = {"width": 32, "text_layers": 1, "item_layers": 1, "statements": 4, "pretraining": 0.0, "held_out": 0.0}
-PARSER = {"updates": 60, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
+PARSER = {"updates": 12, "width": 32, "batch_size": 16, "generated_pairs": 100, "held_out": 5}
 
 
 @pytest.fixture
@@ -78,7 +78,7 @@ def test_parse_and_plan__goes_on_with_its_corpus_and_recipe(own: str, tmp_path: 
     assert not (tmp_path / "run" / "agent.safetensors").exists()
     assert main(["train", "parse-and-plan", "--resume", "--out", str(tmp_path / "run")]) == 0
     saved = open_agent(tmp_path / "run").description.recipe
-    assert (saved["corpus"], saved["updates"], saved["seed"]) == (own, 60, 2)
+    assert (saved["corpus"], saved["updates"], saved["seed"]) == (own, 12, 2)
 
 
 @pytest.mark.parametrize("learner", ["ppo", "imitation"])

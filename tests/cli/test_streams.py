@@ -27,9 +27,9 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("words", "redirection"),
     [
-        *((CHECK, redirection) for redirection in (">/dev/full", ">&-", "<&-", "2>&-", NOTHING)),
-        *(("play TowerScratch --seed 1", redirection) for redirection in (">&-",)),
-        *(("trian", redirection) for redirection in ("2>&-", NOTHING)),
+        *((CHECK, redirection) for redirection in (">/dev/full", ">&-", NOTHING)),
+        ("play TowerScratch --seed 1", ">&-"),
+        ("trian", "2>&-"),
     ],
 )
 def test_streams__closed_or_full_give_no_traceback(words: str, redirection: str) -> None:
@@ -60,7 +60,7 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("seconds", [0.05, 0.1, 0.2, 0.4])
+@pytest.mark.parametrize("seconds", [0.05, 0.3])
 def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_path: Path) -> None:
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick"]

@@ -22,7 +22,7 @@ def test_shipped_network__solves_most_dev_tasks_from_pixels(configuration: str):
     agent = load_agent(f"imitation-{settings.appearance}", "cpu")
     assert "builtin" in agent.description.supervision
     tasks = settings.make("dev").evaluation_tasks()
-    episodes = evaluate(agent.policy(settings), settings, "dev", task_ids=tasks[:: len(tasks) // 140])
+    episodes = evaluate(agent.policy(settings), settings, "dev", task_ids=tasks[:: len(tasks) // 70])
     assert sum(episode.is_success for episode in episodes) / len(episodes) > MIN_ACCURACY[configuration]
     assert len({len(episode.actions) for episode in episodes}) > 2
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from typing import Any
 
 import pytest
@@ -10,13 +11,11 @@ from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.ppo.learner import MODELS, RECIPES, PPORecipe
 
 
-@pytest.mark.parametrize("name", sorted(RECIPES))
-@pytest.mark.parametrize("model", sorted(MODELS))
-@pytest.mark.parametrize("configuration", sorted(CONFIGURATIONS))
-def test_recipe__each_supports_every_model_and_configuration(name: str, model: str, configuration: str):
-    recipe = PPORecipe.of(configuration, name, model=model, stop_forcing=True, seed=3)
-    assert (recipe.model, recipe.stop_forcing, recipe.seed, recipe.mask) == (model, True, 3, False)
-    assert PPORecipe.from_json(recipe.to_json()) == recipe
+def test_recipes__support_every_model_and_configuration():
+    for name, model, configuration in product(RECIPES, MODELS, CONFIGURATIONS):
+        recipe = PPORecipe.of(configuration, name, model=model, stop_forcing=True, seed=3)
+        assert (recipe.model, recipe.stop_forcing, recipe.seed, recipe.mask) == (model, True, 3, False)
+        assert PPORecipe.from_json(recipe.to_json()) == recipe
 
 
 @pytest.mark.parametrize("name", ["paper", "release"])
