@@ -131,22 +131,15 @@ def states_and_actions(draw: st.DrawFn) -> tuple[Dynamics, State, Action]:
 
 
 @given(states_and_actions())
-def test_step__is_pure(given_case: tuple[Dynamics, State, Action]):
+def test_step__is_pure_and_masks_are_independent_of_earlier_calls(given_case: tuple[Dynamics, State, Action]):
     dynamics, state, action = given_case
     before = copy.deepcopy(state)
+    mask = dynamics.legal_mask(state)
     first, second = dynamics.step(state, action), dynamics.step(state, action)
     assert first == second == dynamics.step(before, action)
     assert state == before
-
-
-@given(states_and_actions())
-def test_step__the_mask_is_independent_of_earlier_calls(given_case: tuple[Dynamics, State, Action]):
-    dynamics, state, action = given_case
-    fresh = copy.deepcopy(state)
-    mask = dynamics.legal_mask(state)
-    dynamics.step(state, action)
     mask[:] = False
-    assert dynamics.legal_mask(state).tolist() == dynamics.legal_mask(fresh).tolist()
+    assert dynamics.legal_mask(state).tolist() == dynamics.legal_mask(copy.deepcopy(before)).tolist()
 
 
 @pytest.mark.parametrize(

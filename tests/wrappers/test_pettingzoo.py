@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from functools import partial
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +58,7 @@ def settings(corpus: Path) -> dict[str, Any]:
     return {"appearance": "tower", "start": "scratch", "corpus": str(corpus), "protocol": "veto"}
 
 
-@pytest.mark.parametrize("protocol", ["veto", "joint"])
-@pytest.mark.parametrize("names", STACKS)
+@pytest.mark.parametrize(("names", "protocol"), zip(STACKS, cycle(["veto", "joint"])))
 def test_wrapped_game__passes_pettingzoos_tests(settings: dict[str, Any], names: str, protocol: str):
     settings["protocol"] = protocol
     with warnings.catch_warnings():

@@ -7,6 +7,7 @@ import pickle
 import pydoc
 from collections.abc import Callable
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +29,18 @@ IDS = [
 FACTORIES = {name: getattr(wrappers, name) for name in dir(wrappers) if name.endswith("_v0")}
 
 
-@pytest.mark.parametrize("configuration", ["TowerScratch", "ScatterScratch"])
-@pytest.mark.parametrize(("name", "settings"), ALONE, ids=IDS)
+@pytest.mark.parametrize(
+    ("configuration", "name", "settings"),
+    [
+        pytest.param(
+            *(configuration, name, settings),
+            id=f"{configuration}-{id}",
+            marks=() if (configuration == "ScatterScratch") == (index % 2 == 0) else pytest.mark.long,
+        )
+        for index, (id, (name, settings)) in enumerate(zip(IDS, ALONE, strict=True))
+        for configuration in ("TowerScratch", "ScatterScratch")
+    ],
+)
 def test_wrapper__keeps_the_contracts_alone_and_in_batches(
     corpus: Path, configuration: str, name: str, settings: dict[str, Any]
 ):
@@ -85,13 +96,12 @@ def test_stack__can_be_pickled_in_mid_episode(make: Make):
     assert equal(env.step(2), copy.step(2))
 
 
-@pytest.mark.parametrize("name", FACTORIES)
-def test_factory__refuses_another_packages_environment(name: str):
-    arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}.get(name, {})
+def test_factories__refuse_another_packages_environment():
+    arguments = {"statement_embedding_v0": {"encoder": letters}, "reverse_curriculum_v0": {"edits": 1}}
     others = (gym.make("CartPole-v1"), gym.make_vec("CartPole-v1", num_envs=2), "TowerScratch")
-    for other in others:
+    for (name, factory), other in product(FACTORIES.items(), others):
         with pytest.raises(WrongEnvironment):
-            FACTORIES[name](other, **arguments)
+            factory(other, **arguments.get(name, {}))
 
 
 def test_factory__on_other_vector_environments_suggests_an_alternative(make: Make):
@@ -107,9 +117,9 @@ def test_factory__has_the_signature_and_docstring_of_its_class():
         factory(gym.make_vec("lilgym_mp/TowerScratch-v0", num_envs=2), words=3)  # pyright: ignore[reportCallIssue]
 
 
-@pytest.mark.parametrize("name", FACTORIES)
-def test_every_factory__is_named_in_its_help(name: str):
-    title, _, signature, *_ = pydoc.render_doc(FACTORIES[name], renderer=pydoc.plaintext).split("\n")
-    assert title.startswith(f"Python Library Documentation: function {name} in module lilgym_mp.wrappers")
-    assert signature.startswith(f"{name}(")
-    assert inspect.signature(FACTORIES[name]).return_annotation in ("Any", "AnyEnv")
+def test_factories__are_named_in_their_help():
+    for name, factory in FACTORIES.items():
+        title, _, signature, *_ = pydoc.render_doc(factory, renderer=pydoc.plaintext).split("\n")
+        assert title.startswith(f"Python Library Documentation: function {name} in module lilgym_mp.wrappers")
+        assert signature.startswith(f"{name}(")
+        assert inspect.signature(factory).return_annotation in ("Any", "AnyEnv")
