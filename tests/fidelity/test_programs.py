@@ -46,11 +46,11 @@ def test_program_truths__reference_evaluator_matches_the_recordings(
     scenes = [Scene.from_json(scene) for scene in recorded["scenes"]]
     for number, (source, truths) in enumerate(zip(recorded["programs"], recorded["truths"], strict=True)):
         program = compile_program(source)
-        third = slice(number % 3, None, 3)  # of the scenes: another one for the next program
-        assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes[third]) == truths[third], source
+        some = slice(number % 8, None, 8)  # of the scenes: others for the next program
+        assert "".join(str(int(program.evaluate_reference(scene))) for scene in scenes[some]) == truths[some], source
 
 
-@pytest.mark.parametrize("split", ["train", "dev"])
+@pytest.mark.parametrize("split", [pytest.param("train", marks=pytest.mark.long), "dev"])
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])
 def test_labels__equal_the_truth_in_the_start_scene(official_data: Path, appearance: str, split: str) -> None:
     records = json.loads((official_data / f"{appearance}_flipit_{split}.json").read_text(encoding="utf-8"))
@@ -60,7 +60,7 @@ def test_labels__equal_the_truth_in_the_start_scene(official_data: Path, appeara
         assert not program.errors, identifier
 
 
-def test_official_programs__both_forms_agree_on_mixed_scenes(official_data: Path) -> None:
+def test_official_programs__both_forms_agree_and_nearly_all_have_generated_code(official_data: Path) -> None:
     chance = random.Random(0)
     sources: dict[str, None] = {}
     scenes: list[Scene] = []
@@ -75,12 +75,4 @@ def test_official_programs__both_forms_agree_on_mixed_scenes(official_data: Path
         mixed = Scene.of(left.boxes[0].items, middle.boxes[1].items, right.boxes[2].items)
         for scene in (mixed, mixed.permuted((2, 0, 1))):
             assert outcome(program.evaluate, scene) == outcome(program.evaluate_reference, scene), source
-
-
-def test_official_programs__nearly_all_have_generated_code(official_data: Path) -> None:
-    sources = {
-        record["lf"]
-        for path in official_data.glob("*_*_*.json")
-        for record in json.loads(path.read_text(encoding="utf-8")).values()
-    }
     assert sum(compile_program(source).has_generated_code for source in sources) / len(sources) > 0.99
