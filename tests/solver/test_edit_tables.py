@@ -18,9 +18,10 @@ from lilgym_mp.solver.edit_tables import (
 from tests.solver.tasks import after_random_edits, mdp
 
 
-@pytest.mark.parametrize("rules", ["paper", "release"])
-@pytest.mark.parametrize("grid", [(19, 5), (38, 10), (19, 1)])
-def test_tables__agree_with_the_rules(rules: str, grid: tuple[int, int]):
+@pytest.mark.parametrize(
+    ("grid", "rules"), [((19, 5), "paper"), ((19, 5), "release"), ((38, 10), "paper"), ((19, 1), "release")]
+)
+def test_tables__agree_with_the_rules(grid: tuple[int, int], rules: str):
     dynamics = mdp("scatter", rules, grid=grid)
     scatter, placement = dynamics.appearance, dynamics.rules.placement
     assert isinstance(scatter, Scatter)

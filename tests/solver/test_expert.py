@@ -10,7 +10,6 @@ import pytest
 from lilgym_mp.solver import Expert
 from lilgym_mp.wrappers import ActionMask
 
-CONFIGURATIONS = ("TowerScratch", "TowerFlipIt", "ScatterScratch", "ScatterFlipIt")
 ADD_LEFT_YELLOW = 1  # of tower's actions
 
 
@@ -23,12 +22,19 @@ def play(env: gym.Env[Any, Any], expert: Expert) -> tuple[float, dict[str, Any]]
             return total, info
 
 
-@pytest.mark.parametrize("rules", ["paper", "release"])
-@pytest.mark.parametrize("configuration", CONFIGURATIONS)
+@pytest.mark.parametrize(
+    ("configuration", "rules"),
+    [
+        ("TowerScratch", "release"),
+        ("TowerFlipIt", "paper"),
+        ("ScatterScratch", "paper"),
+        ("ScatterFlipIt", "release"),
+    ],
+)
 def test_expert__succeeds(configuration: str, rules: str):
     env = gym.make(f"lilgym_mp/{configuration}-v0", split="dev", rules=rules)
     expert = Expert(env)
-    for seed in range(8):
+    for seed in range(5):
         env.reset(seed=seed)
         steps = expert.plan().steps
         total, info = play(env, expert)

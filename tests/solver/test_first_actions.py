@@ -27,7 +27,7 @@ def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
     solver = Solver(dynamics)
     max_edits, stride = (3, 9) if appearance == "tower" else (1, 11)
     checked = 0
-    for index, one in enumerate(load_tasks("builtin", appearance, start, "train")[: 20 * stride : stride]):
+    for index, one in enumerate(load_tasks("builtin", appearance, start, "train")[: 12 * stride : stride]):
         state = after_random_edits(dynamics, dynamics.start(one), index % 4, index)
         edits, firsts = optimal_by_trial(dynamics, state, max_edits)
         found = solver.optimal_actions(state)
@@ -36,7 +36,7 @@ def test_sets__agree_with_exhaustive_trial(appearance: str, start: str):
         else:
             checked += 1
             assert (set(found.actions), found.complete, found.steps) == (firsts, True, edits + 1), one.id
-    assert checked > 5
+    assert checked > 4
 
 
 NO_WALL = "count(filter_obj(all_items, lambda x: is_black(x) and not is_touching_wall(x))) == 2"
@@ -50,9 +50,8 @@ FULL = scene(
 )
 
 
-@pytest.mark.parametrize("rules", ["paper", "release"])
 @pytest.mark.parametrize("program", [NO_WALL, CROWDED_BOX, CORNERS, FEWER])
-@pytest.mark.parametrize("start", [scene(), FULL], ids=["empty", "full"])
+@pytest.mark.parametrize(("rules", "start"), [("release", scene()), ("paper", FULL)], ids=["empty", "full"])
 def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rules: str, program: str, start: Scene):
     """On a sample of the actions in the set and of the others."""
     dynamics = mdp("scatter", rules)
@@ -65,7 +64,7 @@ def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rul
     assert set(found.actions) <= set(legal)
     others = [action for action in legal if action not in found.actions]
     rng = random.Random(0)
-    for action in [*rng.sample(found.actions, min(12, len(found.actions))), *rng.sample(others, min(12, len(others)))]:
+    for action in [*rng.sample(found.actions, min(8, len(found.actions))), *rng.sample(others, min(8, len(others)))]:
         transition = dynamics.step(state, dynamics.appearance.decode(action))
         assert transition.outcome is Outcome.CONTINUES
         shorter = least_steps(dynamics, transition.state) == found.steps - 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from lilgym_mp.programs import compile_program
@@ -77,7 +77,6 @@ NOT_RELATIONAL = (
 
 
 @given(st.tuples(*[scatter_boxes() | unchecked_boxes] * 3), st.sampled_from(NOT_RELATIONAL))
-@settings(max_examples=80)
 def test_abstraction__preserves_the_programs_value(boxes: tuple[Box, Box, Box], source: str):
     program = compile_program(source)
     abstraction = Abstraction(program_features(program.tree))

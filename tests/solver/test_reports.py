@@ -34,10 +34,9 @@ def test_json__has_action_indices():
     assert (record["actions"], record["status"], record["proven_optimal"]) == ([5, 0], "solved", True)
 
 
-@pytest.mark.parametrize("appearance", ["tower", "scatter"])
-@pytest.mark.parametrize("rules", ["paper", "release"])
+@pytest.mark.parametrize(("appearance", "rules"), [("tower", "release"), ("scatter", "paper"), ("scatter", "release")])
 def test_official_tasks__are_solved_and_proven_shortest(appearance: str, rules: str, official_data: Path):
     dynamics = mdp(appearance, rules)
-    for given, solution, _ in solve_tasks(load_tasks("lilgym", appearance, "flipit", "dev")[::9], dynamics):
+    for given, solution, _ in solve_tasks(load_tasks("lilgym", appearance, "flipit", "dev")[::20], dynamics):
         assert solution.proven_optimal, given.id
         assert outcome(dynamics, dynamics.start(given), solution.actions) is Outcome.SUCCESS

@@ -91,10 +91,12 @@ MIXES = [
     goals((BLACK_TOPS, 0.4), (TWO_BLUE, 0.3), (FAILS_ON_NOTHING, 0.3)),
     [WeightedGoal(BLUE, True, 0.2), WeightedGoal(TWO_BLUE, False, 0.5), WeightedGoal(FAILS_ON_NOTHING, False, 0.3)],
 ]
+SOME_MIXES_AND_STARTS = pytest.mark.parametrize(
+    ("mix", "start_index"), [(mix, start) for mix in range(len(MIXES)) for start in range(3) if (mix + start) % 2 == 0]
+)
 
 
-@pytest.mark.parametrize("mix", range(len(MIXES)))
-@pytest.mark.parametrize("start_index", range(3))
+@SOME_MIXES_AND_STARTS
 def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, start_index: int):
     given, start = MIXES[mix], STARTS["tower"][start_index]
     dynamics = mdp("tower")
@@ -104,8 +106,7 @@ def test_mass__is_the_highest_of_any_reachable_tower_scene(mix: int, start_index
     assert plan.steps - 1 == next(edits for edits, mass in enumerate(best) if mass > best[-1] - 1e-9)
 
 
-@pytest.mark.parametrize("mix", range(len(MIXES)))
-@pytest.mark.parametrize("start_index", range(3))
+@SOME_MIXES_AND_STARTS
 def test_mass__is_the_highest_within_one_edit_in_scatter(mix: int, start_index: int):
     given, start = MIXES[mix], STARTS["scatter"][start_index]
     dynamics = mdp("scatter")
@@ -117,7 +118,7 @@ def test_mass__is_the_highest_within_one_edit_in_scatter(mix: int, start_index: 
 @pytest.mark.parametrize("mix", range(len(MIXES)))
 def test_satisfied__are_the_goals_that_hold_at_stop(appearance: str, mix: int):
     dynamics = mdp(appearance)
-    for start, edits_left in itertools.product(STARTS[appearance], (0, 2, 11)):
+    for start, edits_left in itertools.product(STARTS[appearance][1:], (2, 11)):
         plan = Solver(dynamics).plan_for(MIXES[mix], start, edits_left)
         if not plan.actions:
             assert (plan.satisfied, plan.mass) == ((), 0.0)
