@@ -11,8 +11,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -108,7 +107,7 @@ def check_official_file(path: Path) -> OfficialFile:
 def download_official(
     names: Sequence[str], target: Path, url: str | None = None, on_file: Callable[[str], object] = lambda name: None
 ) -> list[OfficialFile]:
-    """Downloads the named released files from GitHub, or from a directory at `url`, and installs them at `target`.
+    """Downloads the named released files from GitHub, or from a directory at `url`, and imports them.
 
     `on_file` is called with the name of each file once it is complete. Raises CorpusError naming the URL and the fault;
     `target` is then unchanged.
@@ -118,10 +117,10 @@ def download_official(
     pooch: Any = import_module("pooch")  # untyped
     pooch.get_logger().setLevel("ERROR")
     downloader = pooch.HTTPDownloader(timeout=SILENCE)
-    with _staging_area(target) as staged:
+    with tempfile.TemporaryDirectory() as downloaded:
         try:
             urls = _github_urls(names) if url is None else {name: f"{url.rstrip('/')}/{name}" for name in names}
-            files = pooch.create(staged, "", registry=dict.fromkeys(names), urls=urls, retry_if_failed=RETRIES)
+            files = pooch.create(downloaded, "", registry=dict.fromkeys(names), urls=urls, retry_if_failed=RETRIES)
             for name in names:
                 files.fetch(name, downloader=downloader)
                 on_file(name)
@@ -130,7 +129,7 @@ def download_official(
                 f"the download failed, and nothing was installed: {error}. Try again, or obtain the files elsewhere "
                 "and run `lilgym-mp data import DIRECTORY`"
             ) from None
-        return _install(staged, names, target)
+        return import_official(Path(downloaded), target)
 
 
 def _github_urls(names: Sequence[str]) -> dict[str, str]:
@@ -161,27 +160,16 @@ def import_official(directory: Path, target: Path) -> list[OfficialFile]:
                 raise CorpusError(f"{directory}: has several different files {name}, one of them in {parent}")
     if not found:
         raise CorpusError(f"{directory}: has none of the released files, {listed(FILE_FACTS)}")
-    with _staging_area(target) as staged:
-        for name, content in found.items():
-            (staged / name).write_bytes(content)
-        return _install(staged, [name for name in FILE_FACTS if name in found], target)
-
-
-@contextmanager
-def _staging_area(target: Path) -> Generator[Path, None, None]:
-    """A temporary directory beside `target`, from which complete files are moved."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f"{target.name}-", dir=target.parent) as staged:
-        yield Path(staged)
-
-
-def _install(staged: Path, names: Sequence[str], target: Path) -> list[OfficialFile]:
-    """Verifies all files, then moves them to `target`."""
-    try:
-        files = [check_official_file(staged / name) for name in names]
-    except CorpusError as fault:
-        raise CorpusError(str(fault).replace(f"{staged}{os.sep}", "")) from None
-    target.mkdir(exist_ok=True)
-    for name in names:
-        (staged / name).replace(target / name)
+        paths = [Path(staged, name) for name in FILE_FACTS if name in found]
+        for path in paths:
+            path.write_bytes(found[path.name])
+        try:
+            files = list(map(check_official_file, paths))
+        except CorpusError as fault:
+            raise CorpusError(str(fault).replace(f"{staged}{os.sep}", "")) from None
+        target.mkdir(exist_ok=True)
+        for path in paths:
+            path.replace(target / path.name)
     return files

@@ -8,12 +8,9 @@ from functools import cache, lru_cache
 from importlib.resources import files
 from typing import NamedTuple
 
-NUMBERS = {
-    word: str(number)
-    for number, word in enumerate(
-        ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
-    )
-}
+from lilgym_mp.corpus.tokens import NUMERALS
+
+NUMBERS = {word: str(number) for number, word in enumerate(NUMERALS)}
 CONTRACTIONS = (
     ("can't", "can not"),
     ("won't", "will not"),

@@ -20,12 +20,12 @@ FIRST_WORD = 2
 FORMAT = "lilgym_mp-vocabulary"
 VERSION = 1
 _WORD = re.compile(r"[^\W_]+(?:['\u2019][^\W_]+)*")
-_NUMBERS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
+NUMERALS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve")
 _PLACEHOLDERS: dict[str, str] = {
     **dict.fromkeys(("yellow", "black", "blue"), "COLOUR"),
     **dict.fromkeys(("circle", "circles", "square", "squares", "triangle", "triangles"), "SHAPE"),
     **dict.fromkeys(("small", "medium", "big", "large"), "SIZE"),
-    **dict.fromkeys(_NUMBERS, "NUMBER"),
+    **dict.fromkeys(NUMERALS, "NUMBER"),
 }
 
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lilgym_mp.corpus.formats import FORMAT, SECTIONS, VERSION
+from lilgym_mp.corpus.formats import FORMAT, VERSION
 from lilgym_mp.corpus.tasks import TaskSet
 from lilgym_mp.scene import Scene
 
@@ -56,12 +56,9 @@ def write_corpus(
     name: str,
     licence: str,
     entries: Iterable[Mapping[str, object]],
-    sections: Mapping[str, int] | None = None,
 ) -> None:
     """Writes a corpus file, gzipped if `path` ends in .gz; equal entries give equal bytes."""
     header: dict[str, object] = {"format": FORMAT, "version": VERSION, "name": name, "licence": licence}
-    if sections is not None:
-        header[SECTIONS] = dict(sections)
     write_lines(Path(path), (header, *entries))
 
 

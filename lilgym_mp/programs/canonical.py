@@ -242,30 +242,23 @@ def _simplify_logic(node: syntax.Logic, scope: Scope) -> syntax.Node:
             operands.extend(operand.operands)
         else:
             operands.append(operand)
-    attribute_tests = [operand for operand in operands if _is_attribute_test(operand)]
-    others = [operand for operand in operands if not _is_attribute_test(operand)]
+    attribute_tests = {operand: key for operand in operands if (key := _attribute_test_key(operand))}
+    others = [operand for operand in operands if operand not in attribute_tests]
     commute = _all_have_type(operands, BOOL, scope) and not any(may_fail(operand, scope) for operand in operands)
     if commute and (node.operator == "and" or not others):
-        operands = [*sorted(dict.fromkeys(attribute_tests), key=_attribute_test_key), *others]
+        operands = [*sorted(attribute_tests, key=attribute_tests.__getitem__), *others]
     if len(operands) == 1:
         return operands[0]
     return syntax.Logic(node.operator, tuple(operands))
 
 
-def _is_attribute_test(node: syntax.Node) -> bool:
-    """Whether the node tests the colour, size or shape of a variable, possibly negated."""
-    inner = node.operand if isinstance(node, syntax.Not) else node
-    return (
-        isinstance(inner, syntax.Call)
-        and inner.word.name in _ATTRIBUTE_TEST_ORDER
-        and isinstance(inner.arguments[0], syntax.Variable)
-    )
-
-
-def _attribute_test_key(node: syntax.Node) -> tuple[int, bool, str]:
-    inner = node.operand if isinstance(node, syntax.Not) else node
-    assert isinstance(inner, syntax.Call)
-    return _ATTRIBUTE_TEST_ORDER[inner.word.name], isinstance(node, syntax.Not), str(inner.arguments[0])
+def _attribute_test_key(node: syntax.Node) -> tuple[int, bool, str] | None:
+    """Sort key of a test of a variable's colour, size or shape, possibly negated; None for other nodes."""
+    match node.operand if isinstance(node, syntax.Not) else node:
+        case syntax.Call(word=word, arguments=(syntax.Variable(name=name), *_)) if word.name in _ATTRIBUTE_TEST_ORDER:
+            return _ATTRIBUTE_TEST_ORDER[word.name], isinstance(node, syntax.Not), name
+        case _:
+            return None
 
 
 def _negated(operand: syntax.Node, scope: Scope) -> syntax.Node | None:
@@ -288,11 +281,8 @@ def _simplify_comparison(left: syntax.Node, operator: str, right: syntax.Node, s
     if isinstance(right, syntax.Constant):
         if type(right.value) is int and type_of(left, scope) == INT:
             return _compare_with_constant(left, operator, right.value, scope)
-        if operator in ("==", "!=") and isinstance(right.value, Enum) and _is_attribute(left, scope):
-            assert isinstance(left, syntax.Member)
-            if isinstance(right.value, _MEMBER_TYPES[left.name]):
-                test = _attribute_test(right.value, left.of)
-                return test if operator == "==" else syntax.Not(test)
+        if operator in ("==", "!=") and (test := _attribute_test_of(left, right.value, scope)):
+            return test if operator == "==" else syntax.Not(test)
     elif operator in ("<", "<="):
         return syntax.Comparison(right, (_MIRRORED[operator],), (left,))
     return syntax.Comparison(left, (operator,), (right,))
@@ -340,9 +330,15 @@ def _element_type(collection: syntax.Node | None, scope: Scope) -> Type:
     return UNKNOWN if collection is None else element_of(type_of(collection, scope))
 
 
-def _is_attribute(node: syntax.Node, scope: Scope) -> bool:
-    """Whether the node is an attribute (colour, shape or size) of an item."""
-    return isinstance(node, syntax.Member) and node.name in _MEMBER_TYPES and type_of(node.of, scope) == ITEM
+def _attribute_test_of(member: syntax.Node, value: object, scope: Scope) -> syntax.Call | None:
+    """The test whether a member is this value, if it is an item's colour, shape or size, which it could be."""
+    match member:
+        case syntax.Member(of=item, name=name) if (
+            type(value) is _MEMBER_TYPES.get(name) and type_of(item, scope) == ITEM
+        ):
+            return _attribute_test(value, item)
+        case _:
+            return None
 
 
 def _all_have_type(nodes: Sequence[syntax.Node | None], expected: Type, scope: Scope) -> bool:

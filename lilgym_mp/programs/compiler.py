@@ -12,7 +12,7 @@ from typing import Any
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import FallbackError, ProgramError, ProgramRuntimeError, StepLimitError
 from lilgym_mp.programs.reference import Evaluation, build_closure, evaluate
-from lilgym_mp.programs.syntax import Call, WordName, own_size, parse, walk
+from lilgym_mp.programs.syntax import own_size, parse, word_names
 from lilgym_mp.scene import Scene
 
 CACHE_SIZE = 8_192  # programs
@@ -151,9 +151,8 @@ def explain_program(source: str) -> str:
         value = str(program.evaluate(Scene.empty()))
     except ProgramRuntimeError as fault:
         value = f"no value ({fault})"
-    words = sorted({node.word.name for node in walk(program.tree) if isinstance(node, Call | WordName)})
-    used = f"words: {', '.join(words)}" if words else "words: none"
-    return f"valid program\n{used}\non the empty scene: {value}"
+    words = ", ".join(sorted(word_names(program.tree))) or "none"
+    return f"valid program\nwords: {words}\non the empty scene: {value}"
 
 
 def forget_programs(memo: dict[Hashable, Any]) -> None:

@@ -228,6 +228,11 @@ def walk(node: Node) -> Iterator[Node]:
         yield from walk(child)
 
 
+def word_names(node: Node) -> set[str]:
+    """The names of all words that the tree uses."""
+    return {part.word.name for part in walk(node) if isinstance(part, Call | WordName)}
+
+
 def free_variables(node: Node) -> frozenset[str]:
     """The variables in the node that no lambda inside it binds."""
     found = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()

@@ -234,11 +234,8 @@ class Scene(_Frozen):
         """
         if not isinstance(data, list):
             raise SceneError(f"a scene must be a list of {BOX_COUNT} boxes, not {data!r}")
-        boxes = cast("list[object]", data)
-        if len(boxes) != BOX_COUNT:
-            raise SceneError(f"a scene has {BOX_COUNT} boxes, not {len(boxes)}")
         faults: list[str] = []
-        read = [list(_box_items(index, box, faults)) for index, box in enumerate(boxes)]
+        read = [list(_box_items(index, box, faults)) for index, box in enumerate(cast("list[object]", data))]
         if faults:
             raise SceneError("; ".join(faults))
         return cls.of(*read)

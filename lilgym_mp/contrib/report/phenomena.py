@@ -32,6 +32,7 @@ from lilgym_mp.programs.syntax import (
     parse,
     walk,
     with_children,
+    word_names,
 )
 from lilgym_mp.scene import BOX_COUNT
 
@@ -73,11 +74,6 @@ def phenomena(program: str) -> frozenset[str]:
 def syntactic_phenomena(statement: str) -> frozenset[str]:
     """The syntactic phenomena of a statement, by SYNTAX_RULES."""
     return frozenset(name for name, shows in SYNTAX_RULES.items() if shows(statement))
-
-
-def word_names(tree: Node) -> set[str]:
-    """The names of all words that the tree uses."""
-    return {node.word.name for node in walk(tree) if isinstance(node, Call | WordName)}
 
 
 @rule(RULES, "existence")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,8 +38,7 @@ from lilgym_mp.scene.render.drawing import (
     stamp,
 )
 
-CACHE_BYTES = 48 << 20  # budget for cached scene pictures; those of all official Scatter scenes take 44 MB at half size
-RUN_PIXELS = 32
+CACHE_BYTES = 48 << 20  # budget for cached scene pictures: 1,700 at half size
 LARGEST_PATCH = 2 + max(FOOTPRINT_SIDES)  # native side of the largest patch
 
 # Plain tuples instead of named tuples: unpacking them takes a third of the time.
@@ -69,32 +68,6 @@ def box_blits(box: Box, shrink: int) -> tuple[Blit, ...] | None:
         ]
         memo[key] = None if None in blits else tuple(blits)
     return memo[key]
-
-
-class _Picture(NamedTuple):
-    """The runs of RUN_PIXELS native pixels in which a picture differs from empty boxes; copied in one assignment."""
-
-    starts: NDArray[np.int64]  # (runs,) index of each run's first pixel, row by row
-    runs: NDArray[np.void]  # (runs,) bytes of the pixels
-
-    @classmethod
-    def of(cls, pixels: UInt8Array, shrink: int) -> _Picture:
-        every_run = _every_run(pixels, shrink)
-        starts: list[int] = []
-        end = 0
-        for pixel in np.flatnonzero((pixels != empty_picture(shrink)).any(axis=2)).tolist():
-            if pixel >= end:
-                starts.append(min(pixel, len(every_run) - 1))
-                end = pixel + RUN_PIXELS // shrink
-        places = np.array(starts, np.int64)
-        return cls(places, every_run[places])
-
-
-def _every_run(pixels: UInt8Array, shrink: int) -> NDArray[np.void]:
-    """A view of an image's memory: the run that begins with each pixel."""
-    length = RUN_PIXELS // shrink
-    run = np.dtype((np.void, 3 * length))
-    return np.ndarray((pixels.size // 3 - length + 1,), run, pixels, strides=(3,))
 
 
 def _as_one_value(pixels: UInt8Array) -> NDArray[np.void]:
@@ -133,7 +106,6 @@ class Canvas:
         self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
-        self._every_run = _every_run(self.pixels, self._shrink)
         self._whole = _as_one_value(self.pixels)
         self._patches = _patches(self._shrink)
         self._memo_key = f"picture {image_size}"
@@ -192,10 +164,9 @@ class Canvas:
     def _begin(self, scene: Scene) -> None:
         """Shows an unrelated scene; its picture is cached from the second time on."""
         key, memo = self._memo_key, scene.memo
-        picture: _Picture | None = memo.get(key)
+        picture: np.void | None = memo.get(key)
         if picture is not None:
-            self._whole[0] = _empty_bytes(self._shrink)
-            self._every_run[picture.starts] = picture.runs
+            self._whole[0] = picture
             self._shown = scene.boxes
         elif not self._draw_items(scene):
             self.pixels[:] = draw(scene, self._image_size)
@@ -204,8 +175,8 @@ class Canvas:
         elif key not in memo:
             memo[key] = None
         elif _BUDGET.left > 0:
-            picture = memo[key] = _Picture.of(self.pixels, self._shrink)
-            _BUDGET.left -= picture.starts.nbytes + picture.runs.nbytes
+            memo[key] = _as_one_value(self.pixels.copy())[0]
+            _BUDGET.left -= self.pixels.nbytes
             for box in scene.boxes:
                 box.memo.pop(_BLITS_KEYS[self._shrink], None)  # replaced by the picture
 
