@@ -148,18 +148,6 @@ def shipped() -> dict[str, NDArray[Any]]:
 
 
 @pytest.mark.parametrize("footprint", [0, 4, 8])
-def test_shipped_file__equals_what_the_script_builds(shipped: dict[str, NDArray[Any]], footprint: int):
-    other = (footprint + 3) % 9
-    codes = script.clearance_codes(footprint, other)
-    assert np.array_equal(shipped["clearance"].reshape(9, 9, -1)[footprint, other], codes)
-    assert np.array_equal(
-        shipped["moves"].reshape(9, 9, -1, 2)[footprint, other], script.snap_moves(footprint, other, codes)
-    )
-    assert np.array_equal(shipped["pixel_areas"][footprint], script.pixel_areas(footprint))
-    assert shipped["outline_lengths"][footprint] == len(script.centred_outline(footprint))
-
-
-@pytest.mark.parametrize("footprint", [0, 4, 8])
 def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDArray[Any]], footprint: int):
     other = (footprint + 3) % 9
     first = (footprint * 9 + other) * OFFSET_COUNT**2
@@ -171,7 +159,7 @@ def test_shipped_ties__equal_those_that_the_script_finds(shipped: dict[str, NDAr
 
 
 @pytest.mark.parametrize("rules", [rule_set.placement for rule_set in RULE_SETS.values()], ids=RULE_SETS)
-@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 6), ((38, 10), 6), ((19, 1), 2)], ids=str)
+@pytest.mark.parametrize(("grid", "plays"), [((19, 5), 8), ((38, 10), 6), ((19, 1), 2), ((95, 20), 2)], ids=str)
 def test_random_play__every_edit_equals_shapelys(grid: tuple[int, int], plays: int, rules: PlacementRules):
     scatter, chance, tried = Scatter(grid), random.Random(0), 0
     for _ in range(plays):
