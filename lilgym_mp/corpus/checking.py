@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import NamedTuple
 
 from lilgym_mp.corpus.faults import CorpusError, Fault
-from lilgym_mp.corpus.formats import RELEASED_NAMES, Source, read_corpus_file, read_released_file
+from lilgym_mp.corpus.formats import RELEASED_NAMES, read_corpus_file, read_released_file
 from lilgym_mp.corpus.loading import load_all_tasks
 from lilgym_mp.corpus.locations import corpus_path, is_generated
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
@@ -64,9 +62,16 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
         readers = {appearance: TaskReader(appearance, faults) for appearance in APPEARANCES}
         counts: list[TaskCount] = []
         for file in files:
-            source = _opened(read_released_file if is_released else read_corpus_file, file, faults)
-            for configuration, records in source.records.items() if source else ():
-                tasks = [task for task, _ in readers[configuration[0]].tasks(records)]
+            faults_before = len(faults)
+            try:
+                source = read_released_file(file, faults) if is_released else read_corpus_file(file, faults)
+            except CorpusError as fault:
+                faults.append(Fault(str(file), str(fault).removeprefix(f"{file}: ")))
+                continue
+            if not any(source.records.values()) and len(faults) == faults_before:
+                faults.append(Fault(str(file), "has no entries"))
+            for configuration, records in source.records.items():
+                tasks = list(readers[configuration[0]].tasks(records))
                 counts.append(TaskCount(*configuration, len(tasks), contexts(tasks)))
         return CorpusReport(str(path), tuple(dict.fromkeys(faults)), tuple(counts), tuple(absent))
 
@@ -74,16 +79,3 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
 def _count(tasks: TaskSet) -> TaskCount:
     origin = tasks.provenance
     return TaskCount(origin.appearance, origin.start, origin.split, len(tasks), contexts(tasks))
-
-
-def _opened(read: Callable[[Path, list[Fault]], Source], path: Path, faults: list[Fault]) -> Source | None:
-    """The file; None, and a fault, if it cannot be read."""
-    faults_before = len(faults)
-    try:
-        source = read(path, faults)
-    except CorpusError as fault:
-        faults.append(Fault(str(path), str(fault).removeprefix(f"{path}: ")))
-        return None
-    if not any(source.records.values()) and len(faults) == faults_before:
-        faults.append(Fault(str(path), "has no entries"))
-    return source

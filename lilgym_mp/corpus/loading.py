@@ -84,8 +84,7 @@ def _load(corpus: str, file: Path, cache_key: tuple[int, int, bool], configurati
         source = read_released_file(file, faults) if is_released else read_corpus_file(file, faults, configuration)
         provenance = Provenance(corpus, source.name, str(file), *configuration, source.sha256)
         reader = TaskReader(appearance, faults)
-        found = list(reader.tasks(source.records[configuration], trusted=source.is_prevalidated))
-        tasks = TaskSet((task for task, _ in found), provenance, {task.id: tags for task, tags in found})
+        tasks = TaskSet(reader.tasks(source.records[configuration], trusted=source.is_prevalidated), provenance)
     if faults:
         raise CorpusError(str(faults[0]))
     if not tasks:

@@ -59,7 +59,15 @@ def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
         with as_file(files("lilgym_mp.data") / BUILTIN_FILE) as path:
             yield path
     elif corpus == OFFICIAL:
-        yield _existing_official()
+        directory = official_directory()
+        if not directory.is_dir():
+            reason = f"named by {DATA_VARIABLE}" if os.environ.get(DATA_VARIABLE) else f"{DATA_VARIABLE} is not set"
+            raise CorpusError(
+                f"the official corpus was not found: {directory} is not a directory ({reason}). "
+                f"Run `lilgym-mp data download`, or set {DATA_VARIABLE} to a directory with the released JSON files; "
+                f'corpus="{BUILTIN}" requires neither'
+            )
+        yield directory
     else:
         path = Path(corpus)
         if not path.exists():
@@ -68,15 +76,3 @@ def corpus_path(corpus: str | os.PathLike[str]) -> Generator[Path, None, None]:
                 f'choose from "{BUILTIN}", "{OFFICIAL}", or the path of a corpus file or a directory of released files'
             )
         yield path
-
-
-def _existing_official() -> Path:
-    directory = official_directory()
-    if not directory.is_dir():
-        reason = f"named by {DATA_VARIABLE}" if os.environ.get(DATA_VARIABLE) else f"{DATA_VARIABLE} is not set"
-        raise CorpusError(
-            f"the official corpus was not found: {directory} is not a directory ({reason}). "
-            f"Run `lilgym-mp data download`, or set {DATA_VARIABLE} to a directory with the released JSON files; "
-            f'corpus="{BUILTIN}" requires neither'
-        )
-    return directory

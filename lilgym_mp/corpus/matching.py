@@ -46,14 +46,12 @@ def matching_corpus(tasks: TaskSet) -> TaskSet:
     for flipit in load_tasks(origin.corpus, origin.appearance, FLIPIT, origin.split):
         labelled[flipit.statement, not flipit.target].add(content(flipit.start))
     goals = (SceneGoal(frozenset(labelled[task.statement, task.target])) for task in tasks)
-    matching = (replace(task, other_goal=goal) for task, goal in zip(tasks, goals, strict=True))
-    return TaskSet(matching, origin, {name: tasks.tags(name) for name in tasks.ids})
+    return TaskSet((replace(task, other_goal=goal) for task, goal in zip(tasks, goals, strict=True)), origin)
 
 
 def solvable_matching_corpus(tasks: TaskSet) -> TaskSet:
     """`matching_corpus` without tasks that have no goal scene, as in the paper (Figure 4)."""
-    kept = [task for task in matching_corpus(tasks) if goal_contents(task)]
-    return TaskSet(kept, tasks.provenance, {task.id: tasks.tags(task.id) for task in kept})
+    return TaskSet((task for task in matching_corpus(tasks) if goal_contents(task)), tasks.provenance)
 
 
 def goal_contents(task: Task) -> frozenset[Content]:
@@ -68,9 +66,8 @@ def with_permuted_boxes(tasks: TaskSet, *, distinct: bool = False) -> TaskSet:
     value are omitted, because the statement refers to the order. `distinct` also omits orders that yield a duplicate
     start scene; otherwise all orders are equally likely in a uniform draw.
     """
-    variants = [(task, variant) for task in tasks for variant in _variants(task, distinct=distinct)]
-    tags = {variant.id: tasks.tags(task.id) for task, variant in variants}
-    return TaskSet((variant for _, variant in variants), tasks.provenance, tags)
+    variants = (variant for task in tasks for variant in _variants(task, distinct=distinct))
+    return TaskSet(variants, tasks.provenance)
 
 
 def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:
@@ -87,4 +84,4 @@ def _variants(task: Task, *, distinct: bool) -> Iterator[Task]:
 
 def well_spelt_ids(tasks: TaskSet) -> list[str]:
     """The ids of the tasks whose statements are not tagged as mistyped; all ids if every one is."""
-    return [task_id for task_id in tasks.ids if "mistyped" not in tasks.tags(task_id)] or list(tasks.ids)
+    return [task.id for task in tasks if "mistyped" not in task.tags] or list(tasks.ids)

@@ -97,7 +97,7 @@ def check_official_file(path: Path) -> OfficialFile:
             f"{path}: is not the file of release {RELEASE}: it has as many entries, but statements, programs, labels "
             f"or scenes differ (content digest {content_digest(records)}, not {facts.content_sha256})"
         )
-    tasks = [task for task, _ in TaskReader(appearance, faults).tasks(records)]
+    tasks = list(TaskReader(appearance, faults).tasks(records))
     if faults:
         raise CorpusError(str(faults[0]))
     verified_by = "numbers and labels" if facts.content_sha256 is None else "content digest"

@@ -115,7 +115,7 @@ def load_listed(corpus: str, appearance: str, start: str, split: str) -> TaskSet
     provenance = replace(origin, corpus=corpus, name=f"{origin.name}, split by {by}", sha256=sha256)
     if not found:
         raise NoTasksError(f"{corpus}: has no tasks for {provenance}; it lists statements of {listed(statements)}")
-    return TaskSet(found, provenance, {task.id: tasks.tags(task.id) for task in found})
+    return TaskSet(found, provenance)
 
 
 def _contents(corpus: str) -> bytes:

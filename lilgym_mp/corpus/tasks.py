@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -39,14 +39,10 @@ class Provenance:
 class TaskSet(Sequence[Task]):
     """The tasks of one configuration and split, in file order; immutable and shared."""
 
-    __slots__ = ("_indices", "_tags", "_tasks", "provenance")
+    __slots__ = ("_indices", "_tasks", "provenance")
 
-    def __init__(
-        self, tasks: Iterable[Task], provenance: Provenance, tags: Mapping[str, tuple[str, ...]] | None = None
-    ) -> None:
-        """`tags`: the corpus's annotations by task id."""
+    def __init__(self, tasks: Iterable[Task], provenance: Provenance) -> None:
         self._tasks = tuple(tasks)
-        self._tags = dict(tags or {})
         self._indices = {task.id: index for index, task in enumerate(self._tasks)}
         self.provenance = provenance
 
@@ -78,7 +74,7 @@ class TaskSet(Sequence[Task]):
 
     def tags(self, task_id: object) -> tuple[str, ...]:
         """The corpus's annotations of the task's statement, such as "unseen form"."""
-        return self._tags.get(self.by_id(task_id).id, ())
+        return self.by_id(task_id).tags
 
     @overload
     def __getitem__(self, index: int) -> Task: ...
@@ -114,15 +110,15 @@ class TaskReader:
         self._boxes: dict[tuple[Item, ...], Box] = {}
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
-    def tasks(self, records: Iterable[Record], *, trusted: bool = False) -> Iterator[tuple[Task, tuple[str, ...]]]:
-        """The tasks of the valid records, with their tags. `trusted`: all are known to be valid and are not checked."""
-        convert = self._trusted_task if trusted else self._checked_task
-        return ((task, record.tags) for record in records if (task := convert(record)) is not None)
+    def tasks(self, records: Iterable[Record], *, trusted: bool = False) -> Iterator[Task]:
+        """The tasks of the valid records. `trusted`: all are known to be valid and are not checked."""
+        found = map(self._trusted_task if trusted else self._checked_task, records)
+        return (task for task in found if task is not None)
 
     def _trusted_task(self, record: Record) -> Task:
         name, statement, program, label = cast("tuple[Any, ...]", record[2:6])
         start = self._scene(record.scene) if record.is_flipit else self._empty
-        return Task(name, self._texts.setdefault(statement, statement), program, not label, start)
+        return self._task(record, name, statement, program, start, label=label)
 
     def _checked_task(self, record: Record) -> Task | None:
         faults, where = self._faults, record.where
@@ -135,16 +131,12 @@ class TaskReader:
             start = checked(faults, where, self._scene, record.scene)
             if program is not None and start is not None:
                 label = checked(faults, where, self._agreed, program, start, label)
-        if (
-            not record.is_valid
-            or name is None
-            or statement is None
-            or program is None
-            or start is None
-            or label is None
-        ):
-            return None
-        return Task(name, self._texts.setdefault(statement, statement), program.source, not label, start)
+        if record.is_valid and name and statement and program and start and label is not None:
+            return self._task(record, name, statement, program.source, start, label=label)
+        return None
+
+    def _task(self, record: Record, name: str, statement: str, program: str, start: Scene, *, label: bool) -> Task:
+        return Task(name, self._texts.setdefault(statement, statement), program, not label, start, tags=record.tags)
 
     def _program(self, record: Record) -> Program | None:
         """The compiled program, evaluated once on the empty scene; None, and a fault, when it is invalid."""

@@ -82,6 +82,6 @@ def task_rows(sets: Iterable[TaskSet]) -> Iterator[dict[str, object]]:
                 "statement": task.statement,
                 "program": task.program,
                 "target": task.target,
-                "tags": list(tasks.tags(task.id)),
+                "tags": list(task.tags),
                 "scene": task.start.to_json(),
             }

@@ -6,7 +6,7 @@ Source: docs/spec.md, "Tasks" (Wu et al. 2023, section 4: a context is a stateme
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
 from lilgym_mp.programs import compile_program
@@ -41,6 +41,7 @@ class Task:
     target: bool
     start: Scene
     other_goal: Goal | None = None  # where STOP does not succeed exactly when the program has the target
+    tags: tuple[str, ...] = field(default=(), compare=False)  # annotations of the statement by the corpus's authors
 
     def __init_subclass__(cls) -> None:
         raise TypeError(
@@ -52,7 +53,7 @@ class Task:
         return self.other_goal or ProgramGoal(((self.program, self.target),))
 
     def to_json(self) -> dict[str, object]:
-        """All fields except `other_goal`; the scene in the released form."""
+        """All fields except `other_goal` and `tags`; the scene in the released form."""
         return {**{name: getattr(self, name) for name in _KEYS}, "start": self.start.to_json()}
 
     @classmethod

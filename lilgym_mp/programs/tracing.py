@@ -11,6 +11,7 @@ from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.reference import Evaluation, build_closure
 from lilgym_mp.programs.values import BoxView, ItemView
+from lilgym_mp.programs.words import elements
 from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Scene
 
 BOX_TITLES = ("left", "middle", "right")
@@ -71,18 +72,16 @@ def _entries(node: syntax.Node, budget: _Budget, depth: int) -> Iterator[TraceEn
 
 def _conditions(call: syntax.Call, budget: _Budget, depth: int) -> Iterator[TraceEntry]:
     """An entry per lambda argument of a closed call: the elements of the first argument that satisfy it."""
-    elements, *others = call.arguments
+    collection, *others = call.arguments
     for other in others:
-        if elements and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
-            yield TraceEntry(depth, source_of(other), *_satisfied_by(elements, other, budget))
+        if collection and isinstance(other, syntax.Lambda) and not syntax.free_variables(other):
+            yield TraceEntry(depth, source_of(other), *_satisfied_by(collection, other, budget))
 
 
-def _satisfied_by(
-    elements: syntax.Node, condition: syntax.Lambda, budget: _Budget
-) -> tuple[str, tuple[ItemIndex, ...]]:
+def _satisfied_by(tested: syntax.Node, condition: syntax.Lambda, budget: _Budget) -> tuple[str, tuple[ItemIndex, ...]]:
     try:
         with budget.evaluation(condition) as evaluation:
-            collection = build_closure(elements)(evaluation, {})
+            collection = build_closure(tested)(evaluation, {})
             body = build_closure(condition.body)
             satisfying = [each for each in collection if _holds(body(evaluation, {condition.parameter: each}))]
             evaluation.measure(satisfying)
@@ -126,17 +125,9 @@ def _value_text(value: Any) -> str:
         case BoxView():
             return f"the {BOX_TITLES[value.index]} box"
         case list() | tuple() | set() | frozenset():
-            return _listed(cast("Iterable[Any]", value))
+            return f"[{', '.join(map(_value_text, elements(cast('Iterable[Any]', value))))}]"
         case _:
             return str(value)
-
-
-def _listed(values: Iterable[Any]) -> str:
-    """The elements as text, items in scene order."""
-    elements = list(values)
-    if elements and all(isinstance(element, ItemView) for element in elements):
-        elements.sort(key=lambda item: (item.box.index, item.index))
-    return f"[{', '.join(map(_value_text, elements))}]"
 
 
 def _item_text(item: ItemView) -> str:

@@ -98,12 +98,7 @@ class Canvas:
         """`pixels`: the contiguous buffer to draw into, of `image_shape(image_size)`; a new one by default."""
         self._image_size = image_size
         self._shrink = shrink_of(image_size)
-        shape = image_shape(image_size)
-        if pixels is not None and (pixels.shape != shape or pixels.dtype != np.uint8):
-            raise ValueError(f"pixels must be a uint8 array of shape {shape}, not {pixels.dtype} {pixels.shape}")
-        if pixels is not None and not pixels.flags.c_contiguous:
-            raise ValueError("pixels must be a contiguous array, not a part of one with gaps")
-        self.pixels = np.empty(shape, np.uint8) if pixels is None else pixels
+        self.pixels = np.empty(image_shape(image_size), np.uint8) if pixels is None else pixels
         lefts = [index * BOX_PITCH // self._shrink for index in range(BOX_COUNT)]
         self._boxes = [self.pixels[:, left : left + BOX_SIDE // self._shrink] for left in lefts]
         self._whole = _as_one_value(self.pixels)
