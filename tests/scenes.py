@@ -64,3 +64,9 @@ def _scenes(boxes: st.SearchStrategy[Box]) -> st.SearchStrategy[Scene]:
 
 SCENES = {"tower": _scenes(tower_boxes), "scatter": _scenes(scatter_boxes())}  # the valid scenes of each appearance
 UNCHECKED_SCENES = _scenes(unchecked_boxes)  # items may overlap and cross box walls
+
+
+def items_apart(one: Scene, other: Scene) -> int:
+    """The number of items that are in only one of the scenes."""
+    pairs = zip(one.boxes, other.boxes, strict=True)
+    return sum(len(set(a.items) ^ set(b.items)) for a, b in pairs)

@@ -14,8 +14,8 @@ import pytest
 
 from lilgym_mp.corpus import TaskSet, check_corpus, contexts, load_tasks
 from lilgym_mp.corpus.tokens import normalised, statement_form
-from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from tests.scenes import items_apart
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCE = ROOT / "data" / "builtin_source.toml"
@@ -86,12 +86,6 @@ def test_builtin__start_scenes_form_pairs_one_item_apart_with_different_truth_va
         pairs = [pair for number, pair in enumerate(pairwise(tasks[:4])) if number in (0, 2)]
         assert all(one.target != other.target for one, other in pairs), statement
         assert all(items_apart(one.start, other.start) <= 2 for one, other in pairs), statement
-
-
-def items_apart(one: Scene, other: Scene) -> int:
-    """The number of items that are in only one of the scenes."""
-    pairs = zip(one.boxes, other.boxes, strict=True)
-    return sum(len(set(a.items) ^ set(b.items)) for a, b in pairs)
 
 
 @pytest.mark.parametrize("split", ["dev", "test"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,8 +15,8 @@ from lilgym_mp.corpus import check_corpus, load_tasks, write_corpus
 from lilgym_mp.corpus.scene_sampling import SAMPLERS
 from lilgym_mp.corpus.synthesis import start_scenes, synthesize
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene import Box, Scene
 from lilgym_mp.scene.appearances import APPEARANCES
+from tests.scenes import items_apart
 
 Entries = list[dict[str, Any]]
 Writer = Callable[..., Path]
@@ -27,29 +26,14 @@ THREE_BLUE = "count(filter_color(all_items, Color.BLUE)) == 3"
 
 
 @given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
-def test_sampled_scenes__are_legal_and_not_empty(seed: int, appearance: str):
+def test_sampled_scenes__are_legal_and_not_empty_and_change_by_one_item(seed: int, appearance: str):
     rng = random.Random(seed)
     scene = SAMPLERS[appearance].scene(rng)
     changed = SAMPLERS[appearance].changed(rng, scene)
     for one in (scene, changed):
         APPEARANCES[appearance].check_scene(one)
         assert any(one.items())
-
-
-def _item_changes(one: Scene, other: Scene) -> int:
-    """The number of items that are in only one of the scenes, summed over boxes."""
-
-    def lacking(box: Box, of: Box) -> int:
-        return (Counter(box.items) - Counter(of.items)).total()
-
-    return sum(lacking(a, b) + lacking(b, a) for a, b in zip(one.boxes, other.boxes, strict=True))
-
-
-@given(seed=st.integers(0, 10_000), appearance=st.sampled_from(APPEARANCE_NAMES))
-def test_changed_scene__differs_by_one_item(seed: int, appearance: str):
-    rng = random.Random(seed)
-    scene = SAMPLERS[appearance].scene(rng)
-    assert _item_changes(scene, SAMPLERS[appearance].changed(rng, scene)) == 1
+    assert items_apart(scene, changed) == 1
 
 
 @pytest.mark.parametrize("appearance", APPEARANCE_NAMES)
@@ -58,7 +42,7 @@ def test_start_scenes__are_pairs_that_differ_by_one_item_and_truth_value(appeara
     assert [start.label for start in starts] == [True, False] * 3
     assert [start.label for start in starts] == [compile_program(THREE_BLUE)(start.scene) for start in starts]
     for true, false in zip(starts[::2], starts[1::2], strict=True):
-        assert _item_changes(true.scene, false.scene) == 1
+        assert items_apart(true.scene, false.scene) == 1
     assert len({start.scene for start in starts}) == 6
 
 

@@ -6,8 +6,7 @@ import pytest
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
-
-Y, K, B = Colour.YELLOW, Colour.BLACK, Colour.BLUE
+from tests.scenes import B, K, Y, tower
 
 
 def square(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item:
@@ -16,11 +15,6 @@ def square(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item
 
 def circle(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item:
     return Item(x, y, Shape.CIRCLE, colour, size)
-
-
-def tower(*colours: Colour) -> list[Item]:
-    """Blocks from bottom to top."""
-    return [square(40, 80 - 21 * level, colour) for level, colour in enumerate(colours)]
 
 
 def holds(source: str, *boxes: list[Item]) -> bool:

@@ -30,9 +30,7 @@ ACTIONS: tuple[TowerAction, ...] = (
 )
 _ARRAY_FORM = ArrayForm("tower", {"box": BOX_COUNT, "colour": Colour}, (Stop, AddBlock, RemoveBlock))
 _INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
-
-
-_MEMO_KEY = "tower stack"
+_MEMO_KEY = "tower successors"  # in a box's memo: the boxes after each edit, by column of `TowerTables.after`
 
 
 class TowerTables(NamedTuple):
@@ -55,15 +53,13 @@ EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY
 def tower_tables() -> TowerTables:
     boxes = tuple(_boxes().values())
     indices = {box.items: index for index, box in enumerate(boxes)}
-    stacks = [_stack(box) for box in boxes]
-    edits = [(*stack.with_block, stack.without_top) for stack in stacks]
     colours = np.full((len(boxes), CAPACITY), -1, np.int8)
     for index, box in enumerate(boxes):
         colours[index, : len(box.items)] = [item.colour for item in box.items]
     return TowerTables(
         boxes,
         indices,
-        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in edits]),
+        after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in map(_successors, boxes)]),
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
         action_edit=np.array([_edit_column(action) for action in ACTIONS]),
@@ -108,14 +104,12 @@ class Tower:
         return _ARRAY_FORM.write(action)
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
-        if isinstance(action, AddBlock):
-            box = _stack(scene.boxes[action.box]).with_block[action.colour]
-        elif isinstance(action, RemoveBlock):
-            box = _stack(scene.boxes[action.box]).without_top
-        else:
+        if not isinstance(action, AddBlock | RemoveBlock):
             raise ActionError(f"{action!r} is not an edit of tower")
+        column = action.colour if isinstance(action, AddBlock) else len(Colour)
+        box = _successors(scene.boxes[action.box])[column]
         if box is None:
-            return Edit(scene, EDIT_REASONS[_edit_column(action)])
+            return Edit(scene, EDIT_REASONS[column])
         return new_tuple(Edit, (scene.with_box(action.box, box), None))
 
     def legal_mask(self, scene: Scene, rules: PlacementRules) -> BoolArray:
@@ -144,21 +138,13 @@ def make_tower(grid: Grid) -> Tower:
     return Tower()
 
 
-class _Stack(NamedTuple):
-    """A box and its successors; None if the edit is invalid."""
-
-    box: Box
-    with_block: tuple[Box | None, ...]  # indexed by Colour
-    without_top: Box | None
-
-
 def _block(level: int, colour: Colour) -> Item:
     return Item(BLOCK_X, LEVEL_Y[level], Shape.SQUARE, colour, Size.MEDIUM)
 
 
 @cache
 def _boxes() -> dict[tuple[Item, ...], Box]:
-    """All 121 boxes by items, each with its `_Stack` in its memo."""
+    """All 121 boxes by items, each with its successors in its memo."""
     boxes: dict[tuple[Item, ...], Box] = {(): Box()}
     layer: list[tuple[Item, ...]] = [()]
     for level in range(CAPACITY):
@@ -166,15 +152,15 @@ def _boxes() -> dict[tuple[Item, ...], Box]:
         boxes.update((items, Box(items)) for items in layer)
     for items, box in boxes.items():
         full = len(items) == CAPACITY
-        box.memo[_MEMO_KEY] = _Stack(
-            box,
-            tuple(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
+        box.memo[_MEMO_KEY] = (
+            *(None if full else boxes[(*items, _block(len(items), colour))] for colour in Colour),
             boxes[items[:-1]] if items else None,
         )
     return boxes
 
 
-def _stack(box: Box) -> _Stack:
+def _successors(box: Box) -> tuple[Box | None, ...]:
+    """The box after adding each colour and after removing; None if that is invalid."""
     try:
         return box.memo[_MEMO_KEY]
     except KeyError:
