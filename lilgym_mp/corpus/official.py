@@ -11,14 +11,14 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from lilgym_mp.corpus.faults import CorpusError, Fault
-from lilgym_mp.corpus.formats import read_released_file
+from lilgym_mp.corpus.formats import RELEASED_NAMES, read_released_file
 from lilgym_mp.corpus.records import SPLITS, Record, read_bytes
 from lilgym_mp.corpus.tasks import TaskReader, contexts
 from lilgym_mp.scene.choices import listed
@@ -68,10 +68,9 @@ class OfficialFile(NamedTuple):
     verified_by: str
 
 
-def official_names(splits: Iterable[str] = SPLITS) -> list[str]:
+def official_names(splits: Collection[str] = SPLITS) -> list[str]:
     """The names of the released files of those splits."""
-    chosen = tuple(f"_{split}.json" for split in splits)
-    return [name for name in FILE_FACTS if name.endswith(chosen)]
+    return [name for name in FILE_FACTS if RELEASED_NAMES[name][2] in splits]
 
 
 def content_digest(records: Iterable[Record]) -> str:

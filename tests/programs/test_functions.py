@@ -6,15 +6,7 @@ import pytest
 
 from lilgym_mp.programs import ProgramRuntimeError, compile_program
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
-from tests.scenes import B, K, Y, tower
-
-
-def square(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item:
-    return Item(x, y, Shape.SQUARE, colour, size)
-
-
-def circle(x: int, y: int, colour: Colour = Y, size: Size = Size.MEDIUM) -> Item:
-    return Item(x, y, Shape.CIRCLE, colour, size)
+from tests.scenes import LARGE, SMALL, B, K, Y, circle, square, tower
 
 
 def holds(source: str, *boxes: list[Item]) -> bool:
@@ -34,7 +26,7 @@ def fails(source: str, *boxes: list[Item]) -> str:
     return str(fault.value)
 
 
-THREE = [square(0, 0, Y), circle(40, 40, K), circle(75, 80, B, Size.SMALL)]
+THREE = [square(0, 0), circle(40, 40, colour=K), circle(75, 80, SMALL, B)]
 
 
 # Sets
@@ -51,7 +43,7 @@ def test_len__counts_repetitions() -> None:
 def test_unique__fails_for_zero_or_two_elements() -> None:
     assert "not 0" in fails("is_blue(unique(all_items))")
     assert "not 2" in fails("is_blue(unique(all_boxes[0]))", [square(0, 0), square(50, 0)])
-    assert holds("is_blue(unique(all_items))", [square(0, 0, B)])
+    assert holds("is_blue(unique(all_items))", [square(0, 0, colour=B)])
 
 
 def test_union_all__of_no_sets_is_empty() -> None:
@@ -82,14 +74,14 @@ def test_filter_obj__of_a_set_is_in_scene_order() -> None:
 
 
 def test_is_top_and_is_bottom__hold_for_all_tied_items() -> None:
-    level = [square(0, 30), square(40, 30), circle(70, 60, Y, Size.SMALL)]
+    level = [square(0, 30), square(40, 30), circle(70, 60, SMALL)]
     assert holds("count(filter_obj(all_items, is_top)) == 2 and count(filter_obj(all_items, is_bottom)) == 1", level)
-    low = [circle(0, 60), square(70, 60, B, Size.SMALL), circle(40, 30)]
+    low = [circle(0, 60), square(70, 60, SMALL, B), circle(40, 30)]
     assert holds("count(filter_obj(all_items, is_bottom)) == 2 and count(filter_obj(all_items, is_top)) == 1", low)
 
 
 def test_is_bottom__compares_tops_not_bottoms() -> None:
-    big_low, small_high = circle(0, 60, Y, Size.LARGE), circle(50, 70, B, Size.SMALL)
+    big_low, small_high = circle(0, 60, LARGE), circle(50, 70, SMALL, B)
     assert holds("is_blue(unique(filter_obj(all_items, is_bottom)))", [big_low, small_high])
 
 
@@ -106,7 +98,7 @@ def test_is_tower__needs_squares_with_equal_right_edges() -> None:
     assert not holds(source, [])
     assert not holds(source, [square(40, 80), square(41, 59)])
     assert not holds(source, [square(40, 80), circle(40, 59)])
-    assert holds(source, [square(40, 80), square(50, 70, Y, Size.SMALL)])
+    assert holds(source, [square(40, 80), square(50, 70, SMALL)])
 
 
 # Walls
@@ -173,7 +165,7 @@ def test_is_closely_touching__compares_opposite_edges_across_boxes() -> None:
 def test_get_above__requires_touching_in_towers_only() -> None:
     assert holds("count(get_above(all_items[0])) == 1", tower(Y, K, B))
     assert holds("count(get_box_all_above(all_items[0])) == 2", tower(Y, K, B))
-    assert holds("count(get_above(all_items[0])) == 2", [*tower(Y, K, B), circle(0, 90, Y, Size.SMALL)])
+    assert holds("count(get_above(all_items[0])) == 2", [*tower(Y, K, B), circle(0, 90, SMALL)])
     assert holds("count(get_below(all_items[2])) == 1 and count(get_box_all_below(all_items[2])) == 2", tower(Y, K, B))
 
 
