@@ -24,7 +24,8 @@ Programs = Mapping[tuple[str, str], Mapping[str, str]]  # by appearance and spli
 
 def statistics_text(corpus: str, sets: Sequence[TaskSet]) -> str:
     """All tables of the corpus with these task sets, at least one."""
-    origin, is_official = sets[0].provenance, _is_official(sets[0])
+    origin = sets[0].provenance
+    is_official = origin.name == OFFICIAL_NAME
     path = os.path.dirname(origin.path) if is_official else origin.path
     programs = programs_of(sets)
     statements = {statement for group in programs.values() for statement in group}
@@ -38,10 +39,6 @@ def statistics_text(corpus: str, sets: Sequence[TaskSet]) -> str:
             table(STATEMENT_COLUMNS, [statement_row(programs, *key) for key in programs]),
         ]
     )
-
-
-def _is_official(tasks: TaskSet) -> bool:
-    return tasks.provenance.name == OFFICIAL_NAME
 
 
 def programs_of(sets: Iterable[TaskSet]) -> Programs:
@@ -59,7 +56,7 @@ def task_row(tasks: TaskSet) -> list[object]:
     origin = tasks.provenance
     row = [configuration_name(origin.appearance, origin.start), origin.split, len(tasks), contexts(tasks)]
     row.append(sum(task.truth(task.start) for task in tasks))
-    if not _is_official(tasks):
+    if origin.name != OFFICIAL_NAME:
         return row
     paper = FILE_FACTS[released_name(origin.appearance, origin.start, origin.split)]
     return [*row, paper.tasks, paper.contexts]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -24,7 +24,6 @@ CACHED_SETS = 16
 GENERATED_ENTRY_POINT = "lilgym_mp.corpus.generator:load_generated"
 
 _LOADING = threading.Lock()
-Loader = Callable[[str, str, str, str], TaskSet]  # arguments: corpus, appearance, start, split
 
 
 def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, split: str) -> TaskSet:
@@ -40,9 +39,8 @@ def load_tasks(corpus: str | os.PathLike[str], appearance: str, start: str, spli
     choose("start", start, STARTS)
     choose("split", split, SPLITS)
     if is_generated(corpus):
-        generated: Loader = resolve_name(GENERATED_ENTRY_POINT)
         with _LOADING:
-            return generated(str(corpus), appearance, start, split)
+            return resolve_name(GENERATED_ENTRY_POINT)(os.fspath(corpus), appearance, start, split)
     if is_split(corpus):
         return resolve_name("lilgym_mp.corpus.splits:load_listed")(os.fspath(corpus), appearance, start, split)
     with corpus_path(corpus) as path, _LOADING:

@@ -76,14 +76,12 @@ class ItemStatements(BoxConditions):
 
     def with_main_predicate(self, quantity: Quantity, noun: Noun) -> TrainingPair:
         """A count of items, with the last predicate as a modifier, verb phrase or "one of the ..."."""
+        return TrainingPair(self._with_last_predicate(quantity, noun), quantity.test(noun.items()))
+
+    def _with_last_predicate(self, quantity: Quantity, noun: Noun) -> str:
         draw = self.rng.random()
         *rest, last = noun.predicates
-        return TrainingPair(
-            self._with_predicate(quantity, noun, Noun(noun.attributes, tuple(rest)), last, draw),
-            quantity.test(noun.items()),
-        )
-
-    def _with_predicate(self, quantity: Quantity, noun: Noun, subject_noun: Noun, last: Predicate, draw: float) -> str:
+        subject_noun = Noun(noun.attributes, tuple(rest))
         if draw < 0.6:
             return self.existential(*self.quantified(quantity, noun))
         if draw < 0.63 and quantity == SOME:
