@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, cast, get_args,
 from lilgym_mp.programs import costs
 from lilgym_mp.programs.errors import ProgramRuntimeError
 from lilgym_mp.programs.values import BoxView, Color, ItemView, Shape, Side, Size
-from lilgym_mp.scene.choices import load_extensions
+from lilgym_mp.scene.choices import article, load_extensions
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 Argument = TypeVar("Argument")
@@ -305,7 +305,7 @@ class Word:
             try:
                 coerced.append(parameter.type.coerce(value))
             except ArgumentTypeError:
-                expected = f"{self.name}: {parameter.name} must be {_article(parameter.type.name)}"
+                expected = f"{self.name}: {parameter.name} must be {article(parameter.type.name)}"
                 raise ProgramRuntimeError(f"{expected}, not {describe(value)}") from None
         for parameter in parameters[len(args) :]:
             if not parameter.optional:
@@ -406,7 +406,3 @@ def _result_name(annotation: Any) -> str:
     for module in ("lilgym_mp.programs.values.", "typing."):
         text = text.replace(module, "")
     return text.replace("ItemView", "item").replace("Any", "value")
-
-
-def _article(noun: str) -> str:
-    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"

@@ -57,3 +57,8 @@ _PENDING = _entry_points()  # not yet loaded
 def listed(names: Iterable[object]) -> str:
     """The names sorted and joined, for error messages."""
     return ", ".join(sorted(str(name) for name in names))
+
+
+def article(noun: str) -> str:
+    """The noun with its indefinite article."""
+    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"

@@ -17,6 +17,7 @@ from itertools import accumulate
 from typing import Any, NamedTuple, TypeVar
 
 from lilgym_mp.corpus.generator.fragments import ALL_ITEMS, NONE, SOME, Quantity, at_least, at_most, exactly
+from lilgym_mp.scene.choices import article
 
 HOLE = "@"  # in the program text of a test: the item or box to test; "@@" is the variable of a lambda inside
 VARIABLES = "xyzuvw"  # names of lambda parameters, by nesting depth
@@ -51,11 +52,6 @@ class Style:
     digits: bool = False
     sloppy: bool = False  # makes agreement errors, leaves articles out
     bare_number_is_bound: bool = False  # "two" may mean at least two, "one of the boxes" exactly one
-
-
-def article(noun: str) -> str:
-    """The noun with its indefinite article."""
-    return f"an {noun}" if noun[0] in "aeiou" else f"a {noun}"
 
 
 def pluralised(noun: str) -> str:

@@ -62,20 +62,10 @@ def tower_tables() -> TowerTables:
         after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in map(_successors, boxes)]),
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
-        action_edit=np.array([_edit_column(action) for action in ACTIONS]),
+        action_edit=np.array([0, *[*Colour] * BOX_COUNT, *[len(Colour)] * BOX_COUNT]),  # in the order of ACTIONS
         heights=np.array([len(box.items) for box in boxes]),
         legal=_legal_by_heights(),
     )
-
-
-def _edit_column(action: TowerAction) -> int:
-    match action:
-        case AddBlock():
-            return action.colour
-        case RemoveBlock():
-            return len(Colour)
-        case Stop():
-            return 0
 
 
 @dataclass(frozen=True, slots=True)
