@@ -171,6 +171,7 @@ Node = (
     | Display
 )
 _NODES = frozenset(get_args(Node))
+_LEAVES = (Constant, SceneName, Variable, WordName)  # nodes without children
 
 
 def parse(source: str) -> Node:
@@ -200,13 +201,15 @@ def children(node: Node) -> Iterator[Node]:
 
 def with_children(node: Node, changed: Callable[[Node], Node]) -> Node:
     """The node with each direct child replaced by what `changed` returns for it."""
+    if type(node) in _LEAVES:
+        return node
 
     def replaced(part: Any) -> Any:
         if type(part) is tuple:
-            return tuple(map(replaced, cast("tuple[Any, ...]", part)))
+            return tuple([changed(each) if type(each) in _NODES else each for each in cast("tuple[Any, ...]", part)])
         return changed(part) if type(part) in _NODES else part
 
-    return type(node)(*(replaced(getattr(node, name)) for name in node.__match_args__))
+    return type(node)(*[replaced(getattr(node, name)) for name in node.__match_args__])
 
 
 def call(word: Word, *arguments: Node | None) -> Call:
