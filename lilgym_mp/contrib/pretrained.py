@@ -172,6 +172,18 @@ class FrozenBert:
         self.width = int(self._network.config.hidden_size)
         self.parameter_count = sum(parameter.numel() for parameter in self._network.parameters())
         self._cache: dict[str, Tensor] = {}
+        self._latest: tuple[States, tuple[Tensor, ...]] | None = None
+
+    def inputs(self, states: States, device: torch.device) -> tuple[Tensor, ...]:
+        """(V, 3, 50, 190) images and (N,) indices as of `_pixels`, (N, width) vectors and (N,) targets of N states.
+
+        The latest are kept, since actor and critic read the same.
+        """
+        if self._latest is None or self._latest[0] is not states:
+            vectors = self.vectors(states.statements, device)
+            statement_of, targets = (torch.from_numpy(a).to(device) for a in (states.statement_of, states.targets))
+            self._latest = states, (*_pixels(states, device), vectors[statement_of], targets)
+        return self._latest[1]
 
     def vectors(self, statements: Sequence[str], device: torch.device) -> Tensor:
         """(S, width)."""
@@ -253,15 +265,8 @@ class ConvolutionsAndBert(PretrainedModel):
         self.critic = nn.Sequential(_two_layers(joined), nn.Linear(JOINED, 1)) if has_critic else None
 
     def features(self, states: States) -> Tensor:
-        device = self.target.weight.device
-        statements = self._encoder.vectors(states.statements, device)
-        images, image_of = _pixels(states, device)
-        parts = (
-            self.image(self.convolutions(images))[image_of],
-            statements[torch.from_numpy(states.statement_of).to(device)],
-            self.target(torch.from_numpy(states.targets).to(device)),
-        )
-        return torch.cat(parts, 1)
+        images, image_of, vectors, targets = self._encoder.inputs(states, self.target.weight.device)
+        return torch.cat((self.image(self.convolutions(images))[image_of], vectors, self.target(targets)), 1)
 
     def acting(self, features: Tensor) -> Tensor:
         assert self.actor is not None

@@ -87,8 +87,13 @@ def buffer_specs(
     }
 
 
-# By field, from the annotations, which are of the form ndarray[shape, dtype[...]]
-_DTYPES = {name: get_args(get_args(hint)[1])[0] for name, hint in get_type_hints(Buffers).items()}
+def _scalar(annotation: Any) -> Any:
+    """T of NDArray[T], which is ndarray[shape, dtype[T]]; from NumPy 2.5 on, its last argument is T itself."""
+    last = get_args(annotation)[-1]
+    return (get_args(last) or (last,))[0]
+
+
+_DTYPES = {name: _scalar(annotation) for name, annotation in get_type_hints(Buffers).items()}  # by field
 
 
 def buffers_size(array_specs: Mapping[str, ArraySpec]) -> int:

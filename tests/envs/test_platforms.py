@@ -1,4 +1,4 @@
-"""What runs without the functions that Windows, or macOS, does not have."""
+"""What runs without the functions that Windows, or macOS, does not have, and on newer versions of NumPy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
+from typing_extensions import TypeAliasType, TypeVar
+
+from lilgym_mp.envs import buffers
 
 ROOT = Path(__file__).resolve().parents[2]
 WINDOWS = """
@@ -94,3 +99,9 @@ def test_without_posix__sb3_runs_in_this_process(tmp_path: Path, own_corpus: Pat
 
 def test_without_linux__workers_run_with_spawn(tmp_path: Path) -> None:
     assert run(tmp_path, MACOS + WORKERS) == "stepped\n"
+
+
+def test_types_of_buffers__are_read_from_both_forms_of_numpy_s_alias():
+    scalar = TypeVar("scalar", bound=np.generic)
+    alias = TypeAliasType("alias", np.ndarray[tuple[int, ...], np.dtype[scalar]], type_params=(scalar,))  # as in 2.5
+    assert buffers._scalar(NDArray[np.uint8]) is buffers._scalar(alias[np.uint8]) is np.uint8
