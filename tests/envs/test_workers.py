@@ -25,7 +25,7 @@ from lilgym_mp.testing import assert_same
 from tests.envs.alike import random_actions
 
 TOWER, SCATTER = "lilgym_mp/TowerFlipIt-v0", "lilgym_mp/ScatterFlipIt-v0"
-START_METHODS = ("fork", "forkserver", "spawn")
+STARTED = ("forkserver", "spawn")  # start methods of new interpreters
 LOOP = """
 import sys
 import numpy as np
@@ -133,7 +133,7 @@ def test_workers__evaluate_every_task_once() -> None:
     env.close()
 
 
-@pytest.mark.parametrize("start_method", START_METHODS)
+@pytest.mark.parametrize("start_method", ["fork", *(pytest.param(each, marks=pytest.mark.long) for each in STARTED)])
 def test_a_worker_that_dies__is_named_with_its_signal(start_method: str) -> None:
     env = WorkerVectorEnv(TOWER, 6, 3, start_method=start_method)
     env.reset(seed=0)

@@ -25,7 +25,7 @@ from lilgym_mp.scene import Box, Colour, Item, Scene, Shape, Size
 from tests.stress.program_language import ATTACKS, attack, crowded_scene, run_limited
 from tests.stress.program_truth import TypedPrograms
 
-FEW_STEPS = 500_000  # keeps the tests short
+FEW_STEPS = 100_000  # keeps the tests short
 BLUE = Item(0, 0, Shape.SQUARE, Colour.BLUE, Size.SMALL)
 
 

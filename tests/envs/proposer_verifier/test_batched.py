@@ -17,7 +17,7 @@ from lilgym_mp.scene.actions import ActionError
 from tests.envs.proposer_verifier.games import ACCEPT, ADD_BLUE, CONTINUE, REJECT, STOP_NOW, STOPS, TASKS, WAIT
 
 PROPOSER, VERIFIER = AGENTS
-GAMES, STEPS, SEED = 8, 25, 11  # enough games for compiled code
+GAMES, STEPS, SEED = 8, 15, 11  # enough games for compiled code
 VERIFIER_WAITS = 2
 SETTINGS: list[dict[str, Any]] = [
     *({"protocol": protocol, "rewards": "hidden", "message_size": 1} for protocol in PROTOCOLS),

@@ -37,7 +37,7 @@ from tests.envs.proposer_verifier.games import ADD_BLUE, CONTINUE, STOP_NOW, STO
 from tests.scenes import B, Y, circle, scene, tower
 
 PROPOSER, VERIFIER = AGENTS
-CYCLES = 60
+CYCLES = 25
 FORMS: dict[str, Callable[..., Any]] = {"env": env, "raw_env": raw_env, "parallel_env": parallel_env}
 GIVEN = Task("given", "A new block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
 OTHER = replace(GIVEN, statement="No block is blue.", program="True", target=True, start=scene(tower(Y)))
@@ -101,7 +101,7 @@ def test_seed_tests__pass(protocol: str):
 def test_aec_and_parallel__play_the_same_game(protocol: str):
     turns, parallel = raw_env(protocol=protocol), parallel_env(protocol=protocol)
     rng = np.random.default_rng(1)
-    for episode in range(12):
+    for episode in range(5):
         turns.reset(seed=episode)
         observations, _ = parallel.reset(seed=episode)
         while parallel.agents:
