@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, cast
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -17,7 +17,7 @@ from lilgym_mp.corpus.statement_arrays import StatementArrays, VocabularyOrPath
 from lilgym_mp.envs.observation import EMPTY, image_space
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, IMAGE_HEIGHT, IMAGE_WIDTH, SIZE_PIXELS, Colour, Shape, Size
 from lilgym_mp.scene.appearances import RELEASED_GRID
-from lilgym_mp.scene.arrays import Float32Array, Int16Array, Int64Array
+from lilgym_mp.scene.arrays import Float32Array, Int64Array
 from lilgym_mp.scene.render import draw
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.transformation import (
@@ -50,13 +50,10 @@ class Items(SceneFormat):
         self._shape = (BOX_COUNT, slots or needed)
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        low = self._fields([-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY])
-        high = self._fields([BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)])
-        return {ITEMS: spaces.Box(low, high, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
-
-    def _fields(self, values: list[int]) -> Int16Array:
-        """(3, capacity, 5) the five values in every slot."""
-        return np.broadcast_to(np.array(values, np.int16), (*self._shape, len(values)))
+        low = [-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY]
+        high = [BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)]
+        bounds = (np.broadcast_to(np.array(each, np.int16), (*self._shape, len(each))) for each in (low, high))
+        return {ITEMS: spaces.Box(*bounds, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         items = state.items
@@ -155,9 +152,6 @@ SIZE = "native"
 class NativeDrawing(SceneFormat):
     """Draws the scene."""
 
-    def __init__(self, description: EnvDescription) -> None:
-        super().__init__(description, keep_image=False)
-
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         return {IMAGE: image_space(SIZE)}
 
@@ -176,12 +170,9 @@ class NativeImage(EnvWrapper[NativeDrawing]):
 class Channels(Format):
     """Moves the image's last axis to the front."""
 
-    def __init__(self, description: EnvDescription) -> None:
-        super().__init__(description)
-        self._shape: tuple[int, ...] = description.part(IMAGE).shape or ()
-
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        return {IMAGE: spaces.Box(0, 255, (self._shape[-1], *self._shape[:-1]), np.uint8)}
+        *size, channels = self.env_description.part(IMAGE).shape or ()
+        return {IMAGE: spaces.Box(0, 255, (channels, *size), np.uint8)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
@@ -196,12 +187,8 @@ class Image(Transformation):
 
     changes_observations = True
 
-    def __init__(self, description: EnvDescription) -> None:
-        super().__init__(description)
-        self._space = cast("spaces.Box", description.part(IMAGE))
-
-    def observation_space(self) -> spaces.Box:
-        return self._space
+    def observation_space(self) -> spaces.Space[Any]:
+        return self.env_description.part(IMAGE)
 
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
         return observations[IMAGE]
@@ -281,17 +268,15 @@ class Embedding(Format):
 
     def _embedding(self, statement: str) -> Float32Array:
         if statement not in self._by_statement:
-            self._by_statement[statement] = self._checked(self._encode(statement), statement)
+            vector = self._encode(statement)
+            if vector.shape != (self.dimension,):
+                raise ValueError(
+                    f"encoder returned an array of shape {vector.shape} for {statement!r}, not ({self.dimension},)"
+                )
+            if not (np.abs(vector) <= self._limit).all():
+                raise ValueError(f"encoder returned values beyond limit={self._limit} for {statement!r}: {vector}")
+            self._by_statement[statement] = vector
         return self._by_statement[statement]
-
-    def _checked(self, vector: Float32Array, statement: str) -> Float32Array:
-        if vector.shape != (self.dimension,):
-            raise ValueError(
-                f"encoder returned an array of shape {vector.shape} for {statement!r}, not ({self.dimension},)"
-            )
-        if not (np.abs(vector) <= self._limit).all():
-            raise ValueError(f"encoder returned values beyond limit={self._limit} for {statement!r}: {vector}")
-        return vector
 
     def _encode(self, statement: str) -> Float32Array:
         encoder = self._encoder
@@ -333,23 +318,21 @@ class Flattening(Transformation):
 
     changes_observations = True
 
-    def __init__(self, description: EnvDescription) -> None:
-        super().__init__(description)
-        self._parts = description.parts()
-        for name, space in self._parts.items():
+    def observation_space(self) -> spaces.Box:
+        """Raises WrongEnvironment for parts that are not numeric."""
+        for name, space in self.env_description.parts().items():
             if not isinstance(space, spaces.Box | spaces.Discrete):
                 raise WrongEnvironment(
-                    f"{description.wrapper} needs numeric parts, but {name!r} is {space};"
+                    f"{self.env_description.wrapper} needs numeric parts, but {name!r} is {space};"
                     f" for a statement apply TokenizedStatement or StatementEmbedding first"
                 )
-
-    def observation_space(self) -> spaces.Box:
         flat = flatten_space(self.env_description.observation_space)
         assert isinstance(flat, spaces.Box)
         return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
 
     def observations(self, observations: Mapping[str, Batch], state: EnvState) -> Batch:
-        return np.concatenate([_rows(space, observations[name]) for name, space in self._parts.items()], axis=1)
+        parts = self.env_description.parts().items()
+        return np.concatenate([_rows(space, observations[name]) for name, space in parts], axis=1)
 
 
 def _rows(space: spaces.Space[Any], values: Batch) -> Float32Array:

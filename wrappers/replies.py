@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from enum import IntEnum
 from functools import lru_cache
 from typing import Any, NamedTuple, cast
 
 from lilgym_mp.scene import Colour, Shape, Size
-from lilgym_mp.scene.actions import BOX_NAMES, STOP, Action, ActionError, AddBlock, AddItem, RemoveBlock, RemoveItem
+from lilgym_mp.scene.actions import BOX_NAMES, STOP, ActionError, named
 from lilgym_mp.scene.appearances import Appearance
 
 
@@ -72,7 +71,7 @@ _TOOL = re.compile(r"(?:\w{1,20}\.)?(?:act|step|action)\s?\(\s*(?:action\s*[=:])
 _CALL = re.compile(r"(?P<verb>ADD|REMOVE)\s*\((?P<inside>[^()]*)\)|STOP(?:\s*\(\s*\))?", re.IGNORECASE)
 _PHRASE = re.compile(r"(?P<verb>add|remove)\b(?P<inside>[\w\s,-]*)", re.IGNORECASE)
 
-_BOXES = {name: index for index, name in enumerate(BOX_NAMES)}
+_FIELDS = (BOX_NAMES, Shape.__members__, Colour.__members__, Size.__members__)  # in the order of an action's fields
 _FILLERS = frozenset(
     word.upper() for word in ("a", "an", "the", "one", "to", "in", "into", "at", "on", "of", "from", "top", "block")
 ) | frozenset(("ITEM", "OBJECT", "BOX", "TOWER", "CELL", "COLUMN", "ROW", "COL"))
@@ -273,12 +272,18 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
     """The index of the action in a match of _CALL or _PHRASE."""
     if match.re is _CALL and match["verb"] is None:
         return appearance.encode(STOP)
-    words = list(_words(match["inside"]))
-    action = (_block_action if appearance.grid is None else _item_action)(match["verb"].upper(), words)
+    ignored = _TOWER_FILLERS if appearance.grid is None else ()
+    words = sorted((word for word in _words(match["inside"]) if word not in ignored), key=_field)
     try:
-        return None if action is None else appearance.encode(action)
+        return appearance.encode(named(f"{match['verb']}({', '.join(words)})"))
     except ActionError:
         return None
+
+
+def _field(word: str) -> int:
+    """Where the word belongs among an action's fields: first a column, a row or a box; last what is none of them."""
+    matching = (index for index, names in enumerate(_FIELDS) if word in names)
+    return 0 if word.isdecimal() else next(matching, len(_FIELDS))
 
 
 def _words(inside: str) -> Iterator[str]:
@@ -290,30 +295,3 @@ def _words(inside: str) -> Iterator[str]:
             if row < len(words) and column < len(words):
                 words[row], words[column] = words[column], words[row]
     return (word for word in words if word not in _FILLERS)
-
-
-def _block_action(verb: str, words: list[str]) -> Action | None:
-    words = [word for word in words if word not in _TOWER_FILLERS]
-    match verb, sorted(words, key=lambda word: word not in _BOXES):
-        case "ADD", [box, colour] if box in _BOXES and colour in Colour.__members__:
-            return AddBlock(_BOXES[box], Colour[colour])
-        case "REMOVE", [box] if box in _BOXES:
-            return RemoveBlock(_BOXES[box])
-        case _:
-            return None
-
-
-def _item_action(verb: str, words: list[str]) -> Action | None:
-    numbers = [int(word) for word in words if word.isdecimal()]
-    attributes = [word for word in words if not word.isdecimal()]
-    if len(numbers) != 2:
-        return None
-    column, row = numbers
-    if verb == "REMOVE":
-        return None if attributes else RemoveItem(column, row)
-    enums: tuple[type[IntEnum], ...] = (Shape, Colour, Size)
-    found = [[word for word in attributes if word in enum.__members__] for enum in enums]
-    if len(attributes) != len(enums) or any(len(words) != 1 for words in found):
-        return None
-    (shape,), (colour,), (size,) = found
-    return AddItem(column, row, Shape[shape], Colour[colour], Size[size])

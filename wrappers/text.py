@@ -6,10 +6,9 @@ import base64
 import io
 import itertools
 import string
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import gymnasium as gym
 import numpy as np
@@ -29,6 +28,9 @@ from lilgym_mp.scene.render.characters import text as drawing
 from lilgym_mp.wrappers.gymnasium_adapter import EnvWrapper
 from lilgym_mp.wrappers.replies import THOUGHTS, Reply, parse_reply
 from lilgym_mp.wrappers.transformation import STATEMENT, Batch, EnvDescription, EnvState, Transformation
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 TARGET = "target"  # observation key
 IMAGES = "images"  # key in infos
@@ -234,46 +236,38 @@ def legal_lines(appearance: Appearance, legal: BoolArray) -> Iterator[str]:
 
 def _lines_by_cells(appearance: Appearance, indices: Iterable[int]) -> Iterator[str]:
     """A line for each group of item types that can be added in the same cells, and a line for removals."""
-    added: defaultdict[tuple[str, str, str], list[tuple[int, int]]] = defaultdict(list)
-    removed: list[tuple[int, int]] = []
-    for index in indices:
-        match appearance.decode(index):
-            case AddItem(column, row, shape, colour, size):
-                added[shape.name, colour.name, size.name].append((row, column))
-            case RemoveItem(column, row):
-                removed.append((row, column))
-            case _:
-                pass
-    item_types_by_cell: defaultdict[tuple[tuple[int, int], ...], list[tuple[str, str, str]]] = defaultdict(list)
-    for item_type, cells in added.items():
-        item_types_by_cell[tuple(sorted(cells))].append(item_type)
-    for cells, item_types in item_types_by_cell.items():
+    edits = [appearance.decode(index) for index in indices]
+    adds = [edit for edit in edits if isinstance(edit, AddItem)]
+    cells_of = _grouped(((add.shape.name, add.colour.name, add.size.name), (add.row, add.column)) for add in adds)
+    removed = [(edit.row, edit.column) for edit in edits if isinstance(edit, RemoveItem)]
+    for cells, item_types in _grouped((tuple(sorted(cells)), names) for names, cells in cells_of.items()).items():
         for names in _products(item_types):
             yield f"  ADD(column, row, {', '.join(names)}): {_cell_words(cells)}"
     if removed:
         yield f"  REMOVE(column, row): {_cell_words(sorted(removed))}"
 
 
+def _grouped(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
+    """The values of each key, in order."""
+    groups: dict[Key, list[Value]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, []).append(value)
+    return groups
+
+
 def _products(item_types: Iterable[tuple[str, ...]]) -> list[tuple[str, ...]]:
     """The item types as products of alternatives, such as ("CIRCLE|SQUARE", "BLUE", "SMALL|LARGE")."""
     merged = list(item_types)
     for slot in (1, 2, 0):
-        groups: defaultdict[tuple[str, ...], list[str]] = defaultdict(list)
-        for item_type in merged:
-            groups[item_type[:slot] + item_type[slot + 1 :]].append(item_type[slot])
+        groups = _grouped((names[:slot] + names[slot + 1 :], names[slot]) for names in merged)
         merged = [(*others[:slot], "|".join(names), *others[slot:]) for others, names in groups.items()]
     return merged
 
 
 def _cell_words(cells: Sequence[tuple[int, int]]) -> str:
     """Formats ascending (row, column) pairs, such as "row 0-3: column 0-4, 7-11; row 4: column 2"."""
-    columns_by_row: defaultdict[int, list[int]] = defaultdict(list)
-    for row, column in cells:
-        columns_by_row[row].append(column)
-    rows_by_columns: defaultdict[str, list[int]] = defaultdict(list)
-    for row, columns in columns_by_row.items():
-        rows_by_columns[_ranges(columns)].append(row)
-    return "; ".join(f"row {_ranges(rows)}: column {columns}" for columns, rows in rows_by_columns.items())
+    rows_of = _grouped((_ranges(columns), row) for row, columns in _grouped(cells).items())
+    return "; ".join(f"row {_ranges(rows)}: column {columns}" for columns, rows in rows_of.items())
 
 
 def _ranges(numbers: Sequence[int]) -> str:

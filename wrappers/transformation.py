@@ -278,7 +278,7 @@ class Format(Transformation):
 class SceneFormat(Format):
     """Another encoding of the scene, which replaces the image or is added to it."""
 
-    def __init__(self, description: EnvDescription, *, keep_image: bool) -> None:
+    def __init__(self, description: EnvDescription, *, keep_image: bool = False) -> None:
         """Raises WrongEnvironment unless observations show the scene."""
         super().__init__(description)
         description.require_scene()

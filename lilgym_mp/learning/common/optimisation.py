@@ -2,20 +2,39 @@
 
 from __future__ import annotations
 
+import math
+
 import torch
 from torch import Tensor, nn
 
 from lilgym_mp.learning.common.run_directory import TrainingError
 
 
-def optimise(optimiser: torch.optim.Optimizer, loss: Tensor, gradient_norm: float, **parts: Tensor) -> None:
-    """Takes a step with the gradient clipped to a norm; `parts` as in `check_finite`. Raises TrainingError."""
+def optimise(
+    optimiser: torch.optim.Optimizer,
+    loss: Tensor,
+    gradient_norm: float,
+    learning_rate: float | None = None,
+    **parts: Tensor,
+) -> None:
+    """Takes a step at a learning rate (None: the one before), with the gradient clipped to a norm.
+
+    `parts` as in `check_finite`. Raises TrainingError.
+    """
     check_finite(loss, **parts)
+    if learning_rate is not None:
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate
     optimiser.zero_grad()
     loss.backward()
     parameters = [parameter for group in optimiser.param_groups for parameter in group["params"]]
     nn.utils.clip_grad_norm_(parameters, gradient_norm, foreach=True)
     optimiser.step()
+
+
+def cosine_decay(done: float, lowest: float = 0.0) -> float:
+    """The learning rate relative to its peak at a training progress of 0 to 1, at the end `lowest`."""
+    return lowest + (1 - lowest) * 0.5 * (1 + math.cos(math.pi * min(1.0, done)))
 
 
 def check_finite(loss: Tensor, **parts: Tensor) -> None:

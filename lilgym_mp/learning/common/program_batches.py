@@ -33,8 +33,7 @@ class ExamplePool:
 
     def __init__(self, examples: Sequence[Example], known: frozenset[str]) -> None:
         self.appearances = {example.appearance for example in examples}
-        self._examples = list(examples)
-        self._pairs: list[Pair | None] = [None] * len(examples)
+        self._examples: list[Example | Pair] = list(examples)
         self._known = known
 
     def __len__(self) -> int:
@@ -44,18 +43,14 @@ class ExamplePool:
         """A random pair. Raises TrainingError when no example has a program the parser can write."""
         while self._examples:
             index = rng.randrange(len(self._examples))
-            pair = self._pairs[index] or self._tokenised(index)
+            found = self._examples[index]
+            pair = found if isinstance(found, Pair) else _pair(found, self._known)
             if pair is not None:
+                self._examples[index] = pair
                 return pair
+            self._examples[index] = self._examples[-1]  # its program has no prefix form or too many tokens
+            del self._examples[-1]
         raise TrainingError("no training data: no statement has a program that the parser can write")
-
-    def _tokenised(self, index: int) -> Pair | None:
-        """The example's pair; None, removing the example, if its program has no prefix form or too many tokens."""
-        pair = self._pairs[index] = _pair(self._examples[index], self._known)
-        if pair is None:
-            self._examples[index], self._pairs[index] = self._examples[-1], self._pairs[-1]
-            del self._examples[-1], self._pairs[-1]
-        return pair
 
 
 def _pair(example: Example, known: Collection[str]) -> Pair | None:
@@ -109,14 +104,12 @@ class ProgramTrainer:
         `done`: the training progress, 0 to 1. `norm`: the largest of the gradient.
         """
         self._done = done
-        for group in self.optimiser.param_groups:
-            group["lr"] = learning_rate
         self.network.train()
         words, tokens, slots = next(self._batches)
         logits = self.network(words, tokens, slots).flatten(0, 1)
         smoothing = self._recipe.smoothing
         loss = functional.cross_entropy(logits, tokens.flatten(), ignore_index=0, label_smoothing=smoothing)
-        optimise(self.optimiser, loss, norm)
+        optimise(self.optimiser, loss, norm, learning_rate)
         return loss.item()
 
     def _sampled(self) -> Iterator[Batch]:

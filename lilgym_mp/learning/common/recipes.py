@@ -8,6 +8,7 @@ from dataclasses import Field, asdict, dataclass, fields
 from typing import Any, ClassVar, Self
 
 from lilgym_mp.envs.config import setting
+from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.options import flag_name
 from lilgym_mp.scene.choices import choose
 
@@ -17,6 +18,7 @@ class Recipe:
 
     __slots__ = ()
     dashes: ClassVar[str] = ""  # before names in errors
+    by_appearance: ClassVar[Mapping[str, Mapping[str, Any]]] = {}  # settings that differ from the fields' defaults
 
     def __post_init__(self) -> None:
         """Raises ValueError naming the first setting out of bounds, its value and its bounds or choices."""
@@ -37,12 +39,10 @@ class Recipe:
 
         Raises ValueError naming the choices, or a setting and its bounds.
         """
-        return cls(**{**cls.defaults(configuration), **changes})
-
-    @classmethod
-    def defaults(cls, configuration: str) -> Mapping[str, Any]:
-        """The settings for a configuration that differ from the fields' defaults."""
-        return {}
+        defaults: Mapping[str, Any] = {}
+        if cls.by_appearance:
+            defaults = cls.by_appearance[choose("configuration", configuration, CONFIGURATIONS)[0]]
+        return cls(**{**defaults, **changes})
 
     def to_json(self) -> dict[str, Any]:
         return asdict(self)  # pyright: ignore[reportArgumentType]

@@ -14,7 +14,7 @@ from threading import current_thread, main_thread
 from typing import Any, ClassVar, NamedTuple, TypedDict
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from lilgym_mp.learning.common.model_file import ModelDescription, save_model, select_device, torch_threads
 from lilgym_mp.learning.common.run_directory import RunDirectory, TrainingRunError, begin_run
@@ -81,6 +81,7 @@ class TrainingRun(ABC):
 
     counters: Counters  # the learner's own
     files: RunDirectory
+    parts: Mapping[str, nn.Module | torch.optim.Optimizer]  # what a checkpoint holds the state of, by name
     saves_agent_early: ClassVar[bool] = False  # also when it is interrupted
     reports_every_step: ClassVar[bool] = False
 
@@ -93,13 +94,14 @@ class TrainingRun(ABC):
         self._start_seconds = cpu_seconds()
         self.stop = StopRequest()
 
-    @abstractmethod
     def state(self) -> dict[str, Any]:
         """The contents of a checkpoint besides the counters."""
+        return {name: part.state_dict() for name, part in self.parts.items()}
 
-    @abstractmethod
     def restore(self, state: dict[str, Any]) -> None:
         """Inverse of `state`; the counters have been restored."""
+        for name, part in self.parts.items():
+            part.load_state_dict(state[name])
 
     @abstractmethod
     def step(self) -> Any:

@@ -6,15 +6,12 @@ statements alone, without planning.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
-from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
-from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,15 +51,10 @@ class ImitationRecipe(Recipe):
     budget: int = setting(20_000, "maximum scenes the expert expands per query", 1)
     held_out: float = setting(0.05, "fraction of training statements held out to tune the stop rule", 0, 0.5)
 
-    @classmethod
-    def defaults(cls, configuration: str) -> Mapping[str, Any]:
-        return _BY_APPEARANCE[choose("configuration", configuration, CONFIGURATIONS)[0]]
-
-
-_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {"solved": 16, "truth_only": 32},
-    "scatter": {"collect_every": 10, "own_states": 0.4, "first_scenes": 2},
-}
+    by_appearance: ClassVar = {
+        "tower": {"solved": 16, "truth_only": 32},
+        "scatter": {"collect_every": 10, "own_states": 0.4, "first_scenes": 2},
+    }
 
 
 _TEACHER = "imitate this reward model's search, from rewards and the rules of editing, instead of the expert"

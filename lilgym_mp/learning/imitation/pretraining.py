@@ -81,15 +81,14 @@ class GeometryPretraining:
 
     def step(self, done: float) -> float:
         """As `TextPretraining.step`."""
-        for group in self._optimiser.param_groups:
-            group["lr"] = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
         self._table.update_features()
         chosen = self._rng.integers(len(self._table), size=BOXES)
         offsets = torch.from_numpy(self._table.offsets[chosen].astype(np.int64)).to(self._device)
         legal = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
         _, logits = self._geometry(self._geometry.item_terms(offsets).sum(1))
         loss = functional.binary_cross_entropy_with_logits(logits, legal)
-        optimise(self._optimiser, loss, math.inf)
+        learning_rate = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
+        optimise(self._optimiser, loss, math.inf, learning_rate)
         return loss.item()
 
 

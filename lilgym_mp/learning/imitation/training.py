@@ -6,7 +6,6 @@ Start reading at `train_imitation`, then `_Run.learn`.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.learning.common.model_file import ModelDescription
-from lilgym_mp.learning.common.optimisation import optimise
+from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import train_tasks
@@ -166,6 +165,7 @@ class _Run(TrainingRun):
         self._optimiser = torch.optim.AdamW(
             network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
+        self.parts = {"network": network, "optimiser": self._optimiser}
         self.load()
 
     def _statements(self, entries: Sequence[DatasetEntry]) -> Iterator[str]:
@@ -200,14 +200,13 @@ class _Run(TrainingRun):
         solvable = [entry for entry in self._entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
         batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
-        for group in self._optimiser.param_groups:
-            group["lr"] = recipe.learning_rate * learning_rate(recipe, done)
         network.train()
         with precision(self.device, reduced=True):
             outputs = network(batch.inputs, batch.targets)
         parts = losses(outputs, batch)
         loss = recipe.truth * parts.truth + parts.actions + recipe.steps * parts.steps + recipe.legal * parts.legal
-        optimise(self._optimiser, loss, recipe.gradient_norm, **parts._asdict())
+        rate = recipe.learning_rate * learning_rate(recipe, done)
+        optimise(self._optimiser, loss, recipe.gradient_norm, rate, **parts._asdict())
         counters.updates += 1
         counters.states += batch.truths.numel()
         right = ((outputs.truth.detach() > 0) == (batch.truths > 0.5)).float().mean()
@@ -292,13 +291,9 @@ class _Run(TrainingRun):
             **losses,
         )
 
-    def state(self) -> dict[str, Any]:
-        """For a checkpoint. The dataset is not part of it: a resumed run collects scenes anew."""
-        return {"network": self._network.state_dict(), "optimiser": self._optimiser.state_dict()}
-
     def restore(self, state: dict[str, Any]) -> None:
-        self._network.load_state_dict(state["network"])
-        self._optimiser.load_state_dict(state["optimiser"])
+        """The dataset is not part of a checkpoint: a resumed run collects scenes anew."""
+        super().restore(state)
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
     def finish(self) -> ImitationAgent:
@@ -336,6 +331,5 @@ class _Run(TrainingRun):
 
 def learning_rate(recipe: ImitationRecipe, done: float) -> float:
     """The learning rate relative to its peak: linear warm-up, then cosine decay."""
-    done = min(1.0, done)
     warm_up = min(1.0, (done + 1e-3) / recipe.warmup) if recipe.warmup else 1.0
-    return warm_up * (LOWEST_RATE + (1 - LOWEST_RATE) * 0.5 * (1 + math.cos(math.pi * done)))
+    return warm_up * cosine_decay(done, LOWEST_RATE)

@@ -23,6 +23,7 @@ from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.learning.common.model_file import ModelDescription
+from lilgym_mp.learning.common.optimisation import cosine_decay
 from lilgym_mp.learning.common.program_batches import FINAL_GENERATED, Example, ExamplePool, ProgramTrainer
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable
@@ -134,6 +135,7 @@ class _Run(TrainingRun):
         self._rng = random.Random(f"batches {recipe.seed}")
         generated = data.generated.sample if len(data.generated) else None
         self._trainer = ProgramTrainer(self._network, recipe, data.corpus.sample, generated, self._indices, self._rng)
+        self.parts = {"network": self._network, "optimiser": self._trainer.optimiser}
         self.load()
 
     def step(self) -> float:
@@ -144,8 +146,7 @@ class _Run(TrainingRun):
 
     def _schedule(self) -> float:
         """The learning rate relative to its peak: linear warm-up times cosine decay."""
-        decay = 0.5 * (1 + math.cos(math.pi * self.progress()))
-        return decay * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
+        return cosine_decay(self.progress()) * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         vocabulary, rng = self._data.vocabulary, self._rng
@@ -159,12 +160,8 @@ class _Run(TrainingRun):
     def progress_line(self, recent: Sequence[float]) -> Progress:
         return Progress(self.counters.updates, sum(recent) / len(recent), self.seconds())
 
-    def state(self) -> dict[str, Any]:
-        return {"network": self._network.state_dict(), "optimiser": self._trainer.optimiser.state_dict()}
-
     def restore(self, state: dict[str, Any]) -> None:
-        self._network.load_state_dict(state["network"])
-        self._trainer.optimiser.load_state_dict(state["optimiser"])
+        super().restore(state)
         self._rng.seed(f"batches {self._recipe.seed} {self.counters.updates}")
 
     def finish(self) -> ParseAndPlanAgent:

@@ -135,6 +135,7 @@ class Run(TrainingRun):
         self._collector = RolloutCollector(settings, recipe, self.tasks)
         self.validation = Validation(settings, recipe, self.tasks.validation, self.files)
         self.curve = LearningCurve(settings, recipe, evaluate_every, self.files) if evaluate_every else None
+        self.parts = {"network": self.model, "optimiser": self._optimiser}
         if not self.load():
             self._collector.reset(self._rng)
 
@@ -233,9 +234,8 @@ class Run(TrainingRun):
 
     def state(self) -> dict[str, Any]:
         return {
-            "network": self.model.state_dict(),
+            **super().state(),
             "best": self.validation.best_weights,
-            "optimiser": self._optimiser.state_dict(),
             "validation": asdict(self.validation.state),
             "evaluated": None if self.curve is None else self.curve.last,
             "episodes": self._collector.to_json(),
@@ -243,8 +243,7 @@ class Run(TrainingRun):
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.model.load_state_dict(state["network"])
-        self._optimiser.load_state_dict(state["optimiser"])
+        super().restore(state)
         self.validation.state = ValidationState(**state["validation"])
         self.validation.best_weights = state["best"]
         if self.curve is not None:

@@ -6,14 +6,11 @@ for a scene where it is sure of the target. One agent plays both starts of an ap
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import ClassVar
 
-from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.learners import Learner
 from lilgym_mp.learning.common.recipes import Recipe, UpdateBudget, setting
-from lilgym_mp.scene.choices import choose
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,15 +38,10 @@ class RewardModelRecipe(Recipe):
     beam: int = setting(16, "scenes kept by the search", 1)
     edit_cost: float = setting(0.003, "probability that an edit less is worth in the choice of a scene", 0, 1)
 
-    @classmethod
-    def defaults(cls, configuration: str) -> Mapping[str, Any]:
-        return _BY_APPEARANCE[choose("configuration", configuration, CONFIGURATIONS)[0]]
-
-
-_BY_APPEARANCE: Mapping[str, Mapping[str, Any]] = {
-    "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
-    "scatter": {"first_stops": 250, "beam": 3},
-}
+    by_appearance: ClassVar = {
+        "tower": {"counts": 0, "first_stops": 150, "dropout": 0.15, "unknown_words": 0.05, "averaged_exchanges": 6},
+        "scatter": {"first_stops": 250, "beam": 3},
+    }
 
 
 @dataclass(frozen=True, slots=True)

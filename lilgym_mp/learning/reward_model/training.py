@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,7 +23,7 @@ from lilgym_mp.learning.common.labelled_scenes import (
     truths_of,
 )
 from lilgym_mp.learning.common.model_file import ModelDescription
-from lilgym_mp.learning.common.optimisation import optimise
+from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
 from lilgym_mp.learning.common.run_directory import TrainingError
 from lilgym_mp.learning.common.tasks import choose_held_out, train_tasks
@@ -43,6 +42,7 @@ SEARCHES_PER_COLLECTION = 4
 SEARCH_AFTER = 0.25  # fraction of the budget after which searched scenes are collected
 HELD_OUT_STOPS = 150  # per held-out statement
 JUDGED = 60  # scenes per held-out statement in a measurement of accuracy
+LOWEST_RATE = 0.02  # the last learning rate relative to the peak
 WARM_UP = 100  # optimiser steps of linear warm-up; cosine decay follows
 
 
@@ -131,6 +131,7 @@ class _Run(TrainingRun):
         self._optimiser = torch.optim.AdamW(
             self._network.parameters(), recipe.learning_rate, weight_decay=recipe.weight_decay, fused=True
         )
+        self.parts = {"network": self._network, "averaged": self._averaged, "optimiser": self._optimiser}
         self.load()
 
     # Training
@@ -152,13 +153,11 @@ class _Run(TrainingRun):
         entries = [self._entries[index] for index in chosen.tolist()]
         indices = [sample_scenes(entry, recipe.scenes, recipe.paired, rng) for entry in entries]
         kinds = [self._random_kind(entry.statement) for entry in entries]
-        for group in self._optimiser.param_groups:
-            group["lr"] = recipe.learning_rate * self._schedule()
         turn, network = self.counters.updates, self._network.train()
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
-        optimise(self._optimiser, loss, 1.0)
+        optimise(self._optimiser, loss, 1.0, recipe.learning_rate * self._schedule())
         self.counters.updates += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
@@ -181,7 +180,7 @@ class _Run(TrainingRun):
     def _schedule(self) -> float:
         """The learning rate relative to its peak."""
         warm_up = min(1.0, (self.counters.updates + 1) / WARM_UP)
-        return warm_up * (0.02 + 0.98 * 0.5 * (1 + math.cos(math.pi * min(1.0, self.progress()))))
+        return warm_up * cosine_decay(self.progress(), LOWEST_RATE)
 
     @torch.inference_mode()
     def _held_out_accuracy(self) -> float | None:
@@ -269,17 +268,10 @@ class _Run(TrainingRun):
 
     def state(self) -> dict[str, Any]:
         """For a checkpoint. The labelled scenes are not part of it: a resumed run collects scenes anew."""
-        return {
-            "network": self._network.state_dict(),
-            "averaged": self._averaged.state_dict(),
-            "optimiser": self._optimiser.state_dict(),
-            "played": [self._collector.stops, self._collector.steps],
-        }
+        return {**super().state(), "played": [self._collector.stops, self._collector.steps]}
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._network.load_state_dict(state["network"])
-        self._averaged.load_state_dict(state["averaged"])
-        self._optimiser.load_state_dict(state["optimiser"])
+        super().restore(state)
         self._collector.stops, self._collector.steps = state["played"]
         self._rng = self._collector.rng = np.random.default_rng([self._seed, self.counters.updates])
 
