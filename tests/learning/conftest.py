@@ -1,14 +1,22 @@
-"""Shared fixtures: one thread for torch, and a small corpus."""
+"""Shared fixtures: one thread for torch, and small corpora; and what tests ask of runs and agents."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
 
+from lilgym_mp.envs.rules import Dynamics, State, Transition
+from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.learning.common.agents import Agent
 from lilgym_mp.learning.common.model_file import load_model
+from lilgym_mp.programs.compiler import Program
+from lilgym_mp.scene import Scene
+from lilgym_mp.scene.actions import Action, Stop
 from tests.corpora import write_own_corpus, write_three_statements
 
 
@@ -30,6 +38,37 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> str:
 def three(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The path of a corpus of three statements."""
     return str(write_three_statements(tmp_path_factory.mktemp("three") / "three.jsonl"))
+
+
+@contextmanager
+def counted_stops() -> Iterator[list[int]]:
+    """The lengths of all episodes that end with a STOP; within the block no program may be evaluated but by them."""
+    lengths: list[int] = []
+    playing = False
+    step, truth = Dynamics.step, Program.__call__
+
+    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
+        nonlocal playing
+        playing = isinstance(action, Stop)
+        lengths.extend([state.steps + 1] * playing)
+        transition = step(dynamics, state, action)
+        playing = False
+        return transition
+
+    def truth_in_play(program: Program, scene: Scene) -> bool:
+        assert playing, "a truth was read outside of a STOP"
+        return truth(program, scene)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Dynamics, "step", counted)
+        patched.setattr(Program, "__call__", truth_in_play)
+        yield lengths
+
+
+def accuracy(agent: Agent, settings: Settings, split: str = "dev", **options: Any) -> float:
+    """The share of successes in one episode of each task of the split."""
+    episodes = evaluate(agent.policy(settings, **options), settings, split)
+    return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
 def weights(run: Path) -> dict[str, torch.Tensor]:

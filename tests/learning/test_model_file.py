@@ -7,6 +7,7 @@ import json
 import pickle
 from importlib.resources import as_file, files
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -112,20 +113,27 @@ def test_load_weights__rejects_other_shapes_and_nan(model: Path):
 
 
 @pytest.mark.parametrize("name", ["parse-and-plan", "imitation-tower"])
-@pytest.mark.parametrize("width", [64, "wide", -8, None])
-def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, width: object, tmp_path: Path):
+@pytest.mark.parametrize("change", [*({"width": width} for width in (64, "wide", -8, None)), {"vocabulary": ["a"]}])
+def test_open_agent__rejects_other_sizes_than_the_tensors(name: str, change: dict[str, Any], tmp_path: Path):
     with as_file(files("lilgym_mp.data") / f"agent-{name}.safetensors") as path:
         description, tensors = load_model(path)
     details = json.loads(json.dumps(description.details))
-    details["network" if "network" in details else "sizes"]["width"] = width
+    details["network" if "network" in details else "sizes"] |= change
     save_model(tmp_path / AGENT_FILE, dataclasses.replace(description, details=details), tensors)
     with pytest.raises(ModelFileError, match=r"description cannot be used|do not match the network"):
         open_agent(tmp_path)
 
 
-def test_open_agent__rejects_unknown_kinds_with_the_choices(model: Path):
-    save_model(model, dataclasses.replace(DESCRIPTION, kind="guessing"), TENSORS)
-    with pytest.raises(ModelFileError, match="unknown kind 'guessing'; known: game, imitation, parse-and-plan, "):
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"kind": "guessing"}, "unknown kind 'guessing'; known: game, imitation, parse-and-plan, "),
+        ({"version": 99}, "a model of kind 'imitation', version 99; must be 'imitation', version 1"),
+    ],
+)
+def test_open_agent__rejects_other_kinds_and_versions(model: Path, changes: dict[str, Any], said: str):
+    save_model(model, dataclasses.replace(DESCRIPTION, **changes), TENSORS)
+    with pytest.raises(ModelFileError, match=said):
         open_agent(model.parent)
 
 

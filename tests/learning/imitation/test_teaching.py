@@ -5,21 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.rules import Dynamics, State, Transition, make_dynamics
-from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.envs.rules import State, make_dynamics
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.imitation.teaching import first_edits
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.learning.reward_model.training import train_reward_model
-from lilgym_mp.programs.compiler import Program
 from lilgym_mp.scene import Colour, Scene
-from lilgym_mp.scene.actions import Action, AddBlock, Stop
+from lilgym_mp.scene.actions import AddBlock
 from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.solver import Solver
+from tests.learning.conftest import accuracy, counted_stops
 from tests.learning.imitation.conftest import small_recipe
 from tests.learning.reward_model import conftest as reward_model
 
@@ -38,28 +37,10 @@ def teacher_of(updates: int, statements: str, out: Path) -> Path:
 @pytest.mark.long
 @pytest.mark.parametrize("own_states", [0.0, 1.0])
 def test_taught_network__solves_three_statements_and_reads_truths_only_from_episodes(
-    statements: str, teacher: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, own_states: float
+    statements: str, teacher: Path, tmp_path: Path, own_states: float
 ):
-    stops: list[int] = []
-    playing = False
-    step, truth = Dynamics.step, Program.__call__
-
-    def counted(dynamics: Dynamics, state: State, action: Action) -> Transition:
-        nonlocal playing
-        playing = isinstance(action, Stop)
-        stops.extend([state.steps + 1] * playing)
-        transition = step(dynamics, state, action)
-        playing = False
-        return transition
-
-    def truth_in_play(program: Program, scene: Scene) -> bool:
-        assert playing, "a truth was read outside of a STOP"
-        return truth(program, scene)
-
     settings = Settings("TowerFlipIt", corpus=statements)
-    with monkeypatch.context() as patched:
-        patched.setattr(Dynamics, "step", counted)
-        patched.setattr(Program, "__call__", truth_in_play)
+    with counted_stops() as stops:
         recipe = small_recipe(settings, own_states=own_states)
         agent = train_imitation(settings, recipe, tmp_path / "run", updates=120, teacher=teacher)
     assert agent.description.supervision.startswith("rewards; ")
@@ -67,9 +48,7 @@ def test_taught_network__solves_three_statements_and_reads_truths_only_from_epis
         assert agent.description.details["stops"] == len(stops)
         assert agent.description.details["steps"] == sum(stops)
     for name in ("TowerFlipIt", "TowerScratch"):
-        played = replace(settings, configuration=name)
-        episodes = evaluate(open_agent(tmp_path / "run").policy(played), played, "dev")
-        assert np.mean([episode.is_success for episode in episodes]) == 1
+        assert accuracy(open_agent(tmp_path / "run"), replace(settings, configuration=name)) == 1
 
 
 @pytest.mark.parametrize("appearance", ["tower", "scatter"])

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import signal
-from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
-import torch
 
-from lilgym_mp.evaluation import CONFIGURATIONS, Settings, evaluate
-from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.model_file import ModelFileError, save_model
+from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
+from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.imitation import training
 from lilgym_mp.learning.imitation.agent import ImitationAgent
@@ -19,14 +17,11 @@ from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.training import train_imitation
 from lilgym_mp.scene import Scene
+from lilgym_mp.scene.render import draw
+from tests.learning.conftest import accuracy, equal
 from tests.learning.imitation.conftest import progress_lines, small_recipe
 
 UPDATES = 110
-
-
-def accuracy(agent: ImitationAgent, settings: Settings) -> float:
-    episodes = evaluate(agent.policy(settings), settings, "dev")
-    return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
 def train(
@@ -94,11 +89,7 @@ def test_training__saved_agent_plays_like_the_trained_one(name: str, statements:
 def test_training__equal_seeds_give_equal_agents(statements: str, tmp_path: Path):
     for place in ("one", "other"):
         train(statements, "TowerScratch", tmp_path / place, updates=6)
-    one, other = (open_agent(tmp_path / place, "cpu") for place in ("one", "other"))
-    assert isinstance(one, ImitationAgent)
-    assert isinstance(other, ImitationAgent)
-    for name, weights in one.network.state_dict().items():
-        assert torch.equal(weights, other.network.state_dict()[name]), name
+    assert equal(tmp_path / "one", tmp_path / "other")
 
 
 def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
@@ -118,24 +109,7 @@ def test_resume__continues_a_killed_run(statements: str, tmp_path: Path):
     assert [line["updates"] for line in progress_lines(tmp_path)] == [1, 20]
 
 
-def test_load__rejects_another_vocabulary_or_version(statements: str, tmp_path: Path):
-    agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
-    path, tensors, details = tmp_path / AGENT_FILE, agent.network.state_dict(), agent.description.details
-    with pytest.raises(AgentError, match="does not play ScatterScratch"):
-        open_agent(path, "cpu").policy(Settings("ScatterScratch", corpus=settings.corpus))
-    smaller = {**details, "network": {**details["network"], "vocabulary": ["a", "blue"]}}
-    for changes, fault in (({"version": 99}, "version 99"), ({"details": smaller}, "do not match the network")):
-        save_model(path, replace(agent.description, **changes), tensors)
-        with pytest.raises(ModelFileError, match=fault):
-            open_agent(path, "cpu")
-
-
 def test_policy__handles_unknown_empty_and_very_long_statements(statements: str, tmp_path: Path):
-    import numpy as np
-
-    from lilgym_mp.evaluation import Observations
-    from lilgym_mp.scene.render import draw
-
     agent, settings = train(statements, "TowerFlipIt", tmp_path, updates=1)
     said = ("", "zxqv", "blue " * 10_000)
     images = np.stack([draw(Scene.empty(), "half")] * 3)

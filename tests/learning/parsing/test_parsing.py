@@ -19,9 +19,8 @@ from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
-from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
+from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.model_file import load_model
 from lilgym_mp.learning.common.planning import PlanPolicy
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import (
@@ -60,14 +59,10 @@ from lilgym_mp.scene import Scene
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 from tests.corpora import write_own_corpus, write_thin_corpus
+from tests.learning.conftest import accuracy, equal
 
 KNOWN = frozenset({*COLOURS, "there", "is", "a", "block", "on", "the", "2", "3", "blocks", "are", "circle", "circles"})
 SMALL = ParserRecipe(updates=30, batch_size=16, width=32, generated=0.5, generated_pairs=100, held_out=5, warm_up=5)
-
-
-@pytest.fixture(autouse=True)
-def _one_thread() -> None:
-    torch.set_num_threads(1)
 
 
 @pytest.fixture(scope="module")
@@ -143,12 +138,8 @@ def test_beam__returns_complete_programs_sorted_by_probability():
     assert scores == sorted(scores, reverse=True)
     for tokens, score in found:
         slots = list(slots_of(tokens))
-        parents, parts = (
-            torch.tensor([[slot.parent for slot in slots]]),
-            torch.tensor([[slot.argument for slot in slots]]),
-        )
+        parents, parts = (torch.tensor([column]) for column in zip(*slots, strict=True))
         logits = network(torch.tensor([words]), torch.tensor([tokens]), Slots(parents, parts))
-        logits[..., 0] += 0.0
         chosen = logits.log_softmax(2)[0].gather(1, torch.tensor(tokens)[:, None]).sum().item()
         assert score == pytest.approx(chosen, abs=1e-4)
 
@@ -175,52 +166,37 @@ def test_parser__drops_ill_typed_programs_that_are_improbable_or_constant(
     assert len(programs_of(right=0.2, odd=0.2, constant=0.6)) == 2
 
 
-def accuracy(run: Path, own: Path) -> float:
-    """Accuracy of the run's agent on the training tasks."""
-    settings = Settings("TowerScratch", corpus=str(own))
-    agent = open_agent(run, "cpu")
-    episodes = evaluate(agent.policy(settings), settings, "train")
-    return sum(episode.is_success for episode in episodes) / len(episodes)
-
-
 LEARNING = dataclasses.replace(SMALL, updates=150, generated=0.0, held_out=0, smoothing=0.0, dropout=0.0)
 
 
-def test_training__solves_a_small_corpus(tmp_path: Path):
-    own = write_own_corpus(tmp_path / "own.jsonl")
-    train_parser(str(own), LEARNING, tmp_path / "run", device="cpu")
-    assert accuracy(tmp_path / "run", own) == 1.0
+def test_training__solves_a_small_corpus(own: str, tmp_path: Path):
+    agent = train_parser(own, LEARNING, tmp_path / "run", device="cpu")
+    assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") == 1.0
 
 
 @pytest.mark.long
 def test_training__does_not_solve_a_small_corpus_with_shuffled_programs(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    own = write_own_corpus(tmp_path / "own.jsonl")
-    examples = training.corpus_examples(str(own))
+    examples = training.corpus_examples(own)
     programs = [example.program for example in examples]
     wrong = [
         example._replace(program=program)
         for example, program in zip(examples, programs[1:] + programs[:1], strict=True)
     ]
     monkeypatch.setattr(training, "corpus_examples", lambda corpus: wrong)
-    train_parser(str(own), LEARNING, tmp_path / "shuffled", device="cpu")
-    assert accuracy(tmp_path / "shuffled", own) < 0.7
+    agent = train_parser(own, LEARNING, tmp_path / "shuffled", device="cpu")
+    assert accuracy(agent, Settings("TowerScratch", corpus=own), "train") < 0.7
 
 
-def test_training__is_reproducible_by_seed(tmp_path: Path):
-    own = write_own_corpus(tmp_path / "own.jsonl")
-    recipe = dataclasses.replace(SMALL, updates=5)
-    files: list[bytes] = []
+def test_training__is_reproducible_by_seed(own: str, tmp_path: Path):
     for name, seed in (("one", 3), ("two", 3), ("three", 4)):
-        train_parser(str(own), dataclasses.replace(recipe, seed=seed), tmp_path / name, device="cpu")
-        _, tensors = load_model(tmp_path / name / AGENT_FILE)
-        files.append(b"".join(tensor.numpy().tobytes() for tensor in tensors.values()))
-    assert files[0] == files[1] != files[2]
+        train_parser(own, dataclasses.replace(SMALL, updates=5, seed=seed), tmp_path / name, device="cpu")
+    assert equal(tmp_path / "one", tmp_path / "two")
+    assert not equal(tmp_path / "one", tmp_path / "three")
 
 
-def test_resume__continues_from_the_last_checkpoint(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    own = write_own_corpus(tmp_path / "own.jsonl")
+def test_resume__continues_from_the_last_checkpoint(own: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     recipe = dataclasses.replace(SMALL, updates=40)
     steps: list[int] = []
 
@@ -232,10 +208,10 @@ def test_resume__continues_from_the_last_checkpoint(tmp_path: Path, monkeypatch:
     monkeypatch.setattr("lilgym_mp.learning.common.run.REPORT_SECONDS", 0.0)
     monkeypatch.setattr("lilgym_mp.learning.common.run.SAVE_SECONDS", 0.0)
     with pytest.raises(KeyboardInterrupt):
-        train_parser(str(own), recipe, tmp_path / "run", on_progress=interrupt, device="cpu")
+        train_parser(own, recipe, tmp_path / "run", on_progress=interrupt, device="cpu")
     assert not (tmp_path / "run" / AGENT_FILE).exists()
     train_parser(
-        str(own), recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
+        own, recipe, tmp_path / "run", resume=True, on_progress=lambda p: steps.append(p.updates), device="cpu"
     )
     assert (steps[0], steps[-1]) == (11, 40)
     assert open_agent(tmp_path / "run", "cpu").description.kind == "parse-and-plan"

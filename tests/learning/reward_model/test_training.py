@@ -10,14 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
-from lilgym_mp.envs.rules import Dynamics, State, Transition
-from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation import Settings
 from lilgym_mp.learning import reward_model
 from lilgym_mp.learning.common.agents import AgentError, open_agent
 from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of
-from lilgym_mp.learning.common.model_file import ModelFileError, load_model, save_model
+from lilgym_mp.learning.common.model_file import ModelFileError, save_model
 from lilgym_mp.learning.common.run_directory import AGENT_FILE, TrainingRunError
 from lilgym_mp.learning.reward_model import training
 from lilgym_mp.learning.reward_model.agent import RewardModelAgent
@@ -25,17 +23,12 @@ from lilgym_mp.learning.reward_model.features import BoxTable
 from lilgym_mp.learning.reward_model.training import train_reward_model
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.scene.actions import Action, Stop
 from lilgym_mp.scene.appearances.tower import tower_tables
 from lilgym_mp.scene.arrays import Float64Array
+from tests.learning.conftest import accuracy, counted_stops, equal
 from tests.learning.reward_model.conftest import small_recipe
 
 UPDATES = 110
-
-
-def accuracy(agent: RewardModelAgent, settings: Settings) -> float:
-    episodes = evaluate(agent.policy(settings), settings, "dev")
-    return sum(episode.is_success for episode in episodes) / len(episodes)
 
 
 def train(
@@ -75,35 +68,11 @@ def labelled_entry(settings: Settings, stops: int = 60) -> tuple[Entry, Collecto
 
 
 @pytest.mark.parametrize("name", ["TowerFlipIt", "ScatterFlipIt"])
-def test_training__reads_truths_only_from_counted_stops(
-    statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
-):
-    stops: list[int] = []
-    playing = False
-    step, solved_by = Dynamics.step, Task.solved_by
-
-    def counted_step(dynamics: Dynamics, state: State, action: Action) -> Transition:
-        nonlocal playing
-        playing = isinstance(action, Stop)
-        if playing:
-            stops.append(state.steps + 1)
-        transition = step(dynamics, state, action)
-        playing = False
-        return transition
-
-    def solved_in_play(task: Task, scene: Scene) -> bool:
-        assert playing, "the truth was asked for outside of a STOP"
-        return solved_by(task, scene)
-
-    def no_truth(task: Task, scene: Scene) -> bool:
-        raise AssertionError("a program was evaluated")
-
+def test_training__reads_truths_only_from_counted_stops(statements: str, tmp_path: Path, name: str):
     settings = Settings(name, corpus=statements)
     settings.make("train")
-    monkeypatch.setattr(Dynamics, "step", counted_step)
-    monkeypatch.setattr(Task, "solved_by", solved_in_play)
-    monkeypatch.setattr(Task, "truth", no_truth)
-    agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=30)
+    with counted_stops() as stops:
+        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=30)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
 
@@ -158,8 +127,7 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
 def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
     for name in ("one", "other"):
         train(statements, "ScatterFlipIt", tmp_path / name, 12, reuse=1, searching=1.0)
-    (_, one), (_, other) = (load_model(tmp_path / name / AGENT_FILE) for name in ("one", "other"))
-    assert all(torch.equal(tensor, other[name]) for name, tensor in one.items())
+    assert equal(tmp_path / "one", tmp_path / "other")
 
 
 def test_training__survives_a_search_that_begins_a_new_box_table(
