@@ -229,10 +229,8 @@ def test_ambiguous_reply__gives_the_default(make: Make, reply: str):
 def test_reply__in_scatter_may_use_words(make: Make, reply: str):
     env = TextObservation(make("ScatterScratch"))
     env.reset(seed=0)
-    index = make_appearance("scatter", RELEASED_GRID).encode(
-        env.unwrapped.dynamics.appearance.decode(env.parse_action(reply).action)  # pyright: ignore[reportAttributeAccessIssue]
-    )
-    assert describe(make_appearance("scatter", RELEASED_GRID).decode(index)) == "ADD(3, 4, CIRCLE, BLUE, SMALL)"
+    found = make_appearance("scatter", RELEASED_GRID).decode(env.parse_action(reply).action)
+    assert describe(found) == "ADD(3, 4, CIRCLE, BLUE, SMALL)"
 
 
 @pytest.mark.parametrize(
