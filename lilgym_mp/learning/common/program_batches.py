@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable, Collection, Iterator, Sequence
+from itertools import islice
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from lilgym_mp.corpus.generator import training_pairs
+from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.learning.common.optimisation import optimise
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes, Slots
 from lilgym_mp.learning.common.program_pairs import Pair, normalise_statement, pair_of, slots_of, varied
 from lilgym_mp.learning.common.recipes import PairRecipe
 from lilgym_mp.learning.common.run_directory import TrainingError
+from lilgym_mp.learning.common.words import pad_rows
 
 FINAL_GENERATED = 1 / 8  # fraction of generated pairs at the last step, relative to the first
 POOL = 16  # batches sampled together and sorted by length
@@ -58,6 +62,15 @@ def _pair(example: Example, known: Collection[str]) -> Pair | None:
     return pair_of(normalised, example.program, most_tokens=Sizes.longest_program)
 
 
+def generated_examples(
+    appearance: str, seed: int, excluded: Collection[str], most: int | None = None
+) -> Iterator[Example]:
+    """The first `most` statements that the generator makes, or infinitely many, without those with excluded digests."""
+    for statement, program in islice(training_pairs(appearance, seed), most):
+        if statement_digest(statement) not in excluded:
+            yield Example(statement, program, appearance)
+
+
 def pairs_of(examples: Iterator[Example], known: Collection[str]) -> Iterator[Pair]:
     """The examples' pairs; those without one are skipped."""
     for example in examples:
@@ -66,14 +79,6 @@ def pairs_of(examples: Iterator[Example], known: Collection[str]) -> Iterator[Pa
 
 
 PairSource = Callable[[random.Random], Pair]
-
-
-class Batch(NamedTuple):
-    """Index tensors, right-padded with 0."""
-
-    words: Tensor  # (B, words)
-    tokens: Tensor  # (B, length)
-    slots: Slots
 
 
 class ProgramTrainer:
@@ -112,8 +117,8 @@ class ProgramTrainer:
         optimise(self.optimiser, loss, norm, learning_rate)
         return loss.item()
 
-    def _sampled(self) -> Iterator[Batch]:
-        """Infinite batches of pairs of similar length; the fraction of generated ones falls linearly."""
+    def _sampled(self) -> Iterator[tuple[Tensor, Tensor, Slots]]:
+        """Infinite `_batch`es of pairs of similar length; the fraction of generated ones falls linearly."""
         recipe, size, rng, generated = self._recipe, self._recipe.batch_size, self._rng, self._generated
         while True:
             fraction = recipe.generated * (1 + (FINAL_GENERATED - 1) * self._done) if generated else 0.0
@@ -125,19 +130,10 @@ class ProgramTrainer:
             yield from (_batch([self._indices(pair) for pair in pairs], self._device) for pairs in batches)
 
 
-def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -> Batch:
-    tokens = [row for _, row in pairs]
-    slots = [list(slots_of(row)) for row in tokens]
-
-    def padded(rows: Sequence[Sequence[int]]) -> Tensor:
-        longest = max(map(len, rows))
-        return torch.tensor([[*row, *[0] * (longest - len(row))] for row in rows], device=device)
-
-    return Batch(
-        padded([words for words, _ in pairs]),
-        padded(tokens),
-        Slots(
-            padded([[slot.parent for slot in row] for row in slots]),
-            padded([[slot.argument for slot in row] for row in slots]),
-        ),
-    )
+def _batch(pairs: Sequence[tuple[list[int], list[int]]], device: torch.device) -> tuple[Tensor, Tensor, Slots]:
+    """(B, words) word indices, (B, length) token indices and the tokens' slots, right-padded with 0."""
+    slots = [list(slots_of(tokens)) for _, tokens in pairs]
+    parents, arguments = ([[slot[field] for slot in row] for row in slots] for field in range(2))
+    columns = [words for words, _ in pairs], [tokens for _, tokens in pairs], parents, arguments
+    words, tokens, *places = (torch.from_numpy(pad_rows(rows)).to(device) for rows in columns)
+    return words, tokens, Slots(*places)

@@ -68,7 +68,7 @@ def exchange_table(vocabulary: Vocabulary, exchanges: Sequence[Mapping[str, str]
     return table
 
 
-def pad_rows(rows: Sequence[Int64Array], min_length: int = 0) -> Int64Array:
+def pad_rows(rows: Sequence[Int64Array | Sequence[int]], min_length: int = 0) -> Int64Array:
     """(B, T) the rows right-padded with PAD to the longest, at least `min_length`."""
     padded = np.full((len(rows), max(min_length, *map(len, rows))), PAD, np.int64)
     for padded_row, row in zip(padded, rows, strict=True):

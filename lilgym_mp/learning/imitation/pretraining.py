@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 import torch
 from torch.nn import functional
 
-from lilgym_mp.corpus.generator import training_pairs
-from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.corpus.tokens import UNKNOWN
 from lilgym_mp.learning.common.optimisation import optimise
-from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, pairs_of
+from lilgym_mp.learning.common.program_batches import Example, ExamplePool, ProgramTrainer, generated_examples, pairs_of
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import COLOURS, TOKENS, Pair, exchanged, tokens_recoloured
 from lilgym_mp.learning.common.recipes import PairRecipe
@@ -90,10 +88,3 @@ class GeometryPretraining:
         learning_rate = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
         optimise(self._optimiser, loss, math.inf, learning_rate)
         return loss.item()
-
-
-def generated_examples(appearance: str, seed: int, excluded: Collection[str]) -> Iterator[Example]:
-    """Infinite generated statements with their programs."""
-    for statement, program in training_pairs(appearance, seed):
-        if statement_digest(statement) not in excluded:
-            yield Example(statement, program, appearance)

@@ -6,17 +6,15 @@ import hashlib
 import math
 import random
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack
 
 import torch
 
 from lilgym_mp.corpus import NoTasksError, load_all_tasks
-from lilgym_mp.corpus.generator import training_pairs
-from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests, statement_digest
+from lilgym_mp.corpus.held_out import digests_sha256, held_out_digests
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.corpus.spelling import plain_words
 from lilgym_mp.envs.rules import Outcome
@@ -24,7 +22,13 @@ from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.evaluation.files import writable_directory
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.optimisation import cosine_decay
-from lilgym_mp.learning.common.program_batches import FINAL_GENERATED, Example, ExamplePool, ProgramTrainer
+from lilgym_mp.learning.common.program_batches import (
+    FINAL_GENERATED,
+    Example,
+    ExamplePool,
+    ProgramTrainer,
+    generated_examples,
+)
 from lilgym_mp.learning.common.program_network import ParserNetwork, Sizes
 from lilgym_mp.learning.common.program_pairs import APPEARANCE_WORDS, COLOURS, TOKENS, Pair, SymbolTable
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
@@ -80,7 +84,12 @@ def load_training_data(corpus: str, recipe: ParserRecipe) -> TrainingData:
     kept = shuffled[len(held_out) :]
     rng = random.Random(f"generated {recipe.seed}")
     excluded = held_out_digests(corpus)
-    generated = list(_generated(recipe, sorted({example.appearance for example in examples}), excluded, rng))
+    needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
+    appearances = sorted({example.appearance for example in examples})
+    most = min(recipe.generated_pairs, needed) // len(appearances)
+    generated: list[Example] = []
+    for appearance in appearances:
+        generated += generated_examples(appearance, rng.getrandbits(32), excluded, most)
     counts = Counter(word for example in (*kept, *generated) for word in plain_words(example.statement))
     known = frozenset([*(word for word, count in counts.items() if count >= MIN_WORD_COUNT), *COLOURS])
     vocabulary = SymbolTable((*sorted({*known, *APPEARANCE_WORDS.values()}), UNKNOWN))
@@ -95,20 +104,6 @@ def corpus_examples(corpus: str) -> list[Example]:
         appearance = tasks.provenance.appearance
         found |= dict.fromkeys(Example(task.statement, task.program, appearance) for task in tasks)
     return list(found)
-
-
-def _generated(
-    recipe: ParserRecipe, appearances: Sequence[str], excluded: Collection[str], rng: random.Random
-) -> Iterator[Example]:
-    needed = int(recipe.generated * (1 + FINAL_GENERATED) / 2 * recipe.updates * recipe.batch_size)
-    count = min(recipe.generated_pairs, needed) // len(appearances)
-    for appearance in appearances:
-        pairs = islice(training_pairs(appearance, rng.getrandbits(32)), count)
-        yield from (
-            Example(pair.statement, pair.program, appearance)
-            for pair in pairs
-            if statement_digest(pair.statement) not in excluded
-        )
 
 
 class _Run(TrainingRun):

@@ -17,6 +17,7 @@ import torch
 
 from lilgym_mp import load_agent
 from lilgym_mp.corpus import write_corpus
+from lilgym_mp.corpus.generator import training_pairs
 from lilgym_mp.corpus.held_out import statement_digest
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings
@@ -218,7 +219,7 @@ def test_resume__continues_from_the_last_checkpoint(own: str, tmp_path: Path, mo
 
 
 def test_training__drops_generated_statements_that_are_held_out(monkeypatch: pytest.MonkeyPatch):
-    first = next(training.training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
+    first = next(training_pairs("scatter", random.Random("generated 0").getrandbits(32)))
     recipe = dataclasses.replace(SMALL, held_out=0)
     before = training.load_training_data("builtin", recipe)
     shipped = training.held_out_digests("builtin")
