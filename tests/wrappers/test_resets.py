@@ -17,34 +17,6 @@ TOWER = "lilgym_mp/TowerFlipIt-v0"
 N = 4
 
 
-def shaped_returns(rewards: np.ndarray, ended: np.ndarray) -> list[float]:
-    """The sums of rewards of episodes, each without the step that only resets."""
-    returns, total = [], 0.0
-    for reward, end in zip(rewards, ended, strict=True):
-        total += reward
-        if end:
-            returns.append(round(total, 6))
-            total = 0.0
-    return returns
-
-
-def expected_returns(seed: int, actions: list[int]) -> list[float]:
-    """The returns of the same actions with a reset by hand after every episode."""
-    env = PotentialShaping(gym.make(TOWER))
-    env.reset(seed=seed)
-    rewards, ends, resets = [], [], False
-    for action in actions:
-        if resets:
-            env.reset()
-            resets = False
-            continue
-        _, reward, terminated, truncated, _ = env.step(action)
-        rewards.append(reward)
-        ends.append(terminated or truncated)
-        resets = ends[-1]
-    return shaped_returns(np.array(rewards), np.array(ends))
-
-
 class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
     """Resets in the step that ends an episode, as some wrappers of other libraries do."""
 
@@ -55,33 +27,24 @@ class ResetAtOnce(gym.Wrapper[Any, Any, Any, Any]):
         return observation, reward, terminated, truncated, info
 
 
-def test_shaping__leaves_steps_alone_that_only_reset() -> None:
-    actions = np.random.default_rng(0).integers(13, size=60).tolist()
-    env = PotentialShaping(Autoreset(gym.make(TOWER)))
-    env.reset(seed=2)
-    rewards, ends, was_over = [], [], False
-    for action in actions:
-        _, reward, terminated, truncated, info = env.step(action)
+@pytest.mark.parametrize("resetting", [Autoreset, ResetAtOnce])
+def test_shaping__around_a_wrapper_that_resets_is_as_with_resets_by_hand(resetting: Any) -> None:
+    by_hand, env = PotentialShaping(gym.make(TOWER)), PotentialShaping(resetting(gym.make(TOWER)))
+    for each in (by_hand, env):
+        each.reset(seed=2)
+    was_over = False
+    for action in np.random.default_rng(0).integers(13, size=60).tolist():
+        _, reward, _, _, info = env.step(action)
         if was_over:
+            by_hand.reset()
+        if was_over and resetting is Autoreset:  # a step that only resets
             assert reward == 0
             assert "unshaped_reward" not in info
+            was_over = False
         else:
-            rewards.append(reward)
-            ends.append(terminated or truncated)
-        was_over = terminated or truncated
-    assert shaped_returns(np.array(rewards), np.array(ends)) == expected_returns(2, actions)
-
-
-def test_shaping__starts_anew_when_a_wrapper_resets_at_once() -> None:
-    actions = np.random.default_rng(0).integers(13, size=60).tolist()
-    by_hand, env = PotentialShaping(gym.make(TOWER)), PotentialShaping(ResetAtOnce(gym.make(TOWER)))
-    by_hand.reset(seed=2)
-    env.reset(seed=2)
-    for action in actions:
-        _, reward, terminated, truncated, _ = by_hand.step(action)
-        if terminated or truncated:
-            by_hand.reset()
-        assert env.step(action)[1] == pytest.approx(reward)
+            _, expected, terminated, truncated, _ = by_hand.step(action)
+            assert reward == pytest.approx(expected)
+            was_over = terminated or truncated
 
 
 def test_forcing__forces_nothing_in_steps_that_only_reset() -> None:
