@@ -1,4 +1,4 @@
-"""The files of a training run: a full disk, and checkpoints that are not ours."""
+"""Training runs: stop signals, a full disk, and checkpoints that are not ours."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ import pytest
 import torch
 
 from lilgym_mp.cli import FAILED, main
+from lilgym_mp.learning.common.run import stop_on_signals
 from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, TrainingRunError, begin_run
 
 
@@ -81,3 +82,26 @@ def test_checkpoint__damage_of_any_kind_is_one_error(tmp_path: Path):
         with suppress(TrainingRunError), run.checkpoint():  # any other error fails the test
             loaded += 1
     assert loaded < 300
+
+
+@pytest.mark.parametrize("first", [signal.SIGINT, signal.SIGTERM])
+def test_stop__first_signal_requests_and_second_ctrl_c_interrupts(first: signal.Signals):
+    with stop_on_signals() as stop:
+        signal.raise_signal(first)
+        assert stop.requested
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_stop__several_sigterms_are_one_request():
+    with stop_on_signals() as stop:
+        for _ in range(3):
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.requested
+
+
+def test_stop__restores_the_previous_handlers():
+    before = signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)
+    with stop_on_signals():
+        assert signal.getsignal(signal.SIGTERM) is not before[1]
+    assert (signal.getsignal(signal.SIGINT), signal.getsignal(signal.SIGTERM)) == before

@@ -135,13 +135,11 @@ class _Run(TrainingRun):
 
     def step(self) -> float:
         """One optimiser step; returns the loss. Raises TrainingError."""
-        loss = self._trainer.step(self.progress(), self._recipe.learning_rate * self._schedule())
-        self.counters.updates += 1
+        done, counters = self.progress(), self.counters
+        relative_rate = cosine_decay(done) * min(1.0, (counters.updates + 1) / self._recipe.warm_up)
+        loss = self._trainer.step(done, self._recipe.learning_rate * relative_rate)
+        counters.updates += 1
         return loss
-
-    def _schedule(self) -> float:
-        """The learning rate relative to its peak: linear warm-up times cosine decay."""
-        return cosine_decay(self.progress()) * min(1.0, (self.counters.updates + 1) / self._recipe.warm_up)
 
     def _indices(self, pair: Pair) -> tuple[list[int], list[int]]:
         vocabulary, rng = self._data.vocabulary, self._rng

@@ -142,7 +142,7 @@ class _Run(TrainingRun):
         self.optimise()
 
     def step(self) -> tuple[float, float]:
-        if self._is_collection_due():
+        if self._collector.stops * self._recipe.reuse < self.counters.labels:
             self._collect_more()
         return self._step()
 
@@ -157,7 +157,8 @@ class _Run(TrainingRun):
         columns = self._reader.statements([entry.statement for entry in entries], kinds, recipe.unknown_words, rng)
         logits, truths = self._judged(network, columns, entries, indices)
         loss = F.binary_cross_entropy_with_logits(logits, truths)
-        optimise(self._optimiser, loss, 1.0, recipe.learning_rate * self._schedule())
+        relative_rate = min(1.0, (turn + 1) / WARM_UP) * cosine_decay(self.progress(), LOWEST_RATE)
+        optimise(self._optimiser, loss, 1.0, recipe.learning_rate * relative_rate)
         self.counters.updates += 1
         self.counters.labels += truths.numel()
         decay = min(recipe.averaging, (2 + turn) / (11 + turn))
@@ -176,11 +177,6 @@ class _Run(TrainingRun):
         features, local = self._reader.scenes(scenes)
         logits = network(network.read(*columns), features, local)
         return logits, torch.from_numpy(truths.astype(np.float32)).to(self.device)
-
-    def _schedule(self) -> float:
-        """The learning rate relative to its peak."""
-        warm_up = min(1.0, (self.counters.updates + 1) / WARM_UP)
-        return warm_up * cosine_decay(self.progress(), LOWEST_RATE)
 
     @torch.inference_mode()
     def _held_out_accuracy(self) -> float | None:
@@ -203,9 +199,6 @@ class _Run(TrainingRun):
             self._collector.explore(entry, min(HELD_OUT_STOPS, 3 * self._recipe.first_stops))
         if not any(entry.pairs for entry in self._entries):
             raise TrainingError("nothing to learn: no edit changed the reward of a STOP")
-
-    def _is_collection_due(self) -> bool:
-        return self._collector.stops * self._recipe.reuse < self.counters.labels
 
     def _collect_more(self) -> None:
         rng, recipe = self._rng, self._recipe
