@@ -38,11 +38,10 @@ from lilgym_mp.learning.imitation.agent import (
     precision,
     tune_stop_rule,
 )
-from lilgym_mp.learning.imitation.batches import BatchSampler
+from lilgym_mp.learning.imitation.batches import BatchSampler, losses
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from lilgym_mp.learning.imitation.losses import losses
 from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.scene import Scene

@@ -8,7 +8,7 @@ import torch
 
 from lilgym_mp.learning.imitation.action_heads import action_heads
 from lilgym_mp.learning.imitation.agent import log_policy
-from lilgym_mp.learning.imitation.losses import set_log_probabilities
+from lilgym_mp.learning.imitation.batches import set_log_probabilities
 from lilgym_mp.learning.imitation.network import MAX_STEPS, Outputs
 from lilgym_mp.scene.appearances import Scatter, Tower
 
