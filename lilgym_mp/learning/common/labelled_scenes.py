@@ -21,7 +21,7 @@ from lilgym_mp.scene import (
 )
 from lilgym_mp.scene.actions import STOP, Action, AddItem, RemoveItem
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
-from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
+from lilgym_mp.scene.arrays import Float64Array, Int64Array
 
 Rng = np.random.Generator
 Boxes = tuple[int, int, int]  # a scene as indices in the box table
@@ -238,7 +238,3 @@ def _recent(length: int, count: int, rng: Rng) -> Int64Array:
     """Indices drawn at random, half of them from the latest quarter."""
     first = np.where(rng.random(count) < 0.5, length - max(1, length // 4), 0)
     return first + (rng.random(count) * (length - first)).astype(np.int64)
-
-
-def truths_of(entry: Entry, indices: Int64Array) -> BoolArray:
-    return np.array([entry.known[index].truth for index in indices.tolist()])

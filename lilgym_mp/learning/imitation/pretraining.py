@@ -69,22 +69,18 @@ class TextPretraining:
         return words or [UNKNOWN], [TOKENS.index(token) for token in tokens_recoloured(pair.tokens, exchange)]
 
 
-class GeometryPretraining:
-    """Trains `CellGeometry` to predict the legal edits of the boxes collected so far."""
-
-    def __init__(self, geometry: CellGeometry, table: BoxFeatureTable, warmup: float, rng: np.random.Generator) -> None:
-        self._geometry, self._table, self._warmup, self._rng = geometry, table, warmup, rng
-        self._device = geometry.cells.device
-        self._optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)
-
-    def step(self, done: float) -> float:
-        """As `TextPretraining.step`."""
-        self._table.update_features()
-        chosen = self._rng.integers(len(self._table), size=BOXES)
-        offsets = torch.from_numpy(self._table.offsets[chosen].astype(np.int64)).to(self._device)
-        legal = torch.from_numpy(self._table.legal[chosen].astype(np.float32)).to(self._device)
-        _, logits = self._geometry(self._geometry.item_terms(offsets).sum(1))
+def pretrain_geometry(
+    geometry: CellGeometry, table: BoxFeatureTable, updates: int, warmup: float, rng: np.random.Generator
+) -> None:
+    """Trains it to predict the legal edits of the boxes collected so far. Raises TrainingError."""
+    device = geometry.cells.device
+    optimiser = torch.optim.AdamW(geometry.parameters(), GEOMETRY_LEARNING_RATE, weight_decay=0.0, fused=True)
+    table.update_features()
+    for done in (update / updates for update in range(updates)):
+        chosen = rng.integers(len(table), size=BOXES)
+        offsets = torch.from_numpy(table.offsets[chosen].astype(np.int64)).to(device)
+        legal = torch.from_numpy(table.legal[chosen].astype(np.float32)).to(device)
+        _, logits = geometry(geometry.item_terms(offsets).sum(1))
         loss = functional.binary_cross_entropy_with_logits(logits, legal)
-        learning_rate = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / self._warmup) * (1 - done)
-        optimise(self._optimiser, loss, math.inf, learning_rate)
-        return loss.item()
+        learning_rate = GEOMETRY_LEARNING_RATE * min(1.0, (done + 1e-3) / warmup) * (1 - done)
+        optimise(optimiser, loss, math.inf, learning_rate)

@@ -42,7 +42,7 @@ from lilgym_mp.learning.imitation.batches import BatchSampler, losses
 from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry, entries_from_tasks, split_held_out
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
-from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
+from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_geometry
 from lilgym_mp.learning.imitation.teaching import TaughtCollector, open_teacher
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.appearances import make_appearance
@@ -188,14 +188,10 @@ class _Run(TrainingRun):
         self.optimise()
 
     def step(self) -> StepResult:
-        counters, done = self.counters, self.progress()
-        if counters.updates % self._recipe.collect_every == 0:
-            self._collect_more(done)
-        return self._step((self.progress() - counters.begun_at) / (1 - counters.begun_at))
-
-    def _step(self, done: float) -> StepResult:
-        """One optimiser step at a training progress `done` since pretraining, 0 to 1. Raises TrainingError."""
         recipe, network, counters = self._recipe, self._network, self.counters
+        if counters.updates % recipe.collect_every == 0:
+            self._collect_more(self.progress())
+        done = (self.progress() - counters.begun_at) / (1 - counters.begun_at)  # since pretraining
         solvable = [entry for entry in self._entries if entry.with_actions]
         entries = self._sample(solvable, recipe.statements)
         batch = self._batches.batch(entries, recipe.solved, recipe.truth_only, self._rng)
@@ -247,11 +243,8 @@ class _Run(TrainingRun):
 
     def _pretrain_geometry(self) -> None:
         heads, updates = self._network.scatter, GEOMETRY_UPDATES * self.counters.updates
-        if heads is None or not updates:
-            return
-        geometry = GeometryPretraining(heads.geometry, self._policy.table, self._recipe.warmup, self._rng)
-        for update in range(updates):
-            geometry.step(update / updates)
+        if heads is not None and updates:
+            pretrain_geometry(heads.geometry, self._policy.table, updates, self._recipe.warmup, self._rng)
 
     def _pretrain_text(self) -> None:
         fraction = self._recipe.pretraining

@@ -15,13 +15,7 @@ from torch import Tensor
 from torch.optim.swa_utils import get_ema_multi_avg_fn
 
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.learning.common.labelled_scenes import (
-    Collector,
-    Entry,
-    entries_of,
-    sample_scenes,
-    truths_of,
-)
+from lilgym_mp.learning.common.labelled_scenes import Collector, Entry, entries_of, sample_scenes
 from lilgym_mp.learning.common.model_file import ModelDescription
 from lilgym_mp.learning.common.optimisation import cosine_decay, optimise
 from lilgym_mp.learning.common.run import Budget, Counters, Session, TrainingRun
@@ -170,13 +164,12 @@ class _Run(TrainingRun):
         self, network: ModulatedNetwork, columns: Columns, entries: Sequence[Entry], indices: Sequence[Int64Array]
     ) -> tuple[Tensor, Tensor]:
         """(S, N) logits, and truths 0.0 or 1.0, of these scenes of the entries."""
-        scenes = np.array(
-            [[entry.scenes[at] for at in row.tolist()] for entry, row in zip(entries, indices, strict=True)]
-        )
-        truths = np.stack([truths_of(entry, row) for entry, row in zip(entries, indices, strict=True)])
+        rows = [(entry, row.tolist()) for entry, row in zip(entries, indices, strict=True)]
+        scenes = np.array([[entry.scenes[at] for at in row] for entry, row in rows])
+        truths = np.array([[entry.known[at].truth for at in row] for entry, row in rows], np.float32)
         features, local = self._reader.scenes(scenes)
         logits = network(network.read(*columns), features, local)
-        return logits, torch.from_numpy(truths.astype(np.float32)).to(self.device)
+        return logits, torch.from_numpy(truths).to(self.device)
 
     @torch.inference_mode()
     def _held_out_accuracy(self) -> float | None:

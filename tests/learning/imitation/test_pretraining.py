@@ -15,7 +15,7 @@ from lilgym_mp.learning.imitation.box_features import BoxFeatureTable
 from lilgym_mp.learning.imitation.dataset import DataCollector, entries_from_tasks
 from lilgym_mp.learning.imitation.learner import ImitationRecipe
 from lilgym_mp.learning.imitation.network import CellGeometry, ImitationNetwork
-from lilgym_mp.learning.imitation.pretraining import GeometryPretraining, TextPretraining
+from lilgym_mp.learning.imitation.pretraining import TextPretraining, pretrain_geometry
 from lilgym_mp.scene.appearances import make_appearance
 
 
@@ -44,12 +44,9 @@ def test_geometry_pretraining__learns_legal_edits():
         for _ in range(3):
             table.indices([scene])
             scene = collector.edited(scene)
-    table.update_features()
     torch.manual_seed(0)
     geometry = CellGeometry()
-    pretraining = GeometryPretraining(geometry, table, 0.03, rng)
-    for step in range(300):
-        pretraining.step(step / 300)
+    pretrain_geometry(geometry, table, 300, 0.03, rng)
     with torch.no_grad():
         offsets = torch.from_numpy(table.offsets.astype(np.int64))
         predicted = geometry(geometry.item_terms(offsets).sum(1))[1].numpy() > 0
