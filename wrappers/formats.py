@@ -52,8 +52,8 @@ class Items(SceneFormat):
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
         low = [-MARGIN, -MARGIN, EMPTY, EMPTY, EMPTY]
         high = [BOX_SIDE + MARGIN, BOX_SIDE + MARGIN, max(Shape), max(Colour), max(Size)]
-        bounds = (np.broadcast_to(np.array(each, np.int16), (*self._shape, len(each))) for each in (low, high))
-        return {ITEMS: spaces.Box(*bounds, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
+        lows, highs = (np.broadcast_to(np.array(each, np.int16), (*self._shape, len(each))) for each in (low, high))
+        return {ITEMS: spaces.Box(lows, highs, dtype=np.int16), PRESENT: spaces.Box(0, 1, self._shape, np.int8)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         items = state.items
@@ -171,8 +171,8 @@ class Channels(Format):
     """Moves the image's last axis to the front."""
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        *size, channels = self.env_description.part(IMAGE).shape or ()
-        return {IMAGE: spaces.Box(0, 255, (channels, *size), np.uint8)}
+        shape = self.env_description.part(IMAGE).shape or ()
+        return {IMAGE: spaces.Box(0, 255, (shape[-1], *shape[:-1]), np.uint8)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
         return {IMAGE: np.moveaxis(observations[IMAGE], -1, 1)}
