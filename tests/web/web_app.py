@@ -45,4 +45,4 @@ def server(directory: Path, **options: Any) -> Iterator[Any]:
         try:
             yield app
         finally:
-            app.state.services.close()
+            app.state.services.runs.close()

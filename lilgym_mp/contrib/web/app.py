@@ -25,7 +25,7 @@ def create_app(options: ServeOptions) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
         yield
-        services.close()
+        services.runs.close()
 
     app = FastAPI(
         title="lilgym-mp",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from itertools import product
@@ -13,7 +14,7 @@ from fastapi import Depends, Request
 from lilgym_mp.contrib.web.database import Database
 from lilgym_mp.contrib.web.live_games import LiveGames
 from lilgym_mp.contrib.web.runs import Runs
-from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks, load_tasks
+from lilgym_mp.corpus import NoTasksError, TaskSet, load_all_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.solver import Solver
@@ -32,49 +33,39 @@ class ServeOptions:
     hosts: tuple[str, ...] | None = (*LOOPBACK_HOSTS, "testserver")  # accepted Host headers; None: any
 
 
-class Catalogue:
-    """Loads tasks, dynamics and solvers of the served corpus on first use.
+class AppServices:
+    """The corpus, database, runs and games of one server; tasks, dynamics and solvers are loaded on first use.
 
     `dynamics(configuration)` and `solver(configuration)` raise ValueError for unknown names; the latter raises
     UnsupportedAppearance.
     """
 
-    def __init__(self, corpus: str) -> None:
-        """Raises CorpusError if there is no such corpus or it has no tasks."""
-        self.corpus = corpus
-        next(load_all_tasks(corpus))
-        self.dynamics = cache(lambda configuration: Settings(configuration, corpus).dynamics())
+    def __init__(self, options: ServeOptions) -> None:
+        """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus or one without tasks."""
+        self.corpus = options.corpus
+        next(load_all_tasks(self.corpus))
+        self.database = Database(options.database)
+        self.runs = Runs(options.runs)
+        self.games = LiveGames()
+        self.dynamics = cache(lambda configuration: self.settings(configuration).dynamics())
         self.solver = cache(lambda configuration: Solver(self.dynamics(configuration)))
+
+    def settings(self, configuration: str) -> Settings:
+        """The environment, with the served corpus. Raises ValueError for an unknown name."""
+        return Settings(configuration, self.corpus)
 
     def tasks(self, configuration: str, split: str) -> TaskSet:
         """Raises ValueError for unknown names, NoTasksError if there are no such tasks, CorpusError for bad data."""
-        settings = Settings(configuration, self.corpus)
-        return load_tasks(self.corpus, settings.appearance, settings.start, split)
+        return self.settings(configuration).tasks(split)
 
     def sizes(self) -> dict[str, dict[str, int]]:
         """The number of tasks by configuration and split; empty ones are left out."""
         sizes: dict[str, dict[str, int]] = {}
         for configuration, split in product(CONFIGURATIONS, SPLITS):
-            try:
-                sizes.setdefault(configuration, {})[split] = len(self.tasks(configuration, split))
-            except NoTasksError:
-                continue
-        return {configuration: splits for configuration, splits in sizes.items() if splits}
-
-
-class AppServices:
-    """Options, database and caches of one server."""
-
-    def __init__(self, options: ServeOptions) -> None:
-        """Raises DatabaseError for an unusable database, CorpusError if the corpus cannot be loaded."""
-        self.options = options
-        self.database = Database(options.database)
-        self.catalogue = Catalogue(options.corpus)
-        self.runs = Runs(options.runs)
-        self.games = LiveGames()
-
-    def close(self) -> None:
-        self.runs.close()
+            with suppress(NoTasksError):
+                count = len(self.tasks(configuration, split))
+                sizes.setdefault(configuration, {})[split] = count
+        return sizes
 
 
 async def get_services(request: Request) -> AppServices:  # async: FastAPI runs sync dependencies in the thread pool

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,9 +17,10 @@ from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.evaluation.decisions import action_cells
+from lilgym_mp.evaluation.episodes import scenes
 from lilgym_mp.programs.tracing import BOX_TITLES, cell_text, trace
 from lilgym_mp.scene import BOX_PITCH, Item, Scene
-from lilgym_mp.scene.actions import ActionType, describe
+from lilgym_mp.scene.actions import Action, ActionType, describe
 from lilgym_mp.scene.appearances import APPEARANCES
 from lilgym_mp.scene.render.frames import smooth_picture
 
@@ -84,6 +86,13 @@ def scene_body(scene: Scene) -> JSON:
         "items": items,
         "description": "; ".join(boxes),
     }
+
+
+def steps_body(dynamics: Dynamics, start: Scene, actions: Sequence[Action]) -> list[JSON]:
+    """The actions, each with the scene after it."""
+    _, *visited = scenes(dynamics, start, actions)
+    pairs = zip(actions, visited, strict=True)
+    return [{"action": describe(action), "scene": scene_body(scene)} for action, scene in pairs]
 
 
 def _item_body(box: int, index: int, item: Item) -> JSON:

@@ -94,9 +94,8 @@ class Database:
 
 def save_episode(connection: sqlite3.Connection, episode: PlayedEpisode) -> None:
     """Adds the episode, or replaces that with its id."""
-    _insert(
-        connection, "played_episodes", {**asdict(episode), "actions": json.dumps(episode.actions), "changed": now()}
-    )
+    row = {**asdict(episode), "actions": json.dumps(episode.actions), "changed": now()}
+    save_row(connection, "played_episodes", row)
 
 
 def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) -> PlayedEpisode | None:
@@ -110,12 +109,8 @@ def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) 
     return PlayedEpisode(**{**dict(found), **flags, "actions": json.loads(found["actions"])})
 
 
-def save_annotation(connection: sqlite3.Connection, annotation: Mapping[str, Any]) -> None:
-    """Adds a program that somebody submitted for a statement; `created` is set here, the other columns are given."""
-    _insert(connection, "annotations", {**annotation, "created": now()})
-
-
-def _insert(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
+def save_row(connection: sqlite3.Connection, table: str, row: Mapping[str, Any]) -> None:
+    """Adds the row, or replaces that with its id."""
     values = ", ".join(f":{name}" for name in row)
     connection.execute(f"INSERT OR REPLACE INTO {table} ({', '.join(row)}) VALUES ({values})", row)
 

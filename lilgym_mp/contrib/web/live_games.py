@@ -8,8 +8,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from fastapi import HTTPException
 
-from lilgym_mp.contrib.web.responses import http_error
 from lilgym_mp.envs.proposer_verifier import Partner, PartnerError, PartnerTurn, Role
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action
@@ -27,7 +27,6 @@ class LiveGame:
     """
 
     visitor: str  # who started it
-    configuration: str
     engine: GameEngine
     partners: tuple[Partner | None, Partner | None]  # None: a person
     opposite: tuple[str, str]  # name of the other seat's player
@@ -60,7 +59,7 @@ class LiveGame:
                 self.chosen = [None, None]
                 self.rewards = [total + reward for total, reward in zip(self.rewards, result.rewards, strict=True)]
         except (PartnerError, ValueError) as fault:
-            raise http_error(422, f"the partner cannot play this game: {fault}") from None
+            raise HTTPException(422, f"the partner cannot play this game: {fault}") from None
 
     def _choose(self, role: Role) -> int | None:
         """The role's action in this turn, asking its partner if necessary; None if a person has yet to choose."""
@@ -94,7 +93,7 @@ class LiveGames:
         """The game and role of a seat. Responds with 404 for an unknown key."""
         with self._lock:
             if key not in self._seats:
-                raise http_error(404, "there is no such seat: its game is too old, or the server was restarted")
+                raise HTTPException(404, "there is no such seat: its game is too old, or the server was restarted")
             game = self._seats[key][0]
             self.games[game] = self.games.pop(game)
             return self._seats[key]

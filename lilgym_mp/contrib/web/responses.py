@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import logging
 import sqlite3
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from http import HTTPStatus
+from threading import Lock
 from typing import Any
 
 from fastapi import FastAPI, HTTPException, Request, Response
@@ -55,9 +58,26 @@ def render_page(request: Request, template: str, status_code: int = 200, **value
     return HTMLResponse(text, status_code, headers={"Cache-Control": "no-store"})
 
 
-def http_error(status: int, message: str) -> HTTPException:
-    """Exception to raise in a route to respond with this error."""
-    return HTTPException(status, message)
+@contextmanager
+def refusing(status: int = 422) -> Iterator[None]:
+    """Responds to a ValueError in the block with the status and its message; a CorpusError has its own status."""
+    try:
+        yield
+    except CorpusError:
+        raise
+    except ValueError as fault:
+        raise HTTPException(status, str(fault)) from None
+
+
+@contextmanager
+def in_turn(lock: Lock, seconds: float, busy: str) -> Iterator[None]:
+    """Holds the lock during the block. Responds with 503 if others hold it for longer than these seconds."""
+    if not lock.acquire(timeout=seconds):
+        raise HTTPException(503, f"{busy}; try again in a moment")
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def error_response(request: Request, status: int, message: str) -> Response:

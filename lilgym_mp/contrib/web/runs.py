@@ -15,7 +15,9 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-from lilgym_mp.contrib.web.responses import http_error
+from fastapi import HTTPException
+
+from lilgym_mp.contrib.web.responses import refusing
 from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
@@ -27,7 +29,6 @@ if TYPE_CHECKING:
     from lilgym_mp.learning.common.agents import Agent
 
 MAX_FILES = 2_000  # listed per kind
-MAX_BYTES = 64 << 20  # compressed size of a recording
 RECORDING_CACHE_SIZE = 6
 AGENT_CACHE_SIZE = 8
 SHIPPED_PREFIX, RUN_PREFIX = "agent:", "run:"  # followed by the agent's name, or by the run's id
@@ -74,14 +75,11 @@ class Runs:
         """The recording with that id. Responds with 404 if there is none, 422 if it is unreadable."""
         file = self._find(f"*{SUFFIX}").get(recording_id)
         if file is None:
-            raise http_error(404, "there is no such recording; it may have been moved: reload the list")
-        if file.stamp[1] > MAX_BYTES:
-            size = f"larger than {MAX_BYTES >> 20} MiB; record fewer episodes per file"
-            raise http_error(422, f"{file.name} is {size}")
+            raise HTTPException(404, "there is no such recording; it may have been moved: reload the list")
         try:
             return _read(file)
         except EpisodesError as fault:
-            raise http_error(422, _without_path(fault, file)) from None
+            raise HTTPException(422, _without_path(fault, file)) from None
 
     def agents(self) -> dict[str, str]:
         """Names of agents to display, by form value."""
@@ -97,24 +95,20 @@ class Runs:
         agent = self.agent(name)
         own = agent.game
         if own is None:
-            try:
+            with refusing():
                 return AgentPartner(agent.policy(settings))
-            except ValueError as fault:
-                raise http_error(422, str(fault)) from None
         partner = agent.partner(role, own)
         if (own.appearance, own.protocol) != (settings.appearance, protocol) or partner is None:
             plays = f"{own.appearance} under the protocol {own.protocol}"
-            raise http_error(422, f"this agent plays {plays}; choose that, and a side that it has learned")
+            raise HTTPException(422, f"this agent plays {plays}; choose that, and a side that it has learned")
         return partner
 
     def agent(self, name: str) -> Agent:
         """Responds with 404 if there is no such agent, 422 if its file cannot be read."""
         if name not in self.agents():
-            raise http_error(404, "there is no such agent; reload the page to see the current ones")
-        try:
+            raise HTTPException(404, "there is no such agent; reload the page to see the current ones")
+        with refusing():
             return self._agent(name)
-        except ValueError as fault:
-            raise http_error(422, str(fault)) from None
 
     def _load(self, name: str) -> Agent:
         from lilgym_mp.learning.common.agents import load_agent, open_agent

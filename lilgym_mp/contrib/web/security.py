@@ -6,7 +6,6 @@ import hashlib
 import hmac
 import re
 import secrets
-from dataclasses import dataclass
 from typing import Annotated
 from urllib.parse import SplitResult, urlencode, urlsplit
 
@@ -37,23 +36,17 @@ SECURITY_HEADERS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class Visitor:
-    """A browser. Its id is known to it and the server alone."""
-
-    id: str
-
-
 def proof_of(token: str) -> str:
     """A value that proves knowledge of the token without giving it away."""
     return hashlib.sha256(f"lilgym-mp token:{token}".encode()).hexdigest()
 
 
-async def get_visitor(request: Request) -> Visitor:
+async def get_visitor(request: Request) -> str:
+    """The id of a browser, known to it and the server alone."""
     return request.scope["visitor"]
 
 
-CurrentVisitor = Annotated[Visitor, Depends(get_visitor)]
+CurrentVisitor = Annotated[str, Depends(get_visitor)]
 
 
 class Guard:
@@ -74,7 +67,7 @@ class Guard:
         request = Request(scope)
         cookie = request.cookies.get(VISITOR_COOKIE, "")
         is_new = _VISITOR_ID.fullmatch(cookie) is None
-        visitor = scope["visitor"] = Visitor(secrets.token_urlsafe(32) if is_new else cookie)
+        visitor = scope["visitor"] = secrets.token_urlsafe(32) if is_new else cookie
 
         async def send_with_headers(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -82,12 +75,11 @@ class Guard:
                 for name, value in SECURITY_HEADERS.items():
                     headers.setdefault(name, value)
                 if is_new and message["status"] < 400 and not scope["path"].startswith(PUBLIC_PATHS):
-                    headers.append("Set-Cookie", f"{VISITOR_COOKIE}={visitor.id}{COOKIE_ATTRIBUTES}")
+                    headers.append("Set-Cookie", f"{VISITOR_COOKIE}={visitor}{COOKIE_ATTRIBUTES}")
             await send(message)
 
         try:
             self._check_host(request.headers)
-            receive_limited = _limited(receive, request.headers)
             response = self._check_token(request)
             if request.method not in SAFE_METHODS:
                 _check_origin(request.headers)
@@ -96,7 +88,7 @@ class Guard:
             response.headers.update(refusal.headers or {})
         else:
             if response is None:
-                await self.app(scope, receive_limited, send_with_headers)
+                await self.app(scope, _limited(receive), send_with_headers)
                 return
         await response(scope, receive, send_with_headers)
 
@@ -135,14 +127,8 @@ def _check_origin(headers: Headers) -> None:
         raise HTTPException(403, "this request was not sent from a page of this server")
 
 
-def _limited(receive: Receive, headers: Headers) -> Receive:
-    """`receive` for a body of limited size; raises HTTPException beyond, now if Content-Length says so."""
-    too_large = HTTPException(
-        413, f"the body of this request may have at most {MAX_BODY:,} bytes", {"Connection": "close"}
-    )
-    content_length = headers.get("content-length", "0")
-    if not content_length.isdecimal() or int(content_length[:20]) > MAX_BODY:
-        raise too_large
+def _limited(receive: Receive) -> Receive:
+    """`receive` for a body of limited size; raises HTTPException beyond."""
     received = 0
 
     async def receive_limited() -> Message:
@@ -150,7 +136,8 @@ def _limited(receive: Receive, headers: Headers) -> Receive:
         message = await receive()
         received += len(message.get("body", b""))
         if received > MAX_BODY:
-            raise too_large
+            reason = f"the body of this request may have at most {MAX_BODY:,} bytes"
+            raise HTTPException(413, reason, {"Connection": "close"})
         return message
 
     return receive_limited

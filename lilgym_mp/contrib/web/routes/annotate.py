@@ -8,13 +8,13 @@ from __future__ import annotations
 import json
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from pydantic import AfterValidator, BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, scene_body, storable
-from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, save_annotation
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, now, save_row
+from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.explore import CorpusStatement, FoundStatement, list_statements
 from lilgym_mp.corpus.records import FLIPIT
 from lilgym_mp.programs import ProgramError, ProgramRuntimeError
@@ -30,7 +30,6 @@ api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 STEP_LIMIT = 1_000_000  # of a program on a scene, as a person may submit any: about 0.1 seconds
 ACCEPTED = "Saved: your program has the statement's value in every scene, hidden ones included."
 FAILED = "Saved, but your program does not have the statement's value in every hidden scene. Reread the statement."
-DOWNLOAD_HEADERS = {"Content-Disposition": 'attachment; filename="annotations.jsonl"'}
 ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
 Annotator = Annotated[
     str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80), AfterValidator(storable)
@@ -57,7 +56,7 @@ def get_scenes(found: FoundStatement) -> LabelledScenes:
     """Responds with 404 if there is no such statement, or it has no FlipIt scenes."""
     scenes = [(task.start, task.truth(task.start)) for start, task in found.tasks if start == FLIPIT]
     if not scenes:
-        raise http_error(404, f"the statement {found.id!r} has no FlipIt scenes; choose another")
+        raise HTTPException(404, f"the statement {found.id!r} has no FlipIt scenes; choose another")
     middle = (len(scenes) + 1) // 2
     return LabelledScenes(found, scenes[:middle], scenes[middle:])
 
@@ -86,13 +85,12 @@ def statements(
     services: Services, appearance: AppearanceName = "tower", split: SplitName = "dev", name: Name = ""
 ) -> list[JSON]:
     """The statements with FlipIt scenes, and whether the annotator called `name` has an accepted program for each."""
-    catalogue = services.catalogue
     done = "SELECT statement_id FROM annotations WHERE corpus=? AND appearance=? AND split=? AND name=? AND accepted"
     with services.database.read() as connection:
-        ids = {row[0] for row in connection.execute(done, (catalogue.corpus, appearance, split, name.strip()))}
+        ids = {row[0] for row in connection.execute(done, (services.corpus, appearance, split, name.strip()))}
     return [
         {**pick(statement, "id", "statement"), "done": statement.id in ids}
-        for statement in list_statements(catalogue, appearance, split)
+        for statement in list_statements(services, appearance, split)
         if any(start == FLIPIT for start, _ in statement.tasks)
     ]
 
@@ -125,13 +123,13 @@ def submit(scenes: Scenes, new: NewAnnotation, services: Services) -> JSON:
         all(_value(program, scene)["truth"] is label for scene, label in part) for part in (scenes.shown, scenes.hidden)
     )
     if not shown:
-        raise http_error(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
+        raise HTTPException(409, "the program does not agree with the shown scenes; run it, and submit it once it does")
     if fault := _value(program, Scene.empty())["fault"]:
-        raise http_error(409, f"the program fails on a scene without items ({fault}); it must have a value everywhere")
-    about = {"corpus": services.catalogue.corpus, "statement_id": scenes.of.id, "comment": "", "accepted": hidden}
-    row = {**new.model_dump(), **about, **pick(scenes.of, "appearance", "split", "statement")}
+        raise HTTPException(409, f"the program fails on a scene without items ({fault}); it needs a value everywhere")
+    about = {"corpus": services.corpus, "statement_id": scenes.of.id, "accepted": hidden, "created": now()}
+    row = {"comment": "", **new.model_dump(), **about, **pick(scenes.of, "appearance", "split", "statement")}
     with services.database.write() as connection:
-        save_annotation(connection, row)
+        save_row(connection, "annotations", row)
     return {"accepted": hidden, "message": ACCEPTED if hidden else FAILED}
 
 
@@ -142,7 +140,8 @@ def download(services: Services) -> Response:
         found = connection.execute(f"SELECT {', '.join(ANNOTATION_COLUMNS)} FROM annotations ORDER BY id")
         rows = [{**dict(row), "accepted": bool(row["accepted"])} for row in found]
     text = "".join(f"{json.dumps(row, ensure_ascii=False)}\n" for row in rows)
-    return Response(text, media_type="application/jsonl", headers=DOWNLOAD_HEADERS)
+    headers = {"Content-Disposition": 'attachment; filename="annotations.jsonl"'}
+    return Response(text, media_type="application/jsonl", headers=headers)
 
 
 def _value(program: Program, scene: Scene) -> JSON:

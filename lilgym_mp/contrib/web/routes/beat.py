@@ -8,16 +8,16 @@ from functools import lru_cache
 from random import Random
 from typing import Annotated, NamedTuple
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, HTTPException, Query, Request, Response
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, RandomId, SplitName
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
 from lilgym_mp.contrib.web.runs import PARSER
-from lilgym_mp.contrib.web.security import CurrentVisitor, Visitor
+from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.corpus.matching import well_spelt_ids
-from lilgym_mp.evaluation import Settings, evaluate
+from lilgym_mp.evaluation import evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver.solver import UnsupportedAppearance
@@ -44,7 +44,7 @@ class Row(NamedTuple):
 @router.get("/beat", include_in_schema=False)
 def beat_page(request: Request, services: Services) -> Response:
     has_agent = PARSER in services.runs.agents()
-    return render_page(request, "beat.html", sizes=services.catalogue.sizes(), agent=AGENT_NAME, has_agent=has_agent)
+    return render_page(request, "beat.html", sizes=services.sizes(), agent=AGENT_NAME, has_agent=has_agent)
 
 
 @api.get("/tasks")
@@ -55,7 +55,7 @@ def tasks(
     seed: Annotated[int, Query(ge=0, le=10**9)] = 0,
 ) -> JSON:
     """The ids of ten tasks; the same ones for the same arguments."""
-    ids = well_spelt_ids(services.catalogue.tasks(configuration, split))
+    ids = well_spelt_ids(services.tasks(configuration, split))
     return {"tasks": Random(seed).sample(ids, min(TASKS, len(ids)))}
 
 
@@ -73,7 +73,7 @@ def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> R
     """The same as a PNG image. Responds with 409 before an episode is over."""
     rows = _rows(services, visitor, episode)
     if not rows:
-        raise http_error(409, "no episode is over yet")
+        raise HTTPException(409, "no episode is over yet")
     title = load_episode(services, visitor, episode[0]).row.configuration
     verdict, summary = _told(rows, "Player")
     lines = [
@@ -85,7 +85,7 @@ def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> R
     return Response(buffer.getvalue(), media_type="image/png")
 
 
-def _rows(services: AppServices, visitor: Visitor, ids: Sequence[str]) -> list[Row]:
+def _rows(services: AppServices, visitor: str, ids: Sequence[str]) -> list[Row]:
     loaded = [load_episode(services, visitor, each) for each in ids]
     return [_row(services, each) for each in loaded if each.over]
 
@@ -102,13 +102,13 @@ def _others(services: AppServices, configuration: str, split: str, task_id: str)
     """The actions with which the agent solves a task, and of a shortest solution."""
     agent = shortest = None
     if PARSER in services.runs.agents():
-        settings = Settings(configuration, services.options.corpus)
+        settings = services.settings(configuration)
         policy = services.runs.agent(PARSER).policy(settings)
         (played,) = evaluate(policy, settings, split, task_ids=[task_id])
         agent = len(played.actions) if played.is_success else None
     try:
-        task = services.catalogue.tasks(configuration, split).by_id(task_id)
-        shortest = services.catalogue.solver(configuration).solve(task).steps or None
+        task = services.tasks(configuration, split).by_id(task_id)
+        shortest = services.solver(configuration).solve(task).steps or None
     except UnsupportedAppearance:
         pass
     return agent, shortest

@@ -6,12 +6,12 @@ from collections import Counter
 from functools import lru_cache
 from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Query, Request, Response
 
 from lilgym_mp.contrib.report.phenomena import phenomena
-from lilgym_mp.contrib.web.app_services import Catalogue, Services
+from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, png, scene_body
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.corpus import NoTasksError, words
 from lilgym_mp.corpus.records import FLIPIT, SCRATCH
 from lilgym_mp.envs.registration import configuration_name
@@ -40,7 +40,7 @@ def explore_page(
     first: Annotated[int, Query(ge=0, le=1_000_000)] = 0,
 ) -> Response:
     """Statements that contain the text (in statement or program, or as the whole id) and have the rest."""
-    every, needle = list_statements(services.catalogue, appearance, split), text.lower()
+    every, needle = list_statements(services, appearance, split), text.lower()
     kinds = Counter(kind for statement in every for kind in statement.phenomena)
     phenomenon = phenomenon if phenomenon in kinds else ""  # of another appearance
     found = [
@@ -80,10 +80,10 @@ def find_statement(
     services: Services, statement_id: Name, appearance: AppearanceName = "tower", split: SplitName = "dev"
 ) -> CorpusStatement:
     """The statement of the task with that id. Responds with 404 if there is none."""
-    for statement in list_statements(services.catalogue, appearance, split):
+    for statement in list_statements(services, appearance, split):
         if any(task.id == statement_id for _, task in statement.tasks):
             return statement
-    raise http_error(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
+    raise HTTPException(404, f"there is no statement {statement_id!r} of {appearance} in {split}")
 
 
 FoundStatement = Annotated[CorpusStatement, Depends(find_statement)]
@@ -100,7 +100,7 @@ def statement(found: FoundStatement, services: Services) -> JSON:
     return {
         **pick(found, "id", "statement", "program", "phenomena"),
         "scenes": [
-            _scene(services.catalogue, configuration_name(found.appearance, start), task)
+            _scene(services, configuration_name(found.appearance, start), task)
             for start, task in found.tasks[:MAX_SCENES]
         ],
     }
@@ -113,27 +113,27 @@ def picture(found: FoundStatement) -> Response:
 
 
 @lru_cache(STATEMENT_CACHE_SIZE)
-def list_statements(catalogue: Catalogue, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
+def list_statements(services: AppServices, appearance: str, split: str) -> tuple[CorpusStatement, ...]:
     """The statements of an appearance and split, in file order. Responds with 404 if there are none."""
     found: dict[tuple[str, str], CorpusStatement] = {}
     for start in (SCRATCH, FLIPIT):
         try:
-            tasks = catalogue.tasks(configuration_name(appearance, start), split)
+            tasks = services.tasks(configuration_name(appearance, start), split)
         except NoTasksError:
             continue
         for task in tasks:
             statement = found.setdefault((task.statement, task.program), CorpusStatement(appearance, split, task))
             statement.tasks.append((start, task))
     if not found:
-        raise http_error(404, f"the corpus has no {appearance} statements in {split}")
+        raise HTTPException(404, f"the corpus has no {appearance} statements in {split}")
     return tuple(found.values())
 
 
-def _scene(catalogue: Catalogue, configuration: str, task: Task) -> JSON:
+def _scene(services: AppServices, configuration: str, task: Task) -> JSON:
     """A start scene, and how it is solved. `optimal_first`: the number of actions known to begin a shortest solution;
     a lower bound unless `complete`."""
     try:
-        best = catalogue.solver(configuration).optimal_actions(catalogue.dynamics(configuration).start(task))
+        best = services.solver(configuration).optimal_actions(services.dynamics(configuration).start(task))
     except UnsupportedAppearance:
         best = ActionSet((), complete=False, steps=0)
     return {

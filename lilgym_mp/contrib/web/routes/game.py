@@ -11,7 +11,7 @@ import secrets
 from functools import lru_cache
 from typing import Annotated
 
-from fastapi import APIRouter, Request, Response
+from fastapi import APIRouter, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import AppServices, Services
@@ -28,10 +28,9 @@ from lilgym_mp.contrib.web.bodies import (
     scene_body,
 )
 from lilgym_mp.contrib.web.live_games import LiveGame
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.responses import refusing, render_page
 from lilgym_mp.contrib.web.runs import RUN_PREFIX, SHIPPED_PREFIX
 from lilgym_mp.contrib.web.security import CurrentVisitor
-from lilgym_mp.corpus import CorpusError
 from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
     PROTOCOLS,
@@ -46,7 +45,6 @@ from lilgym_mp.envs.proposer_verifier import (
 )
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.game_partners import ExpertProposer
 from lilgym_mp.scene.actions import describe, named
 from lilgym_mp.scene.arrays import Int64Array
@@ -92,7 +90,7 @@ def game_page(request: Request, services: Services) -> Response:
     return render_page(
         request,
         "game.html",
-        configurations=list(services.catalogue.sizes()),
+        configurations=list(services.sizes()),
         protocols=list(PROTOCOLS),
         protocol_rules=list(PROTOCOLS.values()),
         rewards=list(PRESETS),
@@ -111,17 +109,13 @@ def _players(services: AppServices, role: Role) -> dict[str, str]:
 def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
     """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
     if PERSON not in (new.proposer, new.verifier):
-        raise http_error(422, "at least one of the seats must be taken by a person")
+        raise HTTPException(422, "at least one of the seats must be taken by a person")
     partners = _partner(services, Role.PROPOSER, new), _partner(services, Role.VERIFIER, new)
-    try:
-        engine = GameEngine(_game(services.options.corpus, new.configuration, new.protocol, new.rewards))
-    except CorpusError:
-        raise
-    except ValueError as fault:
-        raise http_error(422, str(fault)) from None
+    with refusing():
+        engine = GameEngine(_game(services.corpus, new.configuration, new.protocol, new.rewards))
     engine.reset(secrets.randbelow(2**31), None)
     opposite = [PARTNER_TITLES.get(name, name).partition(": ")[0] for name in (new.verifier, new.proposer)]
-    game = LiveGame(visitor.id, new.configuration, engine, partners, (opposite[0], opposite[1]))
+    game = LiveGame(visitor, engine, partners, (opposite[0], opposite[1]))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
@@ -133,17 +127,14 @@ def _partner(services: AppServices, role: Role, new: NewGame) -> Partner | None:
     if name == PERSON:
         return None
     if name.startswith((SHIPPED_PREFIX, RUN_PREFIX)):
-        settings = Settings(new.configuration, services.options.corpus)
-        return services.runs.partner(name, settings, role, new.protocol)
+        return services.runs.partner(name, services.settings(new.configuration), role, new.protocol)
     known = SCRIPTED_PARTNERS[role]
     if name not in known:
-        raise http_error(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
+        raise HTTPException(422, f"{name!r} cannot be {role.name.lower()}; choose from person, {', '.join(known)}")
     if name != EXPERT:
         return SCRIPTED[name]
-    try:
-        return ExpertProposer(services.catalogue.dynamics(new.configuration), intent=None)
-    except ValueError as fault:
-        raise http_error(422, str(fault)) from None
+    with refusing():
+        return ExpertProposer(services.dynamics(new.configuration), intent=None)
 
 
 @lru_cache(maxsize=64)
@@ -192,15 +183,15 @@ def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
     live, role = services.games.find(key)
     with live.lock:
         if live.over:
-            raise http_error(409, "the game is over; start a new one")
+            raise HTTPException(409, "the game is over; start a new one")
         if len(live.own_actions[role]) != taken.own_actions:
-            raise http_error(409, "you have acted since, perhaps in another window; reload the page")
+            raise HTTPException(409, "you have acted since, perhaps in another window; reload the page")
         legal = live.legal(role)
         if not legal:
-            raise http_error(409, "it is not your turn")
+            raise HTTPException(409, "it is not your turn")
         index = _action_index(live, role, taken.action, legal)
         if index not in legal:
-            raise http_error(409, f"{taken.action} is not legal now; nothing was done")
+            raise HTTPException(409, f"{taken.action} is not legal now; nothing was done")
         live.own_actions[role].append(live.engine.game.describe(role, index))
         live.chosen[role] = index
         live.advance()
@@ -213,7 +204,7 @@ def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> in
     if role is Role.VERIFIER:
         answers = {game.describe(role, index): index for index in legal}
         if name not in answers:
-            raise http_error(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
+            raise HTTPException(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
         return answers[name]
     return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
 
@@ -230,7 +221,7 @@ def _seat_body(live: LiveGame, role: Role) -> JSON:
     return {
         "role": role.name.lower(),
         "protocol": game.protocol.name,
-        "configuration": live.configuration,
+        "configuration": game.settings.configuration,
         "horizon": dynamics.horizon,
         "opposite": live.opposite[role],  # "person" or the partner's name
         "end": _end_body(live) if live.over else None,

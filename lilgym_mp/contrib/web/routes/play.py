@@ -11,10 +11,10 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from fastapi import APIRouter, Depends, Request, Response
+from fastapi import APIRouter, Depends, HTTPException, Request, Response
 from pydantic import BaseModel, Field
 
-from lilgym_mp.contrib.web.app_services import Catalogue, Services
+from lilgym_mp.contrib.web.app_services import AppServices, Services
 from lilgym_mp.contrib.web.bodies import (
     JSON,
     ConfigurationName,
@@ -25,9 +25,10 @@ from lilgym_mp.contrib.web.bodies import (
     pick,
     removable_items,
     scene_body,
+    steps_body,
 )
 from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.responses import refusing, render_page
 from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
@@ -86,13 +87,11 @@ class LoadedEpisode:
         return self.row.outcome is not None
 
 
-def _find_task(catalogue: Catalogue, configuration: str, split: str, task_id: str | None) -> Task:
+def _find_task(services: AppServices, configuration: str, split: str, task_id: str | None) -> Task:
     """The task with that id, or a random well-spelt one for None. Responds with 404 if there is none."""
-    tasks = catalogue.tasks(configuration, split)
-    try:
+    tasks = services.tasks(configuration, split)
+    with refusing(404):
         return tasks.by_id(secrets.choice(well_spelt_ids(tasks)) if task_id is None else task_id)
-    except ValueError as fault:
-        raise http_error(404, str(fault)) from None
 
 
 def find_loaded(
@@ -102,13 +101,13 @@ def find_loaded(
 
     Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
     """
-    row, catalogue = find_episode(connection, episode_id, visitor.id), services.catalogue
+    row = find_episode(connection, episode_id, visitor)
     if row is None:
-        raise http_error(404, "you have no such episode; start a new one")
-    if row.corpus != catalogue.corpus:
-        raise http_error(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
-    task = _find_task(catalogue, row.configuration, row.split, row.task_id)
-    dynamics = catalogue.dynamics(row.configuration)
+        raise HTTPException(404, "you have no such episode; start a new one")
+    if row.corpus != services.corpus:
+        raise HTTPException(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
+    task = _find_task(services, row.configuration, row.split, row.task_id)
+    dynamics = services.dynamics(row.configuration)
     state, last = dynamics.start(task), None
     for index in row.actions:
         last = dynamics.step(state, dynamics.appearance.decode(index))
@@ -128,17 +127,17 @@ Loaded = Annotated[LoadedEpisode, Depends(load_episode)]
 @router.get("/play", include_in_schema=False)
 def play_page(request: Request, services: Services) -> Response:
     """The start page offers a task to play, too."""
-    values = {"sizes": services.catalogue.sizes(), "corpus": services.options.corpus}
+    values = {"sizes": services.sizes(), "corpus": services.corpus}
     return render_page(request, "play.html", is_home=request.url.path == "/", **values)
 
 
 @api.post("/episodes", status_code=201)
 def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
     """Starts an episode."""
-    task = _find_task(services.catalogue, new.configuration, new.split, new.task_id)
-    dynamics = services.catalogue.dynamics(new.configuration)
-    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.catalogue.corpus}
-    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor.id, **fields)
+    task = _find_task(services, new.configuration, new.split, new.task_id)
+    dynamics = services.dynamics(new.configuration)
+    fields = {**new.model_dump(), "task_id": task.id, "corpus": services.corpus}
+    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor, **fields)
     with services.database.write() as connection:
         save_episode(connection, row)
     return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
@@ -157,14 +156,14 @@ def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: C
         loaded = find_loaded(connection, services, visitor, episode_id)
         row, dynamics = loaded.row, loaded.dynamics
         if loaded.over:
-            raise http_error(409, "this episode is over; start a new one")
+            raise HTTPException(409, "this episode is over; start a new one")
         if taken.steps != loaded.state.steps:
-            raise http_error(409, f"this episode is already at step {loaded.state.steps}; reload it")
+            raise HTTPException(409, f"this episode is already at step {loaded.state.steps}; reload it")
         action = named(taken.action)
         index = dynamics.appearance.encode(action)
         transition = dynamics.step(loaded.state, action)
         if transition.invalid is not None and not row.strict:
-            raise http_error(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
+            raise HTTPException(409, f"Not done: {INVALID_EXPLANATIONS[transition.invalid]}.")
         row.actions = [*row.actions, index]
         row.reward += transition.reward
         if transition.result.ends:
@@ -187,17 +186,13 @@ def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) 
         loaded = find_loaded(connection, services, visitor, episode_id)
         loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
         save_episode(connection, loaded.row)
-    solved = services.catalogue.solver(loaded.row.configuration).solve(loaded.task)
-    state, steps = loaded.dynamics.start(loaded.task), list[JSON]()
-    for action in solved.actions:
-        state = loaded.dynamics.step(state, action).state
-        steps.append({"action": describe(action), "scene": scene_body(state.scene)})
+    solved = services.solver(loaded.row.configuration).solve(loaded.task)
     return {
         "found": solved.solved,
         "proven_shortest": solved.proven_optimal,
         "reason": solved.reason,
         "start": scene_body(loaded.task.start),
-        "steps": steps,
+        "steps": steps_body(loaded.dynamics, loaded.task.start, solved.actions),
     }
 
 

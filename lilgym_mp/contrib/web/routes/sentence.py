@@ -9,14 +9,12 @@ from fastapi import APIRouter, Request, Response
 from pydantic import BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, scene_body
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, scene_body, steps_body
+from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
 from lilgym_mp.contrib.web.runs import PARSER
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.envs.registration import configuration_name
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import APPEARANCES
 
 router = APIRouter()
@@ -47,22 +45,10 @@ def read(new: NewSentence, services: Services) -> JSON:
 
     agent = services.runs.agent(PARSER)
     assert isinstance(agent, ParseAndPlanAgent)
-    configuration = configuration_name(new.appearance, SCRATCH)
-    dynamics, start = services.catalogue.dynamics(configuration), Scene.empty()
-    if not _PLANNING.acquire(timeout=PLANNING_SECONDS):
-        raise http_error(503, "many sentences are being read; try again in a moment")
-    try:
-        planner = agent.planner(Settings(configuration, services.options.corpus))
-        plan = planner.plan(start, new.sentence, new.target)
-    except ValueError as fault:
-        raise http_error(422, str(fault)) from None
-    finally:
-        _PLANNING.release()
+    configuration, start = configuration_name(new.appearance, SCRATCH), Scene.empty()
+    with in_turn(_PLANNING, PLANNING_SECONDS, "many sentences are being read"), refusing():
+        plan = agent.planner(services.settings(configuration)).plan(start, new.sentence, new.target)
     satisfied = {plan.goals[index].program for index in plan.satisfied}
-    steps, scene = list[JSON](), start
-    for action in plan.actions[:-1]:
-        scene = dynamics.appearance.apply(scene, action, dynamics.rules.placement).scene
-        steps.append({"action": describe(action), "scene": scene_body(scene)})
     return {
         "readings": [
             {"program": program, "probability": probability, "satisfied": program in satisfied}
@@ -70,6 +56,6 @@ def read(new: NewSentence, services: Services) -> JSON:
         ],
         "notes": plan.parse.notes(),
         "start": scene_body(start),
-        "steps": [*steps, {"action": "STOP", "scene": scene_body(scene)}],
+        "steps": steps_body(services.dynamics(configuration), start, plan.actions),
         "success_probability": plan.success_probability,
     }

@@ -8,15 +8,14 @@ from random import Random
 from threading import Lock
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Request, Response
+from fastapi import APIRouter, HTTPException, Path, Request, Response
 from pydantic import BaseModel, Field
 
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, pick, png, scene_body
-from lilgym_mp.contrib.web.responses import http_error, render_page
+from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
 from lilgym_mp.contrib.web.runs import RecordingFile
 from lilgym_mp.envs.rules import Dynamics
-from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, Header, Recording, scenes
 from lilgym_mp.evaluation.policies import AS_TRAINED, NamedPolicy
@@ -51,7 +50,7 @@ def watch_page(request: Request, services: Services) -> Response:
         request,
         "watch.html",
         outcomes=list(FINAL_OUTCOMES),
-        configurations=list(services.catalogue.sizes()),
+        configurations=list(services.sizes()),
         agents=services.runs.agents(),
     )
 
@@ -70,12 +69,10 @@ def record(new: NewRecording, services: Services) -> JSON:
     """
     agent = services.runs.agent(new.agent)
     if agent.game is not None:
-        raise http_error(422, "this agent plays the two-agent game; choose another")
-    settings = Settings(new.configuration, services.options.corpus)
-    if not _PLAYING.acquire(blocking=False):
-        raise http_error(503, "another agent is playing; try again in a moment")
-    try:
-        ids = services.catalogue.tasks(new.configuration, "dev").ids
+        raise HTTPException(422, "this agent plays the two-agent game; choose another")
+    settings = services.settings(new.configuration)
+    with in_turn(_PLAYING, 0, "another agent is playing"), refusing():
+        ids = services.tasks(new.configuration, "dev").ids
         chosen = Random(secrets.randbits(32)).sample(ids, min(len(ids), REQUESTED_EPISODES))
         plan = EvaluationPlan(settings, "dev", record_decisions=True, task_ids=chosen)
         details = {"label": services.runs.agents()[new.agent].partition(" (")[0], "actions": AS_TRAINED}
@@ -83,10 +80,6 @@ def record(new: NewRecording, services: Services) -> JSON:
         seen = training_statements(settings)
         recorder = Recorder(settings, "dev", seen, judges_decisions=True)
         path = recorder.write(services.runs.requested, play(named, plan, seen))
-    except ValueError as fault:
-        raise http_error(422, str(fault)) from None
-    finally:
-        _PLAYING.release()
     return {"id": next(one.file.id for one in services.runs.recordings() if one.file.path == path)}
 
 
@@ -116,7 +109,7 @@ def episode(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
         dynamics = recording.header.settings.dynamics()
         steps = _steps(dynamics, episode)
     except (ValueError, TypeError, IndexError) as fault:
-        raise http_error(422, f"the episode cannot be replayed: {fault}") from None
+        raise HTTPException(422, f"the episode cannot be replayed: {fault}") from None
     return {
         **_episode_summary(index, episode),
         **pick(episode, "program", "tags", "form_seen", "optimal_actions"),
@@ -136,7 +129,7 @@ def picture(recording_id: RecordingId, index: EpisodeIndex, services: Services) 
 def _find_episode(recording: Recording, index: int) -> Episode:
     """Responds with 404 if there is no such episode."""
     if index >= len(recording.episodes):
-        raise http_error(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
+        raise HTTPException(404, f"this recording has episodes 0 to {len(recording.episodes) - 1}, not {index}")
     return recording.episodes[index]
 
 
