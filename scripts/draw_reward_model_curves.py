@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lilgym_mp.contrib.report.charts import Line, line_chart
+from lilgym_mp.contrib.report.charts import Line, Looks, line_chart
 from lilgym_mp.learning.common.run_directory import PROGRESS_FILE, RUN_FILE
 
 AXES = {"cpu_seconds": ("CPU minutes", 60), "stops": ("STOPs, thousands", 1e3), "steps": ("steps, millions", 1e6)}
@@ -45,7 +45,8 @@ def main() -> None:
         [
             (f"against {label}", label, "V on held-out pairs, %", [line(*item, key, unit) for item in curves.items()])
             for key, (label, unit) in AXES.items()
-        ]
+        ],
+        Looks(),
     ).savefig(args.out)
 
 

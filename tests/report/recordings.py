@@ -151,7 +151,8 @@ def _described(item: Item) -> Iterator[str]:
     if isinstance(item, Chart):
         if item.figure.legends:
             yield "- legend: " + ", ".join(text.get_text() for text in item.figure.legends[0].get_texts())
-        yield from (f"- {text.get_text()}" for text in item.figure.texts)
+        texts = [text.get_text() for part in (item.figure, *item.figure.subfigs) for text in part.texts]
+        yield from (f"- {line}" for text in texts for line in text.splitlines())
         for axes in item.figure.axes:
             drawn = [f"- {axes.get_title(loc='left')}", *(f"  - {part}" for part in _drawn(axes))]
             yield from drawn if len(drawn) > 1 or drawn[0] != "- " else ()

@@ -25,7 +25,7 @@ from lilgym_mp.contrib.report.aggregation import (
     paired_difference,
 )
 from lilgym_mp.contrib.report.behaviour import ERROR_KINDS, ROLLOUT_STATISTICS, error_kind
-from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, line_chart
+from lilgym_mp.contrib.report.charts import BarPanel, Line, Looks, bar_chart, line_chart
 from lilgym_mp.contrib.report.items import Chart, MissingItem, Table, format_cell
 from lilgym_mp.contrib.report.learning_curves import dev_curves
 from lilgym_mp.contrib.report.report_data import load_report_data
@@ -84,10 +84,10 @@ def recordings(directory: Path, *of_runs: Sequence[Episode], agent: str = "mine"
     return load_report_data([directory]).entries[0].runs
 
 
-def interval(of: Sequence[Recording]) -> tuple[float, float]:
+def interval(of: Sequence[Recording]) -> tuple[float | None, float | None]:
     found = accuracy_where(of)
     assert found is not None
-    return found.spread
+    return found.low, found.high
 
 
 def test_interval__carries_the_spread_between_statements_and_between_runs(tmp_path: Path):
@@ -251,7 +251,8 @@ def test_figure_4__a_recipe_has_one_name_in_all_panels_that_names_stop_forcing(t
 
 
 def test_line_chart__of_a_single_evaluation_is_a_point_at_a_whole_number_of_steps():
-    (axes,) = line_chart([("one", "steps", "%", [Line("a", [0], [50]), Line("b", [0], [60], agent="a")])]).axes
+    lines = [Line("a", [0], [50]), Line("b", [0], [60], agent="a")]
+    (axes,) = line_chart([("one", "steps", "%", lines)], Looks()).axes
     first, second = axes.lines
     assert first.get_marker() == second.get_marker() == "o"
     assert first.get_color() == second.get_color()
@@ -260,11 +261,16 @@ def test_line_chart__of_a_single_evaluation_is_a_point_at_a_whole_number_of_step
     assert [tick for tick in axes.get_xticks() if low <= tick <= high] == [0]
 
 
+def certain(value: float) -> MeanStd:
+    return MeanStd(value, None, 1, value, value)
+
+
 def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide():
     measured = MeanStd(50.0, None, 1, 40.0, 65.0)
     names = [kind.replace(" ", "\n") for kind in ERROR_KINDS]
-    values = {f"agent {index}": [measured, None, *[20.0] * 7] for index in range(5)}
-    figure = bar_chart([BarPanel("one", names, values), BarPanel("other", names[:2], {"agent 0": [70.0, 2.0]})], "%")
+    values = {f"agent {index}": [measured, None, *[certain(20)] * 7] for index in range(5)}
+    panels = [BarPanel("one", names, values), BarPanel("other", names[:2], {"agent 0": [certain(70), certain(2)]})]
+    figure = bar_chart(panels, "%", Looks())
     one, other = figure.axes
     assert one.get_ylim() == other.get_ylim()
     assert [axes.get_ylabel() for axes in figure.axes] == ["%", "%"]
@@ -278,8 +284,8 @@ def test_bar_chart__has_error_bars_a_shared_axis_and_labels_that_do_not_collide(
 
 
 def test_bar_chart__labels_of_a_panel_have_the_same_decimals():
-    rewards, shares = BarPanel("", ["a", "b"], {"x": [0.641, -1.2]}), BarPanel("", ["a", "b"], {"x": [9.5, 12.3]})
-    figure = bar_chart([rewards, shares], "")
+    panels = [BarPanel("", ["a", "b"], {"x": list(map(certain, values))}) for values in ((0.641, -1.2), (9.5, 12.3))]
+    figure = bar_chart(panels, "", Looks())
     assert [[label.get_text() for label in axes.texts] for axes in figure.axes] == [["0.64", "-1.20"], ["10", "12"]]
 
 

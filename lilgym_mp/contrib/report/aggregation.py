@@ -33,13 +33,6 @@ class MeanStd(NamedTuple):
     high: float | None = None
     episodes: int | None = None  # of a run, if known
 
-    @property
-    def spread(self) -> tuple[float, float]:
-        """Ends of the error bar: of the interval, or one standard deviation from the mean."""
-        if self.low is not None and self.high is not None:
-            return self.low, self.high
-        return self.mean - (self.deviation or 0), self.mean + (self.deviation or 0)
-
     def text(self, places: int = 2) -> str:
         """The mean, the deviation and the interval, as far as they are known."""
         deviation = "" if self.deviation is None else f" ± {self.deviation:.{places}f}"
@@ -54,10 +47,8 @@ def success(episode: Episode) -> float:
     return 100.0 * episode.is_success
 
 
-def mean_std(values: Sequence[float]) -> MeanStd | None:
-    """Mean and sample standard deviation of the values; None if there are none."""
-    if not values:
-        return None
+def mean_std(values: Sequence[float]) -> MeanStd:
+    """Mean and sample standard deviation of the values."""
     return MeanStd(mean(values), stdev(values) if len(values) > 1 else None, len(values))
 
 
@@ -67,11 +58,11 @@ def accuracy_where(runs: Iterable[Recording], predicate: Predicate | None = None
 
 
 def mean_where(runs: Iterable[Recording], value: Value, predicate: Predicate | None = None) -> MeanStd | None:
-    """Mean over runs of a value of all episodes, or those that satisfy a predicate, with its interval."""
+    """Mean over runs of a value of all episodes, or those that satisfy a predicate, with its interval; None of none."""
     kept = [chosen for run in runs if (chosen := list(filter(predicate, run.episodes)))]
-    found = mean_std([mean(map(value, episodes)) for episodes in kept])
-    if found is None:
+    if not kept:
         return None
+    found = mean_std([mean(map(value, episodes)) for episodes in kept])
     low, high = _percentile_interval(_resampled_means(add_up(kept, value)))
     return found._replace(low=low, high=high, episodes=min(map(len, kept)))
 

@@ -1,4 +1,4 @@
-"""Behaviour of agents: rollout statistics, errors, and how well they stop."""
+"""Behaviour of agents: rollout statistics, errors with examples, and how well they stop."""
 
 from __future__ import annotations
 
@@ -7,28 +7,24 @@ from collections.abc import Iterator, Mapping, Sequence
 from lilgym_mp.contrib.report import paper
 from lilgym_mp.contrib.report.aggregation import Value, mean_where
 from lilgym_mp.contrib.report.breakdowns import NEEDS_EXPERT
-from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, line_chart
+from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_strips, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.contrib.report.results import means_by_agent
 from lilgym_mp.evaluation import Settings
-from lilgym_mp.evaluation.episodes import Episode, scenes
+from lilgym_mp.evaluation.episodes import Episode, Recording, scenes
 from lilgym_mp.programs import compile_program
-from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop
+from lilgym_mp.scene.actions import AddBlock, AddItem, RemoveBlock, RemoveItem, Stop, describe
 from lilgym_mp.scene.appearances import InvalidReason
-
-EDIT_TYPES: Mapping[str, tuple[type, ...]] = {"ADD": (AddBlock, AddItem), "REMOVE": (RemoveBlock, RemoveItem)}
-
-
-def _count(name: str) -> Value:
-    return lambda episode: sum(isinstance(action, EDIT_TYPES[name]) for action in episode.actions)
-
+from lilgym_mp.scene.arrays import UInt8Array
+from lilgym_mp.scene.render import draw
 
 ROLLOUT_STATISTICS: Mapping[str, Value] = {
     "without STOP (%)": lambda episode: 100.0 * (not isinstance(episode.actions[-1], Stop)),
     "with an invalid action (%)": lambda episode: 100.0 * (episode.invalid_reason is not None),
     "mean actions": lambda episode: len(episode.actions),
-    **{f"mean {name}": _count(name) for name in EDIT_TYPES},
+    "mean ADD": lambda episode: sum(isinstance(action, AddBlock | AddItem) for action in episode.actions),
+    "mean REMOVE": lambda episode: sum(isinstance(action, RemoveBlock | RemoveItem) for action in episode.actions),
 }
 """By name, a value of each episode, of which the mean is shown."""
 
@@ -140,7 +136,8 @@ def stop_would_succeed(settings: Settings, episode: Episode) -> list[bool]:
 def regret(data: ReportData) -> Iterator[Item]:
     """Extra actions of successes compared with the expert, and the share of optimal episodes."""
     title = f"Extra actions compared with the expert on {data.main_split}"
-    rows = [[entry.agent, entry.configuration, *_regret(entry)] for entry in data.main_results if entry.header.expert]
+    entries = [entry for configuration in data.configurations for entry in data.of(configuration)]
+    rows = [[entry.agent, entry.configuration, *_regret(entry)] for entry in entries if entry.header.expert]
     if not rows:
         yield MissingItem("Regret", title, NEEDS_EXPERT)
         return
@@ -161,3 +158,34 @@ def _regret(entry: AgentResults) -> Sequence[Cell]:
 
     means = ((extra, solved), (optimal, solved), (optimal, None))
     return [mean_where(entry.runs, value, predicate) for value, predicate in means]
+
+
+def failures(data: ReportData) -> Iterator[Item]:
+    """For each agent, the first recorded example of each kind of error."""
+    for agent in data.agents:
+        examples: dict[str, tuple[str, list[tuple[UInt8Array, str]]]] = {}
+        found = [data.find(agent, configuration) for configuration in data.configurations]
+        runs = [run for entry in found if entry is not None for run in entry.runs]
+        for run, episode in [(each, episode) for each in runs for episode in each.episodes]:
+            kind = error_kind(episode)
+            if kind is not None and kind not in examples:
+                examples[kind] = film_strip(run, episode, kind)
+        shown = [examples[kind] for kind in ERROR_KINDS if kind in examples]
+        if shown:
+            yield Chart("Failures", f"An example of each kind of error: {agent}", film_strips(shown), raster=True)
+
+
+def film_strip(run: Recording, episode: Episode, kind: str) -> tuple[str, list[tuple[UInt8Array, str]]]:
+    """The start scene and the scene after each action, with the command that opens the task."""
+    settings = run.header.settings
+    reason = f" ({episode.invalid_reason})" if episode.invalid_reason else ""
+    outcome = f"{episode.outcome}{reason}".replace("_", " ")
+    task = f"--corpus {settings.corpus} --split {run.header.split} --task {episode.task}"
+    head = [
+        f"“{episode.statement}”  Make it {str(episode.target).lower()}.",
+        f"{settings.configuration}, {run.header.split}, task {episode.task}: {outcome}, reward {episode.reward:+.1f}",
+        f"Kind of error: {kind}. Open the task with: lilgym-mp play {settings.configuration} {task}",
+    ]
+    visited = scenes(settings.dynamics(), episode.start, episode.actions)
+    captions = ["start", *(f"{step}. {describe(action)}" for step, action in enumerate(episode.actions, start=1))]
+    return "\n".join(head), [(draw(scene, "half"), text) for scene, text in zip(visited, captions, strict=True)]

@@ -52,9 +52,9 @@ def _by_category(
             accuracies = [accuracy_where(entry.runs, belongs) for entry in entries]
             if any(accuracies):
                 by_name[name] = accuracies
-                scenes = [entry.start_scenes(belongs) for entry in entries]
-                for entry, count, accuracy in zip(entries, scenes, accuracies, strict=True):
-                    rows.append([entry.agent, configuration, name, count, counts.get(name), accuracy])
+                for entry, accuracy in zip(entries, accuracies, strict=True):
+                    scenes = entry.start_scenes(belongs), counts.get(name)
+                    rows.append([entry.agent, configuration, name, *scenes, accuracy])
         by_entry = zip(entries, zip(*by_name.values(), strict=True), strict=False)
         values = {entry.agent: accuracies for entry, accuracies in by_entry if any(accuracies)}
         if values:

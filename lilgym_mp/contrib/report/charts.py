@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from lilgym_mp.contrib.report.aggregation import MeanStd
-from lilgym_mp.corpus.extras import install
 from lilgym_mp.scene.arrays import UInt8Array
 
 if TYPE_CHECKING:
@@ -25,7 +24,7 @@ PANEL_HEIGHT = 250
 LEGEND_ROW_HEIGHT = 18
 LABEL_WIDTH = 19  # pixels; values are printed on bars at least this wide
 FRAMES_PER_ROW = 5
-FRAME_WIDTH, FRAME_HEIGHT = 196, 74  # pixels
+HEAD_HEIGHT, FRAME_HEIGHT = 52, 74  # pixels
 DPI = 100
 SETTINGS: dict[Any, Any] = {
     "svg.fonttype": "none",  # text as text
@@ -37,11 +36,9 @@ UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure; width and height in pixels. Raises ImportError saying what to install."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise ImportError(f"charts need matplotlib: {install('charts')}", name="matplotlib") from error
+    """An empty figure; width and height in pixels."""
+    from matplotlib.figure import Figure
+
     return Figure(figsize=(width / DPI, height / DPI), dpi=DPI, layout="constrained")
 
 
@@ -56,11 +53,6 @@ def save(figure: Figure, path: Path, file_format: str) -> None:
 class Looks(dict[str, tuple[str, str]]):
     """Colour and hatch of each series by name, chosen when it is first used: one map for all charts of a report."""
 
-    def __init__(self, names: Iterable[str] = ()) -> None:
-        super().__init__()
-        for name in names:
-            self[name]
-
     def __missing__(self, name: str) -> tuple[str, str]:
         index = len(self)
         self[name] = OKABE_ITO[index % len(OKABE_ITO)], HATCHES[index % len(HATCHES)]
@@ -72,19 +64,18 @@ class BarPanel(NamedTuple):
 
     title: str
     categories: Sequence[str]
-    values: Mapping[str, Sequence[MeanStd | float | None]]  # by series
+    values: Mapping[str, Sequence[MeanStd | None]]  # by series
     unit: str = ""  # label of the y axis, if not that of the whole chart
 
 
-def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None, *, top: float | None = None) -> Figure:
+def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks, *, top: float | None = None) -> Figure:
     """A grouped bar chart with error bars for each panel; series without a value in a category take no room there.
 
-    Error bars are intervals, or the deviation over runs. Panels with the chart's unit share their y axis; `top`: its
+    Error bars are intervals. Panels with the chart's unit share their y axis; `top`: its
     fixed upper limit.
     """
     from matplotlib.patches import Patch
 
-    looks = Looks() if looks is None else looks
     columns = min(2, len(panels))
     shown = {name: looks[name] for panel in panels for name in panel.values}
     legend = {
@@ -97,7 +88,7 @@ def bar_chart(panels: Sequence[BarPanel], unit: str, looks: Looks | None = None,
         style_axes(axes, panel.title, panel.unit or unit)
         _draw_bars(axes, panel, looks, WIDTH / columns)
     for axes, panel in zip(grid, panels, strict=True):  # after all are drawn, as they may share their limits
-        if top is not None or all(_mean(value) >= 0 for value in _values(panel)):
+        if top is not None or all(value.mean >= 0 for value in _values(panel)):
             axes.set_ylim(0, top)
     return figure
 
@@ -118,7 +109,7 @@ def _empty_panels(
 
 
 def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> None:
-    places = 0 if any(abs(_mean(value)) >= 10 for value in _values(panel)) else 2
+    places = 0 if any(abs(value.mean) >= 10 for value in _values(panel)) else 2
     shown = [  # names by category
         [name for name, values in panel.values.items() if values[index] is not None]
         for index in range(len(panel.categories))
@@ -129,9 +120,8 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
         if not values:
             continue
         xs = [index + (shown[index].index(name) - (len(shown[index]) - 1) / 2) * width for index in values]
-        heights = np.array([_mean(value) for value in values.values()])
-        ends = np.array([v.spread if isinstance(v, MeanStd) else (v, v) for v in values.values()]).T
-        errors = np.maximum([heights - ends[0], ends[1] - heights], 0)
+        heights, lows, highs = np.array([(each.mean, each.low, each.high) for each in values.values()], float).T
+        errors = np.maximum([heights - lows, highs - heights], 0)
         bars = axes.bar(
             *(xs, heights, width * 0.92),
             color=looks[name][0],
@@ -149,12 +139,8 @@ def _draw_bars(axes: Any, panel: BarPanel, looks: Looks, panel_width: float) -> 
     axes.margins(y=0.12)
 
 
-def _values(panel: BarPanel) -> list[MeanStd | float]:
+def _values(panel: BarPanel) -> list[MeanStd]:
     return [value for values in panel.values.values() for value in values if value is not None]
-
-
-def _mean(value: MeanStd | float) -> float:
-    return value.mean if isinstance(value, MeanStd) else value
 
 
 def style_axes(axes: Any, title: str, unit: str = "") -> None:
@@ -179,7 +165,7 @@ class Line(NamedTuple):
 
 
 def line_chart(
-    panels: Sequence[tuple[str, str, str, Sequence[Line]]], looks: Looks | None = None, *, diagonal: bool = False
+    panels: Sequence[tuple[str, str, str, Sequence[Line]]], looks: Looks, *, diagonal: bool = False
 ) -> Figure:
     """One panel per (title, x label, y label, lines); `diagonal` adds the line y = x and point markers.
 
@@ -190,7 +176,6 @@ def line_chart(
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
     columns = min(2 if len(panels) <= 4 else 3, len(panels))
-    looks = Looks() if looks is None else looks
     legend: dict[str, Line2D] = {}
     for line in (line for *_, lines in panels for line in lines if line.name not in legend):
         colour, _ = looks[line.agent or line.name]
@@ -217,44 +202,21 @@ def line_chart(
     return figure
 
 
-class FilmStrip(NamedTuple):
-    """A failed episode as a sequence of scene images, each captioned with the action that led to it."""
-
-    head: Sequence[str]  # lines of text above the frames
-    frames: Sequence[tuple[UInt8Array, str]]  # image, caption
-
-
-def film_strips(strips: Sequence[FilmStrip]) -> Figure:
-    """Film strips one below the other, at most FRAMES_PER_ROW frames in a row."""
-    rows = [max(1, -(-len(strip.frames) // FRAMES_PER_ROW)) for strip in strips]
-    heights = [14 * len(s.head) + 20 + count * FRAME_HEIGHT for s, count in zip(strips, rows, strict=True)]
+def film_strips(strips: Sequence[tuple[str, Sequence[tuple[UInt8Array, str]]]]) -> Figure:
+    """Episodes one below the other: text, then images with captions, FRAMES_PER_ROW in a row, the last one marked."""
+    rows = [-(-len(frames) // FRAMES_PER_ROW) for _, frames in strips]
+    heights = [HEAD_HEIGHT + FRAME_HEIGHT * count for count in rows]
     figure: Any = new_figure(WIDTH, sum(heights))
-    figure.set_layout_engine("none")
-    top = sum(heights)
-    total = top
-    for strip, height in zip(strips, heights, strict=True):
-        _draw_strip(figure, strip, top, total)
-        top -= height
+    parts = figure.subfigures(len(strips), 1, squeeze=False, height_ratios=heights)[:, 0]
+    for part, (head, frames), count in zip(parts, strips, rows, strict=True):
+        part.suptitle(head, x=0.01, ha="left", fontsize=8, color=INK, parse_math=False)
+        grid = list(part.subplots(count, FRAMES_PER_ROW, squeeze=False).flat)
+        for axes, (image, caption) in zip(grid, frames, strict=False):
+            axes.imshow(image, interpolation="nearest")
+            axes.set(xticks=[], yticks=[])
+            axes.set_title(caption, loc="left", fontsize=6.5, color=INK, pad=2, parse_math=False)
+            axes.spines[:].set_color(FAINT)
+        grid[len(frames) - 1].spines[:].set(color=VERMILION, linewidth=2)
+        for axes in grid[len(frames) :]:
+            axes.set_visible(False)
     return figure
-
-
-def _draw_strip(figure: Any, strip: FilmStrip, top: float, total: float) -> None:
-    for index, text in enumerate(strip.head):
-        weight, colour = ("bold", INK) if index == 0 else ("normal", "#4b5866")
-        y = (top - 14 - 14 * index) / total
-        figure.text(10 / WIDTH, y, text, fontsize=8, fontweight=weight, color=colour, parse_math=False)
-    head = 14 * len(strip.head) + 6
-    last = len(strip.frames) - 1
-    for index, (image, caption) in enumerate(strip.frames):
-        row, column = divmod(index, FRAMES_PER_ROW)
-        left = 10 + column * FRAME_WIDTH
-        bottom = top - head - (row + 1) * FRAME_HEIGHT + 4
-        axes = figure.add_axes((left / WIDTH, bottom / total, (FRAME_WIDTH - 6) / WIDTH, (FRAME_HEIGHT - 24) / total))
-        axes.imshow(image, interpolation="nearest", aspect="auto")
-        axes.set_xticks([])
-        axes.set_yticks([])
-        edge = VERMILION if index == last else FAINT
-        for spine in axes.spines.values():
-            spine.set_color(edge)
-            spine.set_linewidth(2 if index == last else 0.6)
-        axes.set_title(caption, loc="left", fontsize=6.5, color=edge if index == last else INK, pad=2, parse_math=False)

@@ -8,7 +8,7 @@ ones. Each rule is described by its docstring, as docs/official_data.md lists th
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from itertools import combinations
 from typing import Any
@@ -335,31 +335,22 @@ def _conjuncts(node: Node) -> Iterator[Node]:
 # Syntactic phenomena: each word is tagged with a letter for its part of speech, and regular expressions over the
 # letters look for phrases with two possible attachment sites. There is no parser: words outside these lists end every
 # phrase.
-_SHAPE_NOUNS = ("circle", "square", "triangle", "block", "tower", "stack", "box", "item", "object", "shape")
-_PART_NOUNS = ("base", "top", "bottom", "roof", "middle", "side", "wall", "edge", "corner", "line", "position")
-_MEASURES = ("color", "colour", "size", "height")
-_PLURALS = {"box": "boxes"}
-_SINGULARS = (*_SHAPE_NOUNS, *_PART_NOUNS, *_MEASURES)
-_WORDS: dict[str, Sequence[str]] = {
-    "n": (*_SINGULARS, *(_PLURALS.get(noun, f"{noun}s") for noun in _SINGULARS), "it", "them", "ones"),
-    "a": (
-        *("yellow", "black", "blue", "grey", "small", "medium", "big", "large"),
-        *("same", "different", "single", "first", "second", "third", "left", "right"),
-    ),
-    "d": (
-        *("a", "an", "the", "all", "each", "every", "any", "some", "no", "both", "another", "other", "its", "their"),
-        *("exactly", "only", "just", "atleast", "atmost", "more", "less", "fewer", "than", "many", "multiple", "not"),
-    ),
-    "p": (
-        *("with", "without", "at", "on", "in", "inside", "above", "below", "over", "under", "underneath", "beneath"),
-        *("as", "near", "between", "from", "by", "beside", "behind"),
-    ),
-    "o": ("of",),
-    "c": ("and", "or"),
-    "m": ("touching", "having", "containing", "stacked", "attached", "which", "that", "whose"),
-    "v": ("is", "are", "has", "have", "contains", "contain"),
+_NOUNS = (
+    "circle square triangle block tower stack item object shape base top bottom roof middle side wall edge corner line"
+    " position color colour size height"
+)
+_WORDS = {
+    "n": f"{_NOUNS} {_NOUNS.replace(' ', 's ')}s box boxes it them ones",
+    "a": "yellow black blue grey small medium big large same different single first second third left right",
+    "d": "a an the all each every any some no both another other its their exactly only just atleast atmost more less"
+    " fewer than many multiple not",
+    "p": "with without at on in inside above below over under underneath beneath as near between from by beside behind",
+    "o": "of",
+    "c": "and or",
+    "m": "touching having containing stacked attached which that whose",
+    "v": "is are has have contains contain",
 }
-_TAGS = {word: tag for tag, words in _WORDS.items() for word in words}
+_TAGS = {word: tag for tag, words in _WORDS.items() for word in words.split()}
 _OTHER = "x"
 _LIMITS = {"at": ("least", "most"), "more": ("than",), "less": ("than",), "fewer": ("than",)}
 

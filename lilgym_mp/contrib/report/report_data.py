@@ -21,7 +21,6 @@ from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_F
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
 EXPERT = "expert"
-CHECKSUM_DIGITS = 10
 ACCURACIES = ("accuracy", "accuracy_with_image", "image_accuracy")  # keys of an evaluation
 
 
@@ -80,7 +79,10 @@ class ReportData:
     @cached_property
     def looks(self) -> Looks:
         """The agents' colours in all charts."""
-        return Looks(self.agents)
+        looks = Looks()
+        for agent in self.agents:
+            looks[agent]
+        return looks
 
     def agent_of(self, run: Path) -> str | None:
         """The agent of a training run; None if no episodes of it were recorded."""
@@ -106,11 +108,6 @@ class ReportData:
         places = product(self.configurations, self.splits, self.agents)
         found = {(entry.configuration, entry.split, entry.agent): entry for entry in self.entries}
         return [found[place] for place in places if place in found]
-
-    @property
-    def main_results(self) -> list[AgentResults]:
-        """All results on the main split."""
-        return [entry for entry in self.results if entry.split == self.main_split]
 
     def of(self, configuration: str, split: str | None = None) -> list[AgentResults]:
         """All agents' results in a configuration, by default on the main split."""

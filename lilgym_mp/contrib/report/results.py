@@ -19,7 +19,7 @@ from lilgym_mp.contrib.report.aggregation import (
 from lilgym_mp.contrib.report.breakdowns import ERROR_BARS
 from lilgym_mp.contrib.report.charts import BarPanel, bar_chart
 from lilgym_mp.contrib.report.items import PUBLISHED, Cell, Chart, Item, table
-from lilgym_mp.contrib.report.report_data import CHECKSUM_DIGITS, AgentResults, ReportData
+from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
 from lilgym_mp.evaluation import CONFIGURATIONS
 
 BASIS = "Runs behind the numbers"
@@ -63,7 +63,7 @@ def figure_3(data: ReportData) -> Iterator[Item]:
     yield table("Figure 3", f"{title}, numbers", ("agent", *data.configurations), rows)
 
 
-def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | float | None]]:
+def means_by_agent(data: ReportData, value: Value) -> dict[str, list[MeanStd | None]]:
     """The mean of a value of the episodes in each configuration, by agent."""
     found = {agent: [data.find(agent, name) for name in data.configurations] for agent in data.agents}
     return {agent: [entry and mean_where(entry.runs, value) for entry in row] for agent, row in found.items()}
@@ -96,7 +96,7 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
         ", ".join(map(str, dict.fromkeys(one.seed for one in headers))),
         *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
         *("yes" if header.mask else "no", None if steps is None else round(steps), mean_of("cpu_minutes")),
-        *(header.supervision, header.tasks_sha256[:CHECKSUM_DIGITS]),
+        *(header.supervision, header.tasks_sha256[:10]),
         ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
     ]
 

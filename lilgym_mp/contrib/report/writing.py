@@ -11,11 +11,10 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from lilgym_mp.contrib.report import behaviour, breakdowns, failures, learning_curves, results
+from lilgym_mp.contrib.report import behaviour, breakdowns, learning_curves, results
 from lilgym_mp.contrib.report.charts import save
 from lilgym_mp.contrib.report.items import Chart, Item, MissingItem
 from lilgym_mp.contrib.report.report_data import ReportData, load_report_data
-from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.files import OutputError, writable_directory
 
 CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
@@ -25,7 +24,7 @@ CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Behaviour": (behaviour.figures_6_and_9, behaviour.errors),
     "Language": (breakdowns.by_phenomenon, breakdowns.by_novelty),
     "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration, behaviour.regret),
-    "Failures": (failures.failures,),
+    "Failures": (behaviour.failures,),
 }
 PAGE_FILE = "index.html"
 GENERATOR = '<meta name="generator" content="lilgym_mp report">'  # identifies an existing page as a report
@@ -41,7 +40,7 @@ def make_report(paths: Sequence[Path], directory: Path) -> Path:
     """Writes a report on all recordings in the paths; returns the path of its page. Same input, same bytes.
 
     An earlier report in the directory is replaced. Raises ReportError or EpisodesError for unusable recordings,
-    OutputError if the directory holds anything else, ImportError naming what to install.
+    OutputError if the directory holds anything else.
     """
     template = _template()
     check_output(directory)
@@ -66,22 +65,18 @@ def check_output(directory: Path) -> None:
     if directory.suffix.lower() in (".html", ".htm"):
         raise OutputError(f"{directory}: a report is a directory with its page, {PAGE_FILE}; name a directory")
     writable_directory(directory.absolute().parent)
-    if directory.is_dir() and any(directory.iterdir()) and not _is_report(directory / PAGE_FILE):
-        raise OutputError(f"{directory} holds something other than a report; choose a new directory")
     if directory.exists() and not directory.is_dir():
         raise OutputError(f"cannot write a report to {directory}: it is a file; name a directory")
-
-
-def _is_report(page: Path) -> bool:
-    return page.is_file() and GENERATOR in page.read_text(encoding="utf-8", errors="replace")[:1000]
+    page = directory / PAGE_FILE
+    is_report = page.is_file() and GENERATOR in page.read_text(encoding="utf-8", errors="replace")[:1000]
+    if directory.is_dir() and any(directory.iterdir()) and not is_report:
+        raise OutputError(f"{directory} holds something other than a report; choose a new directory")
 
 
 def _template() -> Any:
-    try:
-        from jinja2 import Environment, StrictUndefined
-        from markupsafe import Markup, escape
-    except ImportError as fault:
-        raise ImportError(f"reports need jinja2: {install('report')}", name="jinja2") from fault
+    from jinja2 import Environment, StrictUndefined
+    from markupsafe import Markup, escape
+
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True)
     environment.filters["code"] = lambda text: Markup(re.sub("`(.*?)`", r"<code>\1</code>", str(escape(text))))
     template = files("lilgym_mp.contrib.report") / "page.html"
