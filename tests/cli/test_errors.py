@@ -24,43 +24,15 @@ CASES = {
         "lilgym-mp train: unknown configuration 'TowerScrach'; choose from ScatterFlipIt, ScatterScratch, TowerFlipIt,"
         " TowerScratch",
     ),
-    "unknown device": (
-        ["train", "parse-and-plan", "--device", "tpu"],
-        "unknown device 'tpu'; choose from auto, cpu, cuda",
-    ),
-    "unknown policy": (["evaluate", "--policy", "clever"], "unknown policy 'clever'; choose from expert, random-legal"),
     "nothing to explain": (["explain"], "name a statement, a task with --task, a program with --program"),
     "no program to run": (["explain", "--program"], "name a program, or a task with --task"),
-    "a program without a truth": (["explain", "--program", "count(all_items)"], "must return a bool, not int"),
+    "unknown partner": (["play", "--partner", "nobody"], "unknown partner 'nobody'; choose from "),
     "unknown task to explain": (["explain", "--task", "none"], "no task 'none' in corpus 'builtin'; tasks include "),
     "no configuration": (["train", "ppo"], "name a configuration to train on; choose from TowerScratch"),
     "unknown corpus": (["play", "TowerScratch", "--corpus", "nowhere"], "no corpus 'nowhere'"),
     "unknown task": (["play", "TowerScratch", "--task", "tower-train-xyz"], "no task 'tower-train-xyz'"),
-    "unknown recipe of ppo": (
-        ["train", "ppo", "TowerScratch", "--recipe", "best"],
-        "unknown recipe 'best'; choose from ours, paper, release",
-    ),
-    "no pretrained weights": (
-        ["train", "ppo", "TowerScratch", "--model", "c3-bert"],
-        "the model 'c3-bert' needs pretrained weights: name a directory with --weights",
-    ),
-    "grid across separators": (
-        ["train", "ppo", "ScatterScratch", "--grid", "20x5"],
-        "straddle a separator; choose from",
-    ),
-    "invalid grid": (
-        ["train", "ppo", "ScatterScratch", "--grid", "many"],
-        "'many' must be 'native' or COLUMNSxROWS, such as 38x10",
-    ),
-    "invalid recipe": (
-        ["train", "ppo", "TowerScratch", "--gamma", "2"],
-        "gamma must be at least 0 and at most 1",
-    ),
-    "no steps": (["train", "ppo", "TowerScratch", "--steps", "0"], "--steps must be at least 1, not 0"),
-    "negative seed of demo": (["demo", "--seed", "-1"], "--seed must be at least 0, not -1"),
     "no passes": (["evaluate", "--policy", "expert", "--passes", "0"], "--passes must be at least 1, not 0"),
     "no agent to evaluate": (["evaluate"], "name run directories of trained agents, policies with --policy"),
-    "missing agent": (["evaluate", "nowhere"], "no trained agent at nowhere: there is no such file or directory"),
     "nothing to resume": (["train", "ppo", "--resume"], "name what to resume: --out DIR, or a configuration"),
 }
 
@@ -147,6 +119,27 @@ def test_missing_package__error_names_what_to_install(
     written = capsys.readouterr().err
     assert "needs safetensors: pip install" in written
     assert "(the extra train)" in written
+
+
+def test_explain_program__shows_truth_and_satisfying_items(capsys: pytest.CaptureFixture[str]):
+    assert (
+        main(["explain", "--program", "exist(filter_obj(all_items, lambda x: is_blue(x)))", "--task", "tower-dev-001"])
+        == 0
+    )
+    shown = capsys.readouterr().out
+    assert '"I can see a blue block."' in shown
+    assert "= False" in shown
+    assert "satisfied by none of 0" in shown
+
+
+@pytest.mark.parametrize("source", ["exist(filter_obj(all_items, lambda x: is_blue(x)))", "exist(all_items)"])
+def test_explain_program__draws_scenes_where_the_program_holds_and_where_it_fails(
+    source: str, capsys: pytest.CaptureFixture[str]
+):
+    assert main(["explain", "--program", source, "--configuration", "ScatterScratch"]) == 0
+    output = capsys.readouterr().out
+    assert output.index("true in this scene") < output.index("= True") < output.index("false in this scene")
+    assert "= False" in output
 
 
 def test_explain_program__shows_the_position_of_an_error(capsys: pytest.CaptureFixture[str]):

@@ -11,7 +11,8 @@ from collections.abc import Callable
 import pytest
 
 from lilgym_mp.cli import main
-from lilgym_mp.cli.session import read_action
+from lilgym_mp.cli.play import read_action
+from lilgym_mp.envs.proposer_verifier.protocols import PROTOCOLS
 from lilgym_mp.scene import Colour, Shape, Size
 from lilgym_mp.scene.actions import ActionError, AddItem, describe
 from lilgym_mp.scene.appearances import Scatter, Tower
@@ -20,6 +21,7 @@ from tests.scenes import B, scene, square, tower
 
 Play = Callable[..., str]
 BLUE_TASK = ["play", "TowerScratch", "--split", "dev", "--task", "tower-dev-001"]  # "I can see a blue block."
+BLUE_GAME = [*BLUE_TASK, "--protocol", "veto"]
 ROUND_TASK = ["play", "ScatterScratch"]
 
 
@@ -99,6 +101,24 @@ def test_play__ctrl_c_exits():
         output, errors = process.communicate(timeout=60)
     assert (process.returncode, errors) == (0, "")
     assert "no episode completed" in output
+
+
+def test_play_game__as_proposer_with_the_oracle(play: Play):
+    pytest.importorskip("pettingzoo")
+    output = play(BLUE_GAME, "nonsense", "REMOVE(LEFT)", "add(left, blue)", "STOP")
+    assert "proposer_0, one of: STOP, ADD(LEFT, YELLOW)" in output
+    assert "'nonsense' is not an action of proposer_0" in output
+    assert "REMOVE(LEFT) is not legal now" in output
+    assert "verifier_0: accept" in output
+    assert output.splitlines()[-1] == "success; proposer_0 +0.9, verifier_0 +0.9"
+    assert play(BLUE_GAME, "quit").endswith("quit before the end of the game\n")
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS)
+def test_play_game__as_verifier_in_every_protocol(protocol: str, play: Play):
+    pytest.importorskip("pettingzoo")
+    output = play(["play", "--as", "verifier", "--protocol", protocol, "--seed", "0"], *["accept", "continue"] * 30)
+    assert "proposer_0: " in output
 
 
 @pytest.mark.parametrize("appearance", [Tower(), Scatter(), Scatter((38, 10))])
