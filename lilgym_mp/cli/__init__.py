@@ -30,7 +30,13 @@ COMMANDS = (
 PROGRAM = "lilgym-mp"
 FAILED = 1  # exit code: the command was valid but could not be carried out
 USAGE_ERROR = 2  # exit code: invalid arguments
-EXTRAS = {"torch": "train", "safetensors": "train", "stable_baselines3": "sb3", "sb3_contrib": "sb3"}  # by package
+EXTRAS = {  # by package
+    **dict.fromkeys(("torch", "safetensors"), "train"),
+    **dict.fromkeys(("stable_baselines3", "sb3_contrib"), "sb3"),
+    **dict.fromkeys(("fastapi", "starlette", "uvicorn", "pydantic", "anyio"), "web"),
+    **dict.fromkeys(("jinja2", "matplotlib"), "report"),
+    "ray": "ray",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -41,23 +47,24 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         args = parse_args(sys.argv[1:] if argv is None else argv)
         name = f"{PROGRAM} {args.command}"
-        return _flush_output(name, int(args.run(args)))
+        code = int(args.run(args))
+        sys.stdout.flush()
+        return code
     except (CommandError, ValueError) as error:
         return _print_error(str(error) if name == PROGRAM else f"{name}: {error}")
     except ModuleNotFoundError as error:
-        if error.name not in EXTRAS:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
             raise
-        return _print_error(f"{name}: needs {error.name}: {install(EXTRAS[error.name])}")
+        return _print_error(f"{name}: needs {package}: {install(EXTRAS[package])}")
     except BrokenPipeError:  # the reader of our output has closed it, as in `lilgym-mp ... | head`
-        _discard_output()
+        _flush_or_discard_output()
         return FAILED
     except OSError as error:
-        _flush_output(name, FAILED)
+        _flush_or_discard_output()
         subject = "cannot write results" if error.filename is None else error.filename
         return _print_error(f"{name}: {subject}: {error.strerror or error}", FAILED)
-    except KeyboardInterrupt:
-        return _print_error("interrupted", INTERRUPTED)
-    except Exception as error:
+    except (KeyboardInterrupt, Exception) as error:
         if not _is_caused_by_interrupt(error):
             raise
         return _print_error("interrupted", INTERRUPTED)
@@ -131,7 +138,7 @@ class _Store(argparse.Action):
 
 
 def _is_caused_by_interrupt(error: BaseException) -> bool:
-    """Tells whether a library turned a KeyboardInterrupt into this error, as happens during imports."""
+    """Tells whether this is a KeyboardInterrupt, or an error that a library made of one, as happens during imports."""
     cause: BaseException | None = error
     while cause is not None and not isinstance(cause, KeyboardInterrupt):
         cause = cause.__cause__ or cause.__context__
@@ -147,21 +154,12 @@ def _open_missing_streams() -> bool:
     return has_output
 
 
-def _flush_output(name: str, code: int) -> int:
-    """`code` once all output is written; FAILED, with an error message, if it cannot be."""
+def _flush_or_discard_output() -> None:
+    """Sends output that cannot be written to the null device, so that flushing it at exit does not fail again."""
     try:
         sys.stdout.flush()
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        _discard_output()
-        return _print_error(f"{name}: cannot write results: {error.strerror or error}", FAILED)
-    return code
-
-
-def _discard_output() -> None:
-    """Sends remaining output to the null device, so that flushing it at exit does not fail again."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _print_error(message: str, code: int = USAGE_ERROR) -> int:

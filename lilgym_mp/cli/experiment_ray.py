@@ -7,13 +7,13 @@ import logging
 import tarfile
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import chdir
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
 from lilgym_mp.cli.experiment_runs import Attempt, RunStatus, make_attempts
-from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.options import CommandError
 
 NAMED_CORPORA = ("builtin", "lilgym", "generated")  # available on every node
@@ -33,10 +33,7 @@ def run_on_ray(
         corpus = words[words.index("--corpus") + 1] if "--corpus" in words else NAMED_CORPORA[0]
         if corpus.split(":")[0] not in NAMED_CORPORA and not Path(corpus).is_absolute():
             raise CommandError(f"corpus: {corpus} is a relative path; --ray needs one that exists on all nodes")
-    try:
-        ray: Any = import_module("ray")
-    except ImportError:
-        raise CommandError(f"--ray needs ray: {install('ray')}") from None
+    ray: Any = import_module("ray")
     try:
         ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
     except (ConnectionError, RuntimeError, ValueError) as error:
@@ -73,8 +70,8 @@ def _results(attempt: Attempt) -> Path:
 
 def run_on_node(planned: PlannedRun, results: Path, threads: int, files: bytes) -> tuple[RunStatus, str, float, bytes]:
     """Executes a run in a temporary directory of the current node; its status, error, seconds, and files by `pack`."""
-    with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory:
-        (attempt,) = make_attempts([planned], results, threads, Path(directory))
+    with tempfile.TemporaryDirectory(prefix="lilgym-mp-") as directory, chdir(directory):
+        (attempt,) = make_attempts([planned], results, threads)
         unpack(files, attempt)
         attempt.load()
         attempt.execute()
@@ -87,11 +84,11 @@ def pack(attempt: Attempt) -> bytes:
     with tarfile.open(fileobj=content, mode="w") as archive:
         for path in (attempt.run, attempt.episodes, attempt.log, attempt.marker):
             if path.exists():
-                archive.add(path, path.relative_to(attempt.directory))
+                archive.add(path, path.relative_to(attempt.results))
     return content.getvalue()
 
 
 def unpack(files: bytes, attempt: Attempt) -> None:
     """Extracts an archive made by `pack`, overwriting existing files."""
     with tarfile.open(fileobj=io.BytesIO(files)) as archive:
-        archive.extractall(attempt.directory, filter="data")
+        archive.extractall(attempt.results, filter="data")

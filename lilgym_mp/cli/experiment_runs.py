@@ -39,16 +39,13 @@ class RunStatus(StrEnum):
 class Attempt:
     """An execution of a planned run, which remembers the commands that are done in `FINISHED/NAME.json`."""
 
-    def __init__(self, planned: PlannedRun, results: Path, threads: int, cwd: Path = Path()) -> None:
-        """`cwd`: the working directory of its commands; `results`: the results directory, relative to `cwd`."""
+    def __init__(self, planned: PlannedRun, results: Path, threads: int) -> None:
         self.planned = planned
         self.results = results
-        self.cwd = cwd
-        self.directory = cwd / results
-        self.run = self.directory / RUNS / planned.name
-        self.episodes = self.directory / EPISODES / planned.name
-        self.log = self.directory / LOGS / f"{planned.name}.log"
-        self.marker = self.directory / FINISHED / f"{planned.name}.json"
+        self.run = results / RUNS / planned.name
+        self.episodes = results / EPISODES / planned.name
+        self.log = results / LOGS / f"{planned.name}.log"
+        self.marker = results / FINISHED / f"{planned.name}.json"
         self.threads = threads
         self.status = RunStatus.WAITING
         self.done: list[list[str]] = []
@@ -119,7 +116,6 @@ class Attempt:
             command = [sys.executable, "-m", "lilgym_mp", *words]
             self._process = subprocess.Popen(
                 command,
-                cwd=self.cwd,
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=log,
@@ -170,16 +166,16 @@ def _end_with_parent() -> None:
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
-def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int, cwd: Path = Path()) -> list[Attempt]:
+def make_attempts(plan: Sequence[PlannedRun], results: Path, threads: int) -> list[Attempt]:
     """An attempt for each run of the plan, its status FINISHED if it was before.
 
     Raises CommandError, OutputError.
     """
-    attempts = [Attempt(planned, results, threads, cwd) for planned in plan]
+    attempts = [Attempt(planned, results, threads) for planned in plan]
     for attempt in attempts:
         attempt.load()
     for name in (RUNS, EPISODES, LOGS, FINISHED):
-        writable_directory(cwd / results / name)
+        writable_directory(results / name)
     return attempts
 
 

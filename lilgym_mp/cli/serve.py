@@ -19,14 +19,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from lilgym_mp.corpus.extras import install
 from lilgym_mp.evaluation.options import RUNS, CommandError, add_corpus
 
 if TYPE_CHECKING:
     from fastapi import FastAPI
 
 PORT, DATABASE = 8000, Path("lilgym-web.sqlite3")
-WEB_PACKAGES = ("fastapi", "starlette", "uvicorn", "jinja2", "pydantic", "anyio")
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -58,13 +56,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    try:
-        from lilgym_mp.contrib.web.app import create_app
-        from lilgym_mp.contrib.web.app_services import LOOPBACK_HOSTS, ServeOptions
-    except ModuleNotFoundError as error:
-        if error.name not in WEB_PACKAGES:
-            raise
-        raise CommandError(f"needs {error.name}: {install('web')}") from None
+    from lilgym_mp.contrib.web.app import create_app
+    from lilgym_mp.contrib.web.app_services import LOOPBACK_HOSTS, ServeOptions
+
     if args.runs is not None and not args.runs.is_dir():
         raise CommandError(f"--runs {args.runs}: there is no such directory")
     runs = args.runs or (RUNS if RUNS.is_dir() else None)
@@ -124,8 +118,8 @@ def _serve(app: FastAPI, listening: socket.socket, *, link: str, opens: bool) ->
             if opens:
                 threading.Thread(target=webbrowser.open, args=[link]).start()
 
-    # Warms up the catalogue, so that the first page that lists tasks need not wait for them to load.
-    threading.Thread(target=app.state.services.catalogue.sizes, daemon=True).start()
+    # Loads the tasks, so that the first page that lists tasks need not wait for them.
+    threading.Thread(target=app.state.services.sizes, daemon=True).start()
     config = uvicorn.Config(
         app,
         proxy_headers=False,
