@@ -120,10 +120,17 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
     if not ids:
         return []
     if part == EXPERT:
-        solved = _solutions(ids, settings, args)
-        if missing := sum(episode is None for episode in map(solved.get, ids)):
+        tasks, dynamics = settings.tasks(args.split), settings.dynamics()
+        distinct = [tasks.by_id(task_id) for task_id in dict.fromkeys(ids)]
+        solved = {
+            task.id: Episode.of(task, solution.actions, "success", dynamics)
+            for task, solution, _ in solve_shown(distinct, settings, args.split, args)
+            if solution.solved
+        }
+        episodes = [solved[task_id] for task_id in ids if task_id in solved]
+        if missing := len(ids) - len(episodes):
             print(f"{missing:,} of {len(ids):,} tasks have no solution and are left out")
-        return [Source(settings, args.split, EXPERT, [episode for task in ids if (episode := solved[task])])]
+        return [Source(settings, args.split, EXPERT, episodes)]
     name, policy = part, random_legal
     if part == MEDIUM:
         from lilgym_mp.learning.common.agents import open_agent
@@ -135,17 +142,6 @@ def _played(part: str, ids: Sequence[str], settings: EnvConfig, args: argparse.N
             policy, settings, args.split, seed=args.seed, task_ids=ids, on_episode=lambda episode: progress.advance()
         )
     return [Source(settings, args.split, name, episodes)]
-
-
-def _solutions(ids: Sequence[str], settings: EnvConfig, args: argparse.Namespace) -> Mapping[str, Episode | None]:
-    """The expert's episode of each task, None for tasks without solution."""
-    tasks = settings.tasks(args.split)
-    distinct = [tasks.by_id(task_id) for task_id in dict.fromkeys(ids)]
-    dynamics = settings.dynamics()
-    return {
-        task.id: Episode.of(task, solution.actions, "success", dynamics) if solution.solved else None
-        for task, solution, _ in solve_shown(distinct, settings, args.split, args)
-    }
 
 
 def _convert(args: argparse.Namespace) -> int:

@@ -25,17 +25,14 @@ from lilgym_mp.evaluation.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
 SPLIT = "dev"
-PARSER_UPDATES = 1_900
-IMITATION_UPDATES = 700
 FILMED = 6  # episodes of each agent, in two columns
 DIRECTORY = options.RUNS / "demo"
-POLL_SECONDS = 0.2
 PARSE_AND_PLAN, IMITATION = "parse-and-plan", "imitation"
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
-    add_number(parser, "--parser-updates", PARSER_UPDATES, "updates of the parser")
-    add_number(parser, "--imitation-updates", IMITATION_UPDATES, "updates of the imitation agent")
+    add_number(parser, "--parser-updates", 1_900, "updates of the parser")
+    add_number(parser, "--imitation-updates", 700, "updates of the imitation agent")
     add_seed(parser, "of training and evaluation")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help=f"empty or new directory (default: {DIRECTORY}, {DIRECTORY}-2, ...)"
@@ -80,7 +77,7 @@ def _train(args: argparse.Namespace, directory: Path) -> None:
             left = [attempt.fraction_done or 0.0 for attempt in attempts if attempt.status is not RunStatus.FINISHED]
             progress.reach(int(100 * min(left, default=1.0)))
 
-        run_locally(attempts, len(attempts), show, POLL_SECONDS)
+        run_locally(attempts, len(attempts), show, poll_seconds=0.2)
     for attempt in attempts:
         if attempt.status is not RunStatus.FINISHED:
             raise CommandError(f"training {attempt.planned.name} failed: {attempt.error} (see {attempt.log})")

@@ -19,7 +19,6 @@ from lilgym_mp.scene.choices import choose
 
 KEYS = ("splits", "configurations", "seeds", "policies", "optimal", "learners", *EnvConfig.settings())
 LEARNER_KEYS = ("name", "learner", "corpus", "configurations", "seeds", "actions", "passes")
-POLICIES_RUN = "policies"
 INVALID = (CommandError, ValueError, TypeError)  # raised for a value that an environment or a command refuses
 
 
@@ -94,7 +93,7 @@ def _plan(values: Mapping[str, Any], split: str | None) -> list[PlannedRun]:
         policies = _distinct(values, "policies", [])
         command = ["--policy", *(built_in_policy(name) and name for name in policies)]
         command += ["--configuration", *configurations, *evaluation]
-        runs.append(PlannedRun(POLICIES_RUN, (), tuple(_evaluations(command, splits))))
+        runs.append(PlannedRun("policies", (), tuple(_evaluations(command, splits))))
     return runs
 
 

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from lilgym_mp.contrib.rlvr import Row
 
 MISSING = "missing"  # the outcome of a prompt without a reply
-SHOWN_REASONS = 3
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +62,7 @@ def run(args: argparse.Namespace) -> int:
     for name, rate in summary["pass"].items():
         print(f"{name:<9} {rate:.1%}")
     print(f"outcomes  {', '.join(f'{name} {number}' for name, number in summary['outcomes'].items())}")
-    for reason, number in list(summary["reasons"].items())[:SHOWN_REASONS]:
+    for reason, number in list(summary["reasons"].items())[:3]:
         print(f"          {number} x {reason}")
     if args.out is not None:
         write_json(args.out, {**summary, "scores": scores})

@@ -92,13 +92,6 @@ def test_missing_package__leaves_out_its_ways(capsys: pytest.CaptureFixture[str]
     assert "not measured: SB3, batched (needs stable_baselines3" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--num-envs", "8", "0"], "--num-envs must be at least 1, not 0"),
-        (["--corpus", "missing.jsonl", "--quick"], "no corpus 'missing.jsonl'"),
-    ],
-)
-def test_bench__rejects_invalid_options(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]):
-    assert main(["bench", *arguments]) == 2
-    assert message in capsys.readouterr().err
+def test_bench__rejects_an_empty_batch(capsys: pytest.CaptureFixture[str]):
+    assert main(["bench", "--num-envs", "8", "0"]) == 2
+    assert "--num-envs must be at least 1, not 0" in capsys.readouterr().err
