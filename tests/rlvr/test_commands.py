@@ -85,13 +85,6 @@ def test_score__thoughts_are_a_list_that_can_be_set(tmp_path: Path, capsys: pyte
     assert "success   100.0%" in capsys.readouterr().out
 
 
-def test_prompts__invalid_arguments_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main(["llm", "prompts", "--task", "plan", "--level", "9", "--out", str(tmp_path / "x")]) == 2
-    assert "unknown level 9; choose from 1, 2, 3, 4, 5" in capsys.readouterr().err
-    assert main(["llm", "prompts", "--task", "plan", "--count", "0", "--out", str(tmp_path / "x")]) == 2
-    assert "--count must be at least 1, not 0" in capsys.readouterr().err
-
-
 def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     prompts = str(tmp_path / "prompts.jsonl")
     assert main(["llm", "prompts", "--task", "truth", "--count", "2", "--out", prompts]) == 0
