@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
 import gymnasium as gym
@@ -434,17 +435,7 @@ def batched(single: spaces.Space[Any], count: int) -> Any:
     return box
 
 
-class _Passed:
-    """A method that Gymnasium's vector wrappers pass on to the environment they wrap."""
-
-    def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __get__(self, wrapper: Any, owner: type) -> Any:
-        return self if wrapper is None else getattr(wrapper.env, self._name)
-
-
 # Gymnasium's vector wrappers pass on no attributes, and there is no other way to `envs.action_masks()` under them.
 for name in ("action_masks", "goal_reached"):
     if not hasattr(VectorWrapper, name):
-        setattr(VectorWrapper, name, _Passed(name))
+        setattr(VectorWrapper, name, property(attrgetter(f"env.{name}")))

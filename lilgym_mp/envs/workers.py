@@ -57,7 +57,6 @@ LONGEST_WAIT = 1e6  # seconds; the longest wait that the system accepts
 WRITERS = (Engine.write_masks, Engine.write_goals, Engine.write_items)
 TAKING_ARGUMENTS = (Engine.reset, Engine.set_tasks, Engine.restore)
 METHODS: tuple[Callable[..., Any], ...] = (Engine.step, Engine.states, Engine.save, *TAKING_ARGUMENTS, *WRITERS)
-INDICES: Mapping[object, int] = {method: index for index, method in enumerate(METHODS)}
 CLOSE = len(METHODS)  # instead of a method's index: the worker is to exit
 COPYING = (Engine.step, Engine.reset)  # methods after which the images are copied to a page
 
@@ -345,7 +344,12 @@ class WorkerVectorEnv(LilGymVectorEnv):
         if method in COPYING:
             page = self._page = self._free_page()
         try:
-            self._call_workers(INDICES[method], page, arguments)
+            self._replies += 1
+            for worker in self._workers:
+                with suppress(OSError):  # it has died, which waiting for it reports
+                    if arguments:
+                        worker.pipe.send(arguments)
+                    worker.calls.increase(worker.pipe, METHODS.index(method), page)
             results = super()._everywhere(method, *arguments)
             if page != NO_PAGE:
                 self._pages[page, self._own] = self._engine.buffers.image
@@ -358,20 +362,10 @@ class WorkerVectorEnv(LilGymVectorEnv):
             self.close()
             raise
 
-    def _call_workers(self, index: int, page: int, arguments: tuple[Any, ...]) -> None:
-        self._replies += 1
-        for worker in self._workers:
-            with suppress(OSError):  # it has died, which waiting for it reports
-                if arguments:
-                    worker.pipe.send(arguments)
-                worker.calls.increase(worker.pipe, index, page)
-
     def _free_page(self) -> int:
         """A page that the caller no longer holds, or NO_PAGE."""
-        for page, user in enumerate(self._page_users):
-            if user is None or user() is None:
-                return page
-        return NO_PAGE
+        free = (page for page, user in enumerate(self._page_users) if user is None or user() is None)
+        return next(free, NO_PAGE)
 
     def _images(self) -> UInt8Array:
         if self._page == NO_PAGE:

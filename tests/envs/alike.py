@@ -1,24 +1,29 @@
-"""Random actions and comparisons."""
+"""Random actions, task sets and compiled cores."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from lilgym_mp.corpus import TaskSet
+from lilgym_mp.corpus.tasks import Provenance
+from lilgym_mp.envs.buffers import Buffers, buffer_specs
+from lilgym_mp.envs.cores import Core
+from lilgym_mp.envs.cores.scatter import ScatterCore
+from lilgym_mp.envs.cores.tower import TowerCore
+from lilgym_mp.envs.observation import item_capacity
+from lilgym_mp.envs.rules import make_dynamics
+from lilgym_mp.programs.task import Task
+from lilgym_mp.scene.appearances import make_appearance
+from lilgym_mp.scene.arrays import BoolArray, Int64Array
 
 STOP_SHARE, WILD_SHARE = 0.1, 0.05  # of random actions: STOP, and any at all; the others are legal
+CORES = {"tower": TowerCore, "scatter": ScatterCore}
 
 
-def equal(one: Any, other: Any) -> bool:
-    """Whether two observations, or whatever holds such, are the same in every part."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(equal(one[key], other[key]) for key in one)
-    if isinstance(one, tuple | list):
-        return len(one) == len(other) and all(map(equal, one, other))
-    return np.array_equal(one, other) if isinstance(one, np.ndarray) else one == other
-
-
-def random_actions(masks: np.ndarray, generator: np.random.Generator) -> np.ndarray:
+def random_actions(masks: BoolArray, generator: np.random.Generator) -> Int64Array:
     """(N,) mostly legal actions for masks (N, actions)."""
     actions: list[int] = []
     for mask in masks:
@@ -30,3 +35,17 @@ def random_actions(masks: np.ndarray, generator: np.random.Generator) -> np.ndar
         else:
             actions.append(int(generator.choice(np.flatnonzero(mask))))
     return np.array(actions)
+
+
+def task_set(tasks: Sequence[Task]) -> TaskSet:
+    return TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+
+
+def started_core(appearance: str, tasks: Sequence[Task], horizon: int = 100) -> tuple[Core, Buffers]:
+    """A compiled core in which each environment has begun one of the tasks, and its buffers."""
+    dynamics = make_dynamics(make_appearance(appearance), "paper", horizon)
+    actions, capacity = dynamics.appearance.action_count, item_capacity(tasks, dynamics)
+    buffers = Buffers.new(buffer_specs(len(tasks), "half", actions, capacity, AutoresetMode.NEXT_STEP))
+    core = CORES[appearance](dynamics, tasks, buffers, "half")
+    core.start(np.arange(len(tasks)), np.arange(len(tasks)))
+    return core, buffers

@@ -13,7 +13,6 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.tasks import Provenance
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
@@ -28,6 +27,7 @@ from lilgym_mp.scene.appearances import InvalidReason, Scatter, make_appearance
 from lilgym_mp.scene.appearances.placement import is_free
 from lilgym_mp.scene.render import draw
 from lilgym_mp.testing import check_vector_env
+from tests.envs.alike import task_set
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, tower
 
 COUNT = 9
@@ -35,11 +35,10 @@ REMOVE_SHARE, STOP_SHARE, ANY_SHARE = 0.2, 0.05, 0.1
 COPIED = ("image", "task", "steps", "result", "invalid")
 
 
-def task_set(starts: list[Scene]) -> TaskSet:
+def tasks_of(starts: list[Scene]) -> TaskSet:
     """A task with a start scene each, of a statement that is true of some."""
     program = "count(filter_color(all_items, Color.BLUE)) > 1"
-    tasks = [Task(f"t{n}", "Blue is here twice.", program, n % 2 == 0, start) for n, start in enumerate(starts)]
-    return TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
+    return task_set([Task(f"t{n}", "Blue is here.", program, n % 2 == 0, start) for n, start in enumerate(starts)])
 
 
 def random_box(chance: np.random.Generator) -> Box:
@@ -132,7 +131,7 @@ def play(one: Side, other: Side, dynamics: Dynamics, task_count: int, steps: int
 @pytest.mark.parametrize("rules", ["paper", "release"])
 def test_tower_core__equals_the_scalar_core_over_long_runs(rules: str) -> None:
     dynamics = make_dynamics(make_appearance("tower"), rules)
-    tasks = task_set(random_starts("tower"))
+    tasks = tasks_of(random_starts("tower"))
     play(Side(ScalarCore, dynamics, tasks), Side(TowerCore, dynamics, tasks), dynamics, len(tasks), 150)
 
 
@@ -154,7 +153,7 @@ def test_scatter_core__equals_the_scalar_core_over_long_runs(
     grid: tuple[int, int], image_size: str, horizon: int | None, rules: str, steps: int
 ) -> None:
     dynamics = make_dynamics(make_appearance("scatter", grid), rules, horizon)
-    tasks = task_set(random_starts("scatter"))
+    tasks = tasks_of(random_starts("scatter"))
     sides = Side(ScalarCore, dynamics, tasks, image_size), Side(ScatterCore, dynamics, tasks, image_size)
     met = play(*sides, dynamics, len(tasks), steps)
     if steps >= 150:
@@ -173,7 +172,7 @@ def test_scatter_core__equals_the_scalar_core_over_long_runs(
 def test_scatter_core__falls_back_after_a_release_snap_out_of_the_box(there: Item, action: AddItem) -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
     start = scene([there])
-    tasks = task_set([start])
+    tasks = tasks_of([start])
     arrays, loop = Side(ScatterCore, dynamics, tasks), Side(ScalarCore, dynamics, tasks)
     item = dynamics.appearance.apply(start, action, dynamics.rules.placement).scene.boxes[0].items[-1]
     assert min(item.x, item.y) < 0
@@ -188,7 +187,7 @@ def test_scatter_core__falls_back_after_a_release_snap_out_of_the_box(there: Ite
 
 def test_scatter_core__falls_back_if_items_overlap() -> None:
     dynamics = make_dynamics(make_appearance("scatter"), "release")
-    tasks = task_set([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
+    tasks = tasks_of([scene([square(30, 30, colour=K), circle(40, 40, LARGE, B)]), scene([], [square(-2, 5)])])
     play(Side(ScalarCore, dynamics, tasks), Side(ScatterCore, dynamics, tasks), dynamics, len(tasks), 30)
 
 
@@ -201,7 +200,7 @@ def fresh_choice() -> Iterator[None]:
 
 
 def core_of(dynamics: Dynamics, count: int) -> type:
-    tasks = task_set([Scene.empty()])
+    tasks = tasks_of([Scene.empty()])
     buffers = Buffers.new(buffer_specs(count, "half", dynamics.appearance.action_count, 4, AutoresetMode.NEXT_STEP))
     return type(make_core(dynamics, tasks, buffers, "half"))
 
@@ -233,7 +232,7 @@ def test_batch__without_numba_gives_the_same_results_and_warns_once() -> None:
 @pytest.mark.parametrize("core", [ScalarCore, TowerCore])
 def test_wait__takes_a_step_without_changing_the_scene(core: Callable[..., Core]):
     dynamics = make_dynamics(make_appearance("tower"), horizon=2)
-    tasks = task_set(random_starts("tower"))
+    tasks = tasks_of(random_starts("tower"))
     side = Side(core, dynamics, tasks)
     some, everyone = np.array([1, 4]), np.arange(COUNT)
     side.core.start(everyone, everyone)

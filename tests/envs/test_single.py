@@ -19,8 +19,8 @@ from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.frames import FRAME_SHAPE, SCENE_SHAPE, scene_picture
+from lilgym_mp.testing import assert_same
 from lilgym_mp.wrappers import TokenizedStatement
-from tests.envs.alike import equal
 from tests.scenes import B, K, scene, tower
 
 CONFIGURATIONS = {
@@ -303,7 +303,7 @@ def test_copy__continues_an_episode_independently(name: str, duplicate: Callable
     other = duplicate(env)
     first = [env.step(2), env.step(STOP), env.reset()]
     assert other.state.steps == 1
-    assert equal(first, [other.step(2), other.step(STOP), other.reset()])
+    assert_same(first, [other.step(2), other.step(STOP), other.reset()])
     assert env.state is not other.state
 
 
@@ -318,7 +318,7 @@ def test_spec__survives_json_and_makes_the_same_environment(name: str):
     assert isinstance(one, LilGymEnv)
     assert isinstance(other, LilGymEnv)
     assert (one.dynamics, one.tasks.ids, one.render_mode) == (other.dynamics, other.tasks.ids, other.render_mode)
-    assert equal(played(one, 1, steps=20), played(other, 1, steps=20))
+    assert_same(played(one, 1, steps=20), played(other, 1, steps=20))
 
 
 # Pictures

@@ -1,22 +1,56 @@
-"""The recorded episodes of release 0.0.1, repeated action by action under rules="release".
-
-The observations' images have the recorded SHA-256 sums, but for six that do not show the scene alone.
-"""
+"""The recorded episodes of release 0.0.1, repeated action by action under rules="release"."""
 
 from __future__ import annotations
 
+import gzip
 import hashlib
+import json
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from lilgym_mp.envs.registration import environment_id
 from lilgym_mp.scene.render import draw
-from tests.fidelity.recorded import RECORDINGS, Recording
+from lilgym_mp.wrappers import StopForcing
 
-Recorded = dict[Recording, list[dict[str, Any]]]
+Json = dict[str, Any]
+
+
+class Recording(NamedTuple):
+    """Which of the release's environments was recorded."""
+
+    config: str  # such as "tower-flipit"
+    split: str
+    stop_forcing: bool
+
+    def environment(self, official_data: Path) -> gym.Env[Any, Any]:
+        """Ours, with the same data, rules and stop forcing."""
+        env = gym.make(environment_id(*self.config.split("-")), corpus=official_data, split=self.split, rules="release")
+        return StopForcing(env, mode="replace", allow_evaluation=True) if self.stop_forcing else env
+
+
+RECORDINGS = [
+    Recording(f"{appearance}-{start}", split, stop_forcing)
+    for appearance in ("tower", "scatter")
+    for start, split in (("scratch", "train"), ("scratch", "dev"), ("flipit", "dev"))
+    for stop_forcing in (False, True)
+]
+
+
+@pytest.fixture(scope="module")
+def recorded_episodes(golden: Path) -> dict[Recording, list[Json]]:
+    """Every recorded episode, by what was recorded."""
+    with gzip.open(golden / "episodes.jsonl.gz", "rt", encoding="utf-8") as file:
+        episodes = [json.loads(line) for line in file]
+
+    def recording_of(episode: Json) -> Recording:
+        return Recording(episode["config"], episode["split"], episode["stop_forcing"])
+
+    return {of: list(those) for of, those in groupby(sorted(episodes, key=recording_of), recording_of)}
 
 
 def sha256(image: Any) -> str:
@@ -24,19 +58,23 @@ def sha256(image: Any) -> str:
     return hashlib.sha256(image.tobytes()).hexdigest()
 
 
-def repeated(env: gym.Env[Any, Any], recording: Recording, episode: dict[str, Any]) -> dict[str, Any]:
-    """The record of our own episode: the same task, the same actions."""
+def repeated(env: gym.Env[Any, Any], recording: Recording, episode: Json) -> Json:
+    """The record of our own episode, of the same task and actions. Images that do not show the scene are as `draw`s."""
     core: Any = env.unwrapped
     observation, _ = env.reset(options={"task": episode["example"]})
-    start_sum, steps = sha256(observation["image"]), []
-    target, start = bool(observation["target"]), core.scene.to_json()
+    record = {
+        "target": bool(observation["target"]),
+        "start": core.scene.to_json(),
+        "start_image_sha256": sha256(observation["image"]),
+        "steps": [],
+    }
     for step in episode["steps"]:
         truth = core.task.truth(core.scene)
         assert core.goal_reached() == (truth == core.task.target)
         observation, reward, terminated, truncated, info = env.step(core.encode_action(step["action"]))
         if not step["image_fresh"]:
             assert np.array_equal(observation["image"], draw(core.scene, "half"))
-        steps.append(
+        record["steps"].append(
             {
                 "action": step["action"],
                 "truth_before": truth,
@@ -49,11 +87,11 @@ def repeated(env: gym.Env[Any, Any], recording: Recording, episode: dict[str, An
                 "image_sha256": sha256(observation["image"]) if step["image_fresh"] else step["image_sha256"],
             }
         )
-    return {**episode, "target": target, "start": start, "start_image_sha256": start_sum, "steps": steps}
+    return record
 
 
-def test_recordings__are_1998_episodes_of_7081_steps_with_six_images_of_more_than_the_scene(
-    recorded_episodes: Recorded,
+def test_recordings__are_1998_episodes_of_7081_steps_with_six_images_of_something_else(
+    recorded_episodes: dict[Recording, list[Json]],
 ):
     assert set(recorded_episodes) == set(RECORDINGS)
     every = [episode for episodes in recorded_episodes.values() for episode in episodes]
@@ -62,9 +100,10 @@ def test_recordings__are_1998_episodes_of_7081_steps_with_six_images_of_more_tha
 
 
 @pytest.mark.parametrize("recording", RECORDINGS, ids=str)
-def test_episodes__targets_starts_truths_rewards_flags_scenes_and_images_equal_the_recorded_ones(
-    recording: Recording, official_data: Path, recorded_episodes: Recorded
+def test_episodes__target_start_truths_rewards_flags_scenes_and_images_equal_the_recorded_ones(
+    recording: Recording, official_data: Path, recorded_episodes: dict[Recording, list[Json]]
 ):
     with recording.environment(official_data) as env:
         for episode in recorded_episodes[recording]:
-            assert repeated(env, recording, episode) == episode, episode["example"]
+            record = repeated(env, recording, episode)
+            assert record == {key: episode[key] for key in record}, episode["example"]

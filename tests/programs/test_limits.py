@@ -118,7 +118,6 @@ def test_code_generation__gives_up_early_on_exploding_text() -> None:
     context = code_generation.Context()
     with pytest.raises(ir.Unsupported, match="too long"):
         code_generation.Generator(context, kernel=False).lower(parse(source), {})
-    assert context.size_left > -code_generation.MAX_SIZE * 10
 
 
 def test_nesting_of_collections_and_calls__is_limited() -> None:

@@ -1,4 +1,4 @@
-"""Stress test of the program language: adversarial programs against its limits, and mutated ones.
+"""Stress test of the program language: adversarial programs against its limits.
 
 Each attack runs in its own process with limited CPU time and memory.
 """
@@ -6,17 +6,16 @@ Each attack runs in its own process with limited CPU time and memory.
 from __future__ import annotations
 
 import multiprocessing
-import random
 import resource
 import sys
-from collections import Counter
 from collections.abc import Callable
+from itertools import islice
 from time import process_time
 from typing import Any
 
-from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError
+from lilgym_mp.programs import Program, ProgramError
 from lilgym_mp.scene import Colour, Item, Scene, Shape, Size
-from tests.stress.program_truth import TypedPrograms, scenes
+from tests.stress.program_truth import value
 
 SECONDS = 40  # CPU time per attack
 MEGABYTES = 300  # on top of the initial process size
@@ -88,14 +87,6 @@ def crowded_scene(count: int) -> Scene:
     return Scene.of(items[::3], items[1::3], items[2::3])
 
 
-def outcome(evaluate: Callable[[Scene], bool], scene: Scene) -> bool | str:
-    """The value, or the message of its ProgramRuntimeError. Other exceptions propagate."""
-    try:
-        return evaluate(scene)
-    except ProgramRuntimeError as fault:
-        return str(fault)
-
-
 def attack(source: str, items: int = ITEMS) -> dict[str, Any]:
     """Time, memory and outcome of compiling and evaluating `source`."""
     before, begun = _peak(), process_time()
@@ -106,7 +97,7 @@ def attack(source: str, items: int = ITEMS) -> dict[str, Any]:
         compiled = process_time()
     else:
         compiled = process_time()
-        result = outcome(program.evaluate, crowded_scene(items))
+        result = value(program, crowded_scene(items))
     ended = process_time()
     return {
         "compile_seconds": compiled - begun,
@@ -152,41 +143,7 @@ def _run_limited_child(
         sys.exit(1)
 
 
-def mutated(rng: random.Random, source: str) -> str:
-    """The text with some substrings deleted or duplicated."""
-    for _ in range(rng.randint(1, 3)):
-        a, b = sorted(rng.randrange(len(source) + 1) for _ in "ab")
-        piece = source[a : min(b, a + 12)]
-        source = rng.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:])) or "x"
-    return source
-
-
-def fuzz(count: int, seed: int) -> dict[str, int]:
-    """Compares generated code with the reference evaluator on random programs, some of them mutated.
-
-    Raises AssertionError for a difference; unexpected exceptions propagate.
-    """
-    rng = random.Random(seed)
-    programs = TypedPrograms(rng)
-    found: Counter[str] = Counter()
-    for _ in range(count):
-        source = programs.program()
-        source = mutated(rng, source) if rng.random() < 0.4 else source
-        try:
-            program = Program(source)
-        except ProgramError:
-            found["refused"] += 1
-            continue
-        found["programs with generated code" if program.has_generated_code else "programs without"] += 1
-        for scene in scenes(rng):
-            generated, reference = outcome(program.evaluate, scene), outcome(program.evaluate_reference, scene)
-            assert generated == reference, f"{source!r}: {generated}, but {reference} by reference, on {scene}"
-            found["values" if isinstance(generated, bool) else "failures"] += 1
-    return dict(found)
-
-
 def measure(count: int, seed: int) -> tuple[dict[str, Any], list[str]]:
-    """Time, memory and outcome of every attack, and the results of `count` random programs, some of them mutated."""
-    found = {name: run_limited(attack, source) for name, source in ATTACKS.items()}
-    found["random programs"] = run_limited(fuzz, count, seed, seconds=600)
+    """Time, memory and outcome of the first `count` attacks."""
+    found = {name: run_limited(attack, source) for name, source in islice(ATTACKS.items(), count)}
     return found, [f"{name}: {result}" for name, result in found.items() if isinstance(result, str)]

@@ -1,8 +1,8 @@
 """Stress test of programs' truth: every form of a program has the reference evaluator's value on every scene.
 
-Random typed programs, a few of them with wrong types, are compared on empty, tower, full and odd scenes: generated
-code, the compiled instructions of batched environments, the canonical form, the printed text, and prefix tokens. The
-grammar below is written by hand, independently of the tables by which the evaluators work.
+Random typed programs, some of them mutated or with wrong types, are compared on empty, tower, full and odd scenes:
+generated code, the compiled instructions of batched environments, the canonical form, the printed text, and prefix
+tokens. The grammar below is written by hand, independently of the tables by which the evaluators work.
 """
 
 from __future__ import annotations
@@ -13,16 +13,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from itertools import islice
 
-import numpy as np
-from gymnasium.vector import AutoresetMode
-
-from lilgym_mp.corpus import TaskSet
-from lilgym_mp.corpus.tasks import Provenance
-from lilgym_mp.envs.buffers import Buffers, buffer_specs
-from lilgym_mp.envs.cores.scatter import ScatterCore
-from lilgym_mp.envs.cores.tower import TowerCore
-from lilgym_mp.envs.observation import item_capacity
-from lilgym_mp.envs.rules import make_dynamics
 from lilgym_mp.programs import Program, ProgramError, ProgramRuntimeError, compile_program
 from lilgym_mp.programs.canonical import canonical_form
 from lilgym_mp.programs.prefix import PrefixError, prefix_tokens, tree_from_tokens
@@ -30,7 +20,7 @@ from lilgym_mp.programs.printing import source_of
 from lilgym_mp.programs.syntax import MAX_LENGTH, parse
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Colour, Item, Scene, Shape, Size
-from lilgym_mp.scene.appearances import make_appearance
+from tests.envs.alike import started_core
 
 BATCH = 40  # programs evaluated together in compiled cores
 DEPTHS = (1, 2, 3, 3, 4, 5)
@@ -38,6 +28,7 @@ LEAVES = 0.15  # probability of a form without parts
 VARIABLES = 0.5  # probability of a variable, where one of that type is bound
 WRONG_TYPES = 0.02  # probability that a part has another type than its place requires
 WORDS_AS_FUNCTIONS = 0.15
+MUTATED = 0.1  # share of the programs from which text is deleted, or in which it is duplicated
 
 # By type: the forms of its expressions. {type} is a part, {item:bool} a function from items to bools.
 GRAMMAR = {
@@ -180,6 +171,15 @@ def _item(rng: random.Random, x: int, y: int, size: Size | None = None) -> Item:
     return Item(x, y, rng.choice(list(Shape)), rng.choice(list(Colour)), size or rng.choice(list(Size)))
 
 
+def mutated(rng: random.Random, source: str) -> str:
+    """The text with some substrings deleted or duplicated."""
+    for _ in range(rng.randint(1, 3)):
+        a, b = sorted(rng.randrange(len(source) + 1) for _ in "ab")
+        piece = source[a : min(b, a + 12)]
+        source = rng.choice((source[:a] + source[b:][:2_000], source[:b] + piece + source[b:])) or "x"
+    return source
+
+
 def value(program: Program, scene: Scene, *, reference: bool = False) -> bool | str:
     """The program's value, or its error message."""
     try:
@@ -220,14 +220,7 @@ def differences(program: Program, probes: Sequence[Scene], expected: Sequence[bo
 def batch_differences(appearance: str, cases: Sequence[tuple[str, Scene, bool | str]]) -> Iterator[str]:
     """Disagreements of compiled cores, in which an error counts as false, with the reference evaluator."""
     tasks = [Task("own", "It is so.", source, True, scene) for source, scene, _ in cases]
-    task_set = TaskSet(tasks, Provenance("own", "own", "own", "any", "any", "train", "0" * 64))
-    dynamics = make_dynamics(make_appearance(appearance), "paper", 1)
-    specs = buffer_specs(
-        len(tasks), "half", dynamics.appearance.action_count, item_capacity(task_set, dynamics), AutoresetMode.NEXT_STEP
-    )
-    buffers = Buffers.new(specs)
-    core = {"tower": TowerCore, "scatter": ScatterCore}[appearance](dynamics, task_set, buffers, "half")
-    core.start(np.arange(len(tasks)), np.arange(len(tasks)))
+    core, buffers = started_core(appearance, tasks, horizon=1)
     core.write_goals()
     for (source, scene, wanted), found in zip(cases, buffers.goal.tolist(), strict=True):
         if found != (wanted is True):
@@ -243,7 +236,13 @@ def compare(count: int, seed: int) -> tuple[Counter[str], list[str]]:
     for first in range(0, count, BATCH):
         cases: dict[str, list[tuple[str, Scene, bool | str]]] = {"tower": [], "scatter": []}
         for _ in range(min(BATCH, count - first)):
-            program, probes = compile_program(generator.program()), scenes(rng)
+            source = generator.program()
+            try:
+                program = compile_program(mutated(rng, source) if rng.random() < MUTATED else source)
+            except ProgramError:
+                compared["refused"] += 1
+                continue
+            probes = scenes(rng)
             source = program.source
             values = [value(program, scene, reference=True) for scene in probes]
             found.extend(f"{source}: {difference}" for difference in islice(differences(program, probes, values), 1))

@@ -33,7 +33,10 @@ _ITEM_TYPE_FIELDS = np.array(ITEM_TYPES, np.int16)
 class CompiledCore(Core):
     """A core whose scenes are `kernels.Scenes`; subclasses implement the edits of an appearance."""
 
-    def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
+    def __init__(
+        self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str, lowering: BoxLowering
+    ) -> None:
+        """`lowering`: how functions of a box are compiled to instructions."""
         super().__init__(dynamics, tasks, buffers)
         results = dynamics.step_results
         self._applies = np.array([results[result_index(VALID_EDIT, last=last)].applies for last in (False, True)])
@@ -56,7 +59,7 @@ class CompiledCore(Core):
         self._has_start = [False] * len(tasks)  # whether the task's start scene is in `_starts`
         self._written_items = np.full(rows, NO_VERSION)  # versions of boxes as of `buffers.items`
         self._stacks = np.zeros(rows, np.int64)  # Tower: stack index by row
-        self._evaluator = ArrayProgramEvaluator(self._tasks, self._lowering())
+        self._evaluator = ArrayProgramEvaluator(self._tasks, lowering)
         self._targets = np.array([task.target for task in tasks], np.int64)
         none = self._all_env_ids[:0]
         with compiling(kernels.start_episodes):
@@ -124,13 +127,6 @@ class CompiledCore(Core):
             by_scene = truths == UNKNOWN
             solved[by_scene] = super()._solved(env_ids[by_scene])
         return solved
-
-    @abstractmethod
-    def _lowering(self) -> BoxLowering:
-        """How functions of a box are compiled to instructions."""
-
-    @abstractmethod
-    def _scenes_of(self, env_ids: Int64Array) -> Sequence[Scene]: ...
 
 
 def item_code(item: Item) -> int:

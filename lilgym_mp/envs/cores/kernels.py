@@ -379,25 +379,18 @@ def place_item(
 
 
 @_inlined
-def _area_in_cell(tables: GridTables, item: int, cell_x: int, cell_y: int) -> int:
-    """Rank of the area of a cell that an item covers; 0 for none."""
-    x, y, item_type = decode_item(item)
-    dx, dy = cell_x - x + tables.cell_width - 1, cell_y - y + tables.cell_height - 1
-    if 0 <= dx < tables.areas.shape[1] and 0 <= dy < tables.areas.shape[2]:
-        return int(tables.areas[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
-    return 0
-
-
-@_inlined
 def _remove(tables: GridTables, drawing: DrawingTables, scenes: Scenes, row: int, cell: int, applies: bool) -> int:
     """Removes the item that covers most of the cell, the first in case of ties. Returns the reason."""
     if tables.remove_reasons[cell] != NO_REASON:
         return tables.remove_reasons[cell]
     largest, removed = 0, 0
     for slot in range(scenes.counts[row]):
-        area = _area_in_cell(tables, scenes.items[row, slot], tables.xs[cell], tables.ys[cell])
-        if area > largest:
-            largest, removed = area, slot
+        x, y, item_type = decode_item(scenes.items[row, slot])
+        dx, dy = tables.xs[cell] - x + tables.cell_width - 1, tables.ys[cell] - y + tables.cell_height - 1
+        if 0 <= dx < tables.areas.shape[1] and 0 <= dy < tables.areas.shape[2]:
+            area = int(tables.areas[ITEM_TYPE_FOOTPRINT[item_type], dx, dy])
+            if area > largest:
+                largest, removed = area, slot
     if largest == 0:
         return tables.nothing_to_remove
     if applies:
@@ -537,16 +530,6 @@ def evaluate_programs(
                 while left > 0:
                     left &= left - 1
                     value += 1
-            elif operation == Operation.NOT:
-                value = int(values[a] == 0)
-            elif operation == Operation.INVERT:
-                value = ~values[a]
-            elif operation == Operation.NEGATIVE:
-                value = -values[a]
-            elif operation == Operation.AND_THEN:
-                value = values[b] if values[a] != 0 else values[a]
-            elif operation == Operation.OR_ELSE:
-                value = values[a] if values[a] != 0 else values[b]
             elif operation == Operation.BIT_AND:
                 value = values[a] & values[b]
             elif operation == Operation.BIT_OR:

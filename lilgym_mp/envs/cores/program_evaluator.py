@@ -10,7 +10,7 @@ import numpy as np
 
 from lilgym_mp.envs.cores import kernels
 from lilgym_mp.envs.cores.kernels import BITS, UNKNOWN, Programs, Scenes
-from lilgym_mp.envs.fast.box_functions import BoxFunction, ItemTest, item_test
+from lilgym_mp.envs.fast.box_functions import ITEM_TESTS, BoxFunction, ItemTest
 from lilgym_mp.envs.fast.instructions import MAX_INSTRUCTIONS, Instruction, Operation, Unsupported, instructions
 from lilgym_mp.programs import compile_program
 from lilgym_mp.programs.errors import FallbackError
@@ -96,7 +96,7 @@ class ItemBoxLowering(BoxLowering):
     """For boxes stored as rows of items: supports tests of single items."""
 
     def lower_box_function(self, function: BoxFunction, box: int) -> Instruction:
-        test = item_test(function)
+        test = ITEM_TESTS.get(function)
         if test is not None and test.depends_on == "attributes":
             passing = [test.passes(Item(0, 0, *fields)) for fields in ITEM_TYPES]
             return Instruction(

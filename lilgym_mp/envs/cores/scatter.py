@@ -37,7 +37,7 @@ class ScatterCore(CompiledCore):
     """`Scene` objects are made only on demand, and only for boxes that changed since the last one."""
 
     def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
-        super().__init__(dynamics, tasks, buffers, image_size)
+        super().__init__(dynamics, tasks, buffers, image_size, ItemBoxLowering())
         count = len(buffers.action)
         self._appearance = cast(Scatter, dynamics.appearance)
         self._tables = grid_tables(self._appearance, dynamics.rules.placement)
@@ -124,9 +124,6 @@ class ScatterCore(CompiledCore):
         codes = self._current.items.take(rows, 0)[:, : int(counts.max())].tolist()
         for env_id, box, count, items in zip(env_ids.tolist(), boxes.tolist(), counts.tolist(), codes, strict=True):
             scenes[env_id] = scenes[env_id].with_box(box, Box(tuple(map(_cached_item, items[:count]))))
-
-    def _lowering(self) -> ItemBoxLowering:
-        return ItemBoxLowering()
 
     def write_masks(self) -> None:
         appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._buffers.mask

@@ -23,7 +23,7 @@ class TowerCore(CompiledCore):
 
     def __init__(self, dynamics: Dynamics, tasks: Sequence[Task], buffers: Buffers, image_size: str) -> None:
         tables = self._tables = tower_tables()
-        super().__init__(dynamics, tasks, buffers, image_size)
+        super().__init__(dynamics, tasks, buffers, image_size, StackBoxLowering(tables.boxes))
         self._edits = TowerEdits(
             boxes=tables.action_box,
             edits=tables.action_edit,
@@ -59,9 +59,6 @@ class TowerCore(CompiledCore):
         boxes = self._tables.boxes
         stacks = self._by_env[env_ids].tolist()
         return [Scene((boxes[left], boxes[middle], boxes[right])) for left, middle, right in stacks]
-
-    def _lowering(self) -> StackBoxLowering:
-        return StackBoxLowering(self._tables.boxes)
 
     def write_masks(self) -> None:
         left, middle, right = self._tables.heights[self._by_env].T

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Sequence
 from enum import Enum
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
@@ -24,7 +24,6 @@ TABLE_SIZE = 20_000  # cached items per test
 ITEM_TYPE_FIELDS = tuple(map(Item._fields.index, ("shape", "colour", "size")))
 
 Mask = int
-Test = Callable[[ItemView], bool]
 BoxFunction = Callable[[Box], Any]
 
 
@@ -32,15 +31,7 @@ _BITS = tuple(1 << index for index in range(MAX_BOX_ITEMS))
 _EMPTY_BOX = BoxView(Box())  # placeholder for tests that do not depend on the box
 
 
-def check_size(box: Box) -> None:
-    """Raises FallbackError for a box with more than MAX_BOX_ITEMS items; makes room in the memo of another."""
-    if len(box.items) > MAX_BOX_ITEMS:
-        raise FallbackError
-    if len(box.memo) >= MAX_MEMO:
-        forget_programs(box.memo)
-
-
-def _memoised(key: str, compute: BoxFunction) -> BoxFunction:
+def memoised(key: str, compute: BoxFunction) -> BoxFunction:
     """The function of a box, memoised in `box.memo`. Raises FallbackError for a box with too many items."""
 
     def value_of(box: Box) -> Any:
@@ -48,6 +39,8 @@ def _memoised(key: str, compute: BoxFunction) -> BoxFunction:
         if value is None:
             if len(box.items) > MAX_BOX_ITEMS:
                 raise FallbackError
+            if len(box.memo) >= MAX_MEMO:
+                forget_programs(box.memo)
             value = box.memo[key] = compute(box)
         return value
 
@@ -58,14 +51,27 @@ def _memoised(key: str, compute: BoxFunction) -> BoxFunction:
 def vectorised_test(word: Word, constants: tuple[Enum, ...]) -> Callable[[Box], Mask]:
     """The bitmask of a box's items for which the word, given the constants as further arguments, is true."""
 
-    def test(view: ItemView) -> bool:
-        return word.function(view, *constants)
+    def mask_of_view(box: Box) -> Mask:
+        return sum([1 << view.index for view in _view(box).members if word.function(view, *constants)])
+
+    @lru_cache(TABLE_SIZE)
+    def passes(item: Item) -> bool:
+        return word.function(ItemView(item, _EMPTY_BOX, 0), *constants)
 
     def mask_of(box: Box) -> Mask:
-        return sum([1 << view.index for view in _view(box).members if test(view)])
+        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if passes(item)])
+
+    def mask_by_field(box: Box) -> Mask:  # the most frequent case, so without calls
+        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if item[field] == value])
 
     key = " ".join(("program test", word.name, *map(str, constants)))
-    return _vectorise_item_test(key, test, word.depends_on) if word.depends_on_item_only else _memoised(key, mask_of)
+    if not word.depends_on_item_only:
+        return memoised(key, mask_of_view)
+    tested = _tested_field(passes) if word.depends_on == "attributes" else None
+    field, value = tested or (0, 0)
+    function = memoised(key, mask_of if tested is None else mask_by_field)
+    ITEM_TESTS[function] = ItemTest(passes.__wrapped__, word.depends_on)
+    return function
 
 
 class ItemTest(NamedTuple):
@@ -75,64 +81,20 @@ class ItemTest(NamedTuple):
     depends_on: Dependency  # "attributes", "position" or "item"
 
 
-def item_test(function: BoxFunction) -> ItemTest | None:
-    """The per-item predicate of a vectorised test, or None when the function depends on the whole box."""
-    return _ITEM_TESTS.get(function)
-
-
-_ITEM_TESTS: dict[BoxFunction, ItemTest] = {}
-
-
-class _Rows(dict[int, Mask]):
-    """Rows of a relation's adjacency matrix: item index -> bitmask of related items, computed lazily on access."""
-
-    def __init__(self, word: Word, box: Box) -> None:
-        self._related = word.function
-        self._box = box
-
-    def __missing__(self, index: int) -> Mask:
-        related = self._related(_view(self._box).members[index])
-        row = self[index] = sum([1 << view.index for view in related])
-        return row
+ITEM_TESTS: dict[BoxFunction, ItemTest] = {}  # of the vectorised tests that do not depend on the whole box
 
 
 @cache
-def vectorised_relation(word: Word) -> Callable[[Box], Mapping[int, Mask]]:
-    """The relation on a box's items as item index -> bitmask of related items. Index it only: rows are lazy."""
-    return _memoised(f"program relation {word.name}", lambda box: _Rows(word, box))
+def vectorised_relation(word: Word) -> Callable[[Box], Sequence[Mask]]:
+    """The relation on a box's items: by item index, the bitmask of related items."""
+
+    def masks_of(box: Box) -> list[Mask]:
+        return [sum([1 << view.index for view in word.function(member)]) for member in _view(box).members]
+
+    return memoised(f"program relation {word.name}", masks_of)
 
 
-is_tower: Callable[[Box], bool] = _memoised("program is_tower", lambda box: _view(box).is_tower())
-
-
-def _vectorise_item_test(key: str, test: Test, depends_on: Dependency) -> Callable[[Box], Mask]:
-
-    @lru_cache(TABLE_SIZE)
-    def passes(item: Item) -> bool:
-        return test(ItemView(item, _EMPTY_BOX, 0))
-
-    tested = _tested_field(passes) if depends_on == "attributes" else None
-    field, value = tested or (0, 0)
-
-    def mask_of(box: Box) -> Mask:
-        return sum([bit for bit, item in zip(_BITS, box.items, strict=False) if passes(item)])
-
-    def mask_by_field(box: Box) -> Mask:  # the most frequent case, so without calls
-        mask = box.memo.get(key)
-        if mask is None:
-            if len(box.items) > MAX_BOX_ITEMS:
-                raise FallbackError
-            mask, bit = 0, 1
-            for item in box.items:
-                if item[field] == value:
-                    mask |= bit
-                bit <<= 1
-            box.memo[key] = mask
-        return mask
-
-    function = _memoised(key, mask_of) if tested is None else mask_by_field
-    _ITEM_TESTS[function] = ItemTest(passes.__wrapped__, depends_on)
-    return function
+is_tower: Callable[[Box], bool] = memoised("program is_tower", lambda box: _view(box).is_tower())
 
 
 def _tested_field(passes: Callable[[Item], bool]) -> tuple[int, int] | None:
@@ -168,16 +130,11 @@ def _only(mask: int) -> int:
     return mask.bit_length() - 1
 
 
-def _union(rows: Mapping[int, int], mask: int) -> int:
+def _union(rows: Sequence[Mask], mask: Mask) -> Mask:
     union = 0
     for position in _bits(mask):
         union |= rows[position]
     return union
-
-
-def _occurring(mask: int, *by_value: int) -> int:
-    """Bitmask of the values that occur: bit v is set when `mask` intersects the v-th mask of `by_value`."""
-    return sum([1 << value for value, with_value in enumerate(by_value) if mask & with_value])
 
 
 # The only names that generated code can use, besides functions of a box
@@ -188,6 +145,4 @@ NAMES: dict[str, Any] = {
     "union": _union,
     "choose": itertools.combinations,
     "comb": math.comb,
-    "occurring": _occurring,
-    "check_size": check_size,
 }

@@ -43,8 +43,9 @@ from lilgym_mp.programs.values import Color, Shape, Side, Size
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Scene
 
-MAX_SIZE = 4_000  # nodes of the code of a value
-MAX_ALL_SIZE = 400_000  # of all intermediate values of one program together
+MAX_KERNEL_SIZE = 40_000  # nodes of the code of all kernels of one program together
+SCENE = "the scene"  # stands for what depends on more than one box
+MAX_TUPLES = 100  # combinations of static elements, which are unrolled
 MAX_NODES = 5_000  # nodes of the syntax tree lowered for one program
 
 
@@ -74,15 +75,6 @@ class _KernelUse(NamedTuple):
     steps: int  # upper bound on the evaluation steps of a call
 
 
-class _NodeInfo(NamedTuple):
-    """Context-independent properties of a node."""
-
-    node: Node  # keeps the node alive, as nodes are keyed by id()
-    uses_scene: bool  # depends on more than its free variables
-    free: frozenset[str]  # free variables
-    size: int  # `own_size`
-
-
 class Context:
     """State of compiling one program: the budget for generated code, kernels, and an upper bound on evaluation steps.
 
@@ -92,25 +84,26 @@ class Context:
 
     def __init__(self) -> None:
         self.nodes_left = MAX_NODES
-        self.size_left = MAX_ALL_SIZE
+        self.size_left = MAX_KERNEL_SIZE
         self.steps_left = costs.STEP_LIMIT
         self.kernels: dict[tuple[str, int, object], _KernelUse] = {}
-        self._info: dict[int, _NodeInfo] = {}
+        self._free: dict[int, tuple[Node, frozenset[str]]] = {}  # by id of the node, which is kept alive
 
-    def info(self, node: Node) -> _NodeInfo:
-        known = self._info.get(id(node))
-        if known is None:
-            parts = [self.info(child) for child in children(node)]
-            uses_scene = isinstance(node, SceneName) or (
-                isinstance(node, Call | WordName) and node.word.depends_on == "scene"
-            )
-            free = frozenset({node.name}) if isinstance(node, Variable) else frozenset[str]()
-            free = free.union(*(part.free for part in parts))
-            if isinstance(node, Lambda):
-                free -= {node.parameter}
-            uses_scene = uses_scene or any(part.uses_scene for part in parts)
-            known = self._info[id(node)] = _NodeInfo(node, uses_scene, free, own_size(node))
-        return known
+    def free_names(self, node: Node) -> frozenset[str]:
+        """The names on which the node's value depends: its free variables, and SCENE."""
+        if id(node) not in self._free:
+            names = frozenset[str]().union(*map(self.free_names, children(node)))
+            match node:
+                case Variable(name=name):
+                    names = frozenset({name})
+                case Lambda(parameter=parameter):
+                    names -= {parameter}
+                case SceneName() | Call(word=Word(depends_on="scene")) | WordName(word=Word(depends_on="scene")):
+                    names |= {SCENE}
+                case _:
+                    pass
+            self._free[id(node)] = node, names
+        return self._free[id(node)][1]
 
 
 class Generator:
@@ -133,7 +126,7 @@ class Generator:
         self.charge(measuring + word.steps(sum(map(ir.max_elements, values)), ir.MAX_ITEMS))
 
     def charge_lambda(self, body: Node) -> None:
-        self.charge(costs.LAMBDA + costs.NODE * self.context.info(body).size)
+        self.charge(costs.LAMBDA + costs.NODE * own_size(body))
 
     def charge_operator(self, *values: ir.Value) -> None:
         self.charge(costs.OPERATION + sum(map(ir.max_measure_steps, values)) + sum(map(ir.max_elements, values)))
@@ -153,14 +146,15 @@ class Generator:
             before = self.context.steps_left
             value = lower_body(inner)
             steps, self.context.steps_left = before - self.context.steps_left, before
-            kernel = printing.kernel(value.code if isinstance(value, ir.Bool) else value.mask)
+            code = value.code if isinstance(value, ir.Bool) else value.mask
+            self.context.size_left -= code.size
+            kernel = printing.kernel(code) if self.context.size_left >= 0 else ir.unsupported("too long")
             use = self.context.kernels[key] = _KernelUse(kernel, value.total, steps)
         self.charge(use.steps)
         return ir.BoxCall(box, "kernel", use.kernel.function, use.kernel), use.total
 
     def can_be_kernel(self, function: Lambda) -> bool:
-        info = self.context.info(function.body)
-        return not self.kernel and info.free <= {function.parameter} and not info.uses_scene
+        return not self.kernel and self.context.free_names(function.body) <= {function.parameter}
 
     # Expressions
 
@@ -179,16 +173,8 @@ class Generator:
                 return ir.as_truth(value)
 
     def lower(self, node: Node, scope: ir.Scope) -> ir.Value:
-        """Lowers a node. Raises Unsupported when its code, which may repeat that of its parts, gets too long."""
+        """Raises Unsupported, also when the code, which may repeat that of the node's parts, gets too long."""
         self.charge(0)
-        value = self._lower_node(node, scope)
-        size = ir.size_of(value)
-        self.context.size_left -= size
-        if size > MAX_SIZE or self.context.size_left < 0:
-            ir.unsupported("too long")
-        return value
-
-    def _lower_node(self, node: Node, scope: ir.Scope) -> ir.Value:
         match node:
             case Constant(value=bool() as value):
                 return ir.TRUE if value else ir.FALSE
@@ -242,19 +228,16 @@ class Generator:
             if node.name == "box":
                 return ir.BoxRef(of.box) if of.total else ir.unsupported("box of an item that may not exist")
             if node.name in ir.ATTRIBUTE_TYPES:
-                return self.attribute_of(of, node.name)
+                return ir.attribute_of(of, node.name)
         ir.unsupported("member")
-
-    def attribute_of(self, item: ir.ItemRef, name: str) -> ir.AttributeValue:
-        code = ir.ItemField(item.box, item.code, ir.ITEM_FIELDS[name])
-        return ir.AttributeValue(code, item.total, enum=ir.ATTRIBUTE_TYPES[name])
 
     def comparison(self, node: Comparison, scope: ir.Scope) -> ir.Bool:
         values = [self.lower(part, scope) for part in (node.left, *node.rights)]
         self.charge_operator(*values, *values)
         total = ir.all_total(values)
-        if all(isinstance(value, ir.Int | ir.Bool) for value in values) and "in" not in " ".join(node.operators):
-            return ir.Bool(ir.compare(node.operators, *(cast("ir.Int", value).code for value in values)), total)
+        operators = " ".join(node.operators)
+        if all(isinstance(value, ir.Int | ir.Bool) for value in values) and "in" not in operators:
+            return ir.Bool(ir.operate(operators, *(cast("ir.Int", value).code for value in values)), total)
         if len(values) != 2:
             ir.unsupported("chain")
         left, right = values
@@ -264,18 +247,11 @@ class Generator:
             case "!=":
                 return ir.negate(ir.equality(left, right))
             case "in":
-                return self.membership(left, right)
+                return ir.membership(left, right)
             case "not in":
-                return ir.negate(self.membership(left, right))
+                return ir.negate(ir.membership(left, right))
             case _:
                 ir.unsupported("order")
-
-    def membership(self, value: ir.Value, collection: ir.Value) -> ir.Bool:
-        match value, collection:
-            case (ir.AttributeValue(), ir.AttributeSet()) if value.enum is collection.enum:
-                return ir.Bool(ir.has_bit(collection.code, value.code), ir.all_total((value, collection)))
-            case _:
-                ir.unsupported("membership")
 
     def arithmetic(self, node: Arithmetic, scope: ir.Scope) -> ir.Value:
         left, right = self.lower(node.left, scope), self.lower(node.right, scope)
@@ -300,12 +276,12 @@ class Generator:
             return self.all_same_attribute(node, scope)
         if word.name in ("filter_obj", "All", "Any"):
             return self.quantifier(node, scope)
-        lower_word = VALUE_WORDS.get(word.name)
+        lower_word = self.combinations if word.name == "combinations" else VALUE_WORDS.get(word.name)
         if lower_word is None or None in node.arguments:
             ir.unsupported(word.name)
         values = [ir.as_collection(self.lower(argument, scope)) for argument in node.arguments if argument is not None]
         self.charge_call(word, *values)
-        return lower_word(self, *values)
+        return lower_word(*values)
 
     def test(self, node: Call, scope: ir.Scope) -> ir.Bool:
         item = self.lower(cast("Node", node.arguments[0]), scope)
@@ -390,6 +366,23 @@ class Generator:
             for before, after in zip(collection.conditions, conditions, strict=True)
         ]
         return ir.Bool(ir.operate("and", ir.existence(collection).code, *same), found.total)
+
+    def combinations(self, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
+        size = k.code.value if isinstance(k, ir.Int) and isinstance(k.code, ir.Number) else ir.unsupported("size")
+        if isinstance(s, ir.Items) and size in (2, 3):
+            count = math.comb(ir.MAX_ITEMS, size)
+            if len({part.box for part in s.parts}) != len(s.parts) or count > costs.SIZE_LIMIT:
+                ir.unsupported("combinations")
+            self.charge(costs.SUBSET_ELEMENT * (1 + 2 * size) * count)  # at most 2 elements an item: `ResultSize`
+            items = ir.operate("+", *(part.count for part in s.parts))
+            return ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
+        if not isinstance(s, ir.StaticList) or not s.unconditional:
+            ir.unsupported("combinations")
+        count = math.comb(len(s.elements), size)
+        if count > MAX_TUPLES:
+            ir.unsupported("combinations of many")
+        self.charge(costs.SUBSET_ELEMENT * (1 + size) * (1 + count) * ir.max_elements(s))
+        return ir.static_list(map(ir.static_list, itertools.combinations(s.elements, size)))
 
     def filter_combinations(
         self, function: Lambda, collection: ir.Combinations, scope: ir.Scope, *, strict: bool
@@ -504,13 +497,9 @@ class Generator:
             return [whole], None
         match body:
             case Logic(operator="and", operands=operands) if not strict:
-                masks: list[ir.ItemMask] = []
-                for position, operand in enumerate(operands):
-                    mask = mask_of(operand)
-                    if mask is None:
-                        rest = operands[position:]
-                        return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
-                    masks.append(mask)
+                masks = [mask for mask in itertools.takewhile(bool, map(mask_of, operands)) if mask]
+                rest = operands[len(masks) :]
+                return masks, rest[0] if len(rest) == 1 else Logic("and", rest)
             case Call(word=Word(name="AND"), arguments=(first, second)) if first and second:
                 for tested, rest in ((first, second), (second, first)):
                     mask = mask_of(tested)
@@ -537,12 +526,10 @@ class Generator:
     def combined_mask(
         self, parameter: str, operator: str, operands: Iterable[Node], item: ir.ItemRef, bound: ir.Scope
     ) -> ir.ItemMask | None:
-        masks: list[ir.ItemMask] = []
-        for operand in operands:
-            mask = self.item_mask(parameter, operand, item, bound)
-            if mask is None:
-                return None
-            masks.append(mask)
+        found = [self.item_mask(parameter, operand, item, bound) for operand in operands]
+        masks = [mask for mask in found if mask]
+        if len(masks) < len(found):
+            return None
         in_range = any(m.in_range for m in masks) if operator == "and" else all(m.in_range for m in masks)
         code = ir.operate("&" if operator == "and" else "|", *(mask.code for mask in masks))
         return ir.ItemMask(code, in_range=in_range, total=ir.all_total(masks))

@@ -29,11 +29,6 @@ class Operation(IntEnum):
     BOX_TABLE = auto()  # the entry of lookup table a for box b
     ONLY_BIT = auto()  # the position of the only set bit of a; unless there is exactly one, the truth is unknown
     BIT_COUNT = auto()
-    NOT = auto()
-    INVERT = auto()
-    NEGATIVE = auto()
-    AND_THEN = auto()  # Python's `a and b`: b if a is non-zero, else a
-    OR_ELSE = auto()  # Python's `a or b`
     BIT_AND = auto()
     BIT_OR = auto()
     SHIFT_LEFT = auto()
@@ -56,16 +51,15 @@ class Instruction(NamedTuple):
 # Lowers a box function (vectorised word or kernel) applied to box `b` to one instruction, or raises Unsupported.
 LowerBoxFunction = Callable[[box_functions.BoxFunction, int], Instruction]
 
-_UNARY: Mapping[str, Operation] = {
-    "not": Operation.NOT,
-    "~": Operation.INVERT,
-    "negative": Operation.NEGATIVE,
-    "bit_count": Operation.BIT_COUNT,
-    "only": Operation.ONLY_BIT,
+_UNARY: Mapping[str, Operation] = {"bit_count": Operation.BIT_COUNT, "only": Operation.ONLY_BIT}
+_WITH_CONSTANT: Mapping[str, tuple[Operation, int]] = {  # of a constant and the operand
+    "not": (Operation.EQUAL, 0),
+    "~": (Operation.SUBTRACT, -1),
+    "negative": (Operation.SUBTRACT, 0),
 }
 _BINARY: Mapping[str, Operation] = {
-    "and": Operation.AND_THEN,
-    "or": Operation.OR_ELSE,
+    "and": Operation.BIT_AND,  # of truth values, which are 0 or 1
+    "or": Operation.BIT_OR,
     "&": Operation.BIT_AND,
     "|": Operation.BIT_OR,
     "<<": Operation.SHIFT_LEFT,
@@ -74,13 +68,14 @@ _BINARY: Mapping[str, Operation] = {
     "-": Operation.SUBTRACT,
     "%": Operation.REMAINDER,
 }
-_COMPARISONS: Mapping[str, Operation] = {
-    "==": Operation.EQUAL,
-    "!=": Operation.UNEQUAL,
-    "<": Operation.LESS,
-    "<=": Operation.LESS_OR_EQUAL,
+_COMPARISONS: Mapping[str, tuple[Operation, int]] = {  # and the order of the operands
+    "==": (Operation.EQUAL, 1),
+    "!=": (Operation.UNEQUAL, 1),
+    "<": (Operation.LESS, 1),
+    "<=": (Operation.LESS_OR_EQUAL, 1),
+    ">": (Operation.LESS, -1),
+    ">=": (Operation.LESS_OR_EQUAL, -1),
 }
-_MIRRORED: Mapping[str, Operation] = {">": Operation.LESS, ">=": Operation.LESS_OR_EQUAL}
 
 
 def instructions(tree: Node, lower_box_function: LowerBoxFunction) -> list[Instruction] | None:
@@ -136,32 +131,22 @@ class _Lowering:
     def _operation(self, operation: str, values: Sequence[int]) -> int:
         if operation in _UNARY:
             return self._add(_UNARY[operation], *values)
+        if operation in _WITH_CONSTANT:
+            binary, constant = _WITH_CONSTANT[operation]
+            return self._add(binary, self._add(Operation.CONSTANT, constant), *values)
         if operation in _BINARY:
             return self._joined(_BINARY[operation], values)
-        if operation == "occurring":
-            return self._occurring(*values)
         operators = operation.split()
-        if not set(operators) <= _COMPARISONS.keys() | _MIRRORED.keys():
+        if not set(operators) <= _COMPARISONS.keys():
             raise Unsupported
-        compared = map(self._compared, operators, values[:-1], values[1:])
-        return self._joined(Operation.BIT_AND, list(compared))
+        compared: list[int] = []
+        for operator, *pair in zip(operators, values[:-1], values[1:], strict=True):
+            comparison, order = _COMPARISONS[operator]
+            compared.append(self._add(comparison, *pair[::order]))
+        return self._joined(Operation.BIT_AND, compared)
 
     def _joined(self, operation: Operation, values: Sequence[int]) -> int:
         joined = values[0]
         for value in values[1:]:
             joined = self._add(operation, joined, value)
         return joined
-
-    def _compared(self, operator: str, left: int, right: int) -> int:
-        if operator in _MIRRORED:
-            return self._add(_MIRRORED[operator], right, left)
-        return self._add(_COMPARISONS[operator], left, right)
-
-    def _occurring(self, mask: int, *by_value: int) -> int:
-        """`box_functions._occurring`."""
-        zero = self._add(Operation.CONSTANT, 0)
-        bits: list[int] = []
-        for value, with_value in enumerate(by_value):
-            occurs = self._add(Operation.UNEQUAL, self._add(Operation.BIT_AND, mask, with_value), zero)
-            bits.append(self._add(Operation.SHIFT_LEFT, occurs, self._add(Operation.CONSTANT, value)))
-        return self._joined(Operation.BIT_OR, bits)

@@ -7,7 +7,7 @@ evaluating a value never raises.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, fields
 from enum import Enum
 from functools import cached_property
@@ -21,6 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, Box, Item
 MAX_ITEMS = BOX_COUNT * box_functions.MAX_BOX_ITEMS  # most items of a scene that generated code accepts
 BOXES = tuple(f"b{index}" for index in range(BOX_COUNT))
 LOCAL_BOX = "b"  # the parameter of a kernel
+MAX_SIZE = 4_000  # nodes of a tree
 ATTRIBUTE_TYPES: dict[str, type[Enum]] = {"color": Color, "shape": Shape, "size": Size}
 ITEM_FIELDS = dict(zip(ATTRIBUTE_TYPES, map(Item._fields.index, ("colour", "shape", "size")), strict=True))
 
@@ -31,7 +32,11 @@ class Unsupported(Exception):
 
 @dataclass(frozen=True)
 class Code:
-    """A node of the tree."""
+    """A node of the tree. Raises Unsupported for a tree that is too long to print."""
+
+    def __post_init__(self) -> None:
+        if self.size > MAX_SIZE:
+            unsupported("too long")
 
     @cached_property
     def parts(self) -> tuple[Code, ...]:
@@ -84,7 +89,6 @@ class ItemCount(Code):
 class Kernel:
     """A function of a box with its own code, in which the box is LOCAL_BOX."""
 
-    key: str  # of its values in `box.memo`
     function: Callable[[Box], Any]
     code: Code
 
@@ -134,13 +138,8 @@ class TupleCount(Code):
 
 
 def operate(operator: str, *operands: Code) -> Code:
-    """The operands joined by a binary operator, from left to right, or given to a function."""
+    """The operands joined by an operator, or by those of a chain of comparisons, or given to a function."""
     return Apply(operator, operands)
-
-
-def compare(operators: Sequence[str], *operands: Code) -> Code:
-    """A chain of comparisons."""
-    return Apply(" ".join(operators), operands)
 
 
 def has_bit(mask: Code, position: Code) -> Code:
@@ -286,6 +285,10 @@ def narrow(part: BoxItems, mask: ItemMask) -> BoxItems:
     return BoxItems(part.box, operate("&", part.mask, mask.code), part.total and mask.total)
 
 
+def attribute_of(item: ItemRef, name: str) -> AttributeValue:
+    return AttributeValue(ItemField(item.box, item.code, ITEM_FIELDS[name]), item.total, enum=ATTRIBUTE_TYPES[name])
+
+
 def max_elements(value: Value) -> int:
     """Upper bound on the elements of a value at all levels, itself included."""
     match value:
@@ -309,21 +312,6 @@ def max_measure_steps(value: Value) -> int:
     if isinstance(value, AttributeSet) or (isinstance(value, Items) and not value.ordered):
         return 2 * count + costs.sort_steps(count, count)
     return 2 * count
-
-
-def size_of(value: Value) -> int:
-    """The number of nodes of a value's code."""
-    match value:
-        case BoxRef():
-            return 0
-        case StaticList(elements=elements, conditions=conditions):
-            return sum(map(size_of, (*elements, *conditions)))
-        case Items(parts=parts):
-            return sum(0 if part.chosen is None else part.chosen.size for part in parts)
-        case Combinations(parts=parts, count=count):
-            return count.size + size_of(Items(parts, ordered=True))
-        case _:
-            return value.code.size
 
 
 def static_list(elements: Iterable[Value]) -> StaticList:
@@ -393,6 +381,12 @@ def paired_by_box(left: Items, right: Items) -> list[tuple[BoxItems, BoxItems]]:
 
 def conjunction(codes: Iterable[Code], *, total: bool) -> Bool:
     return Bool(operate("and" if total else "&", *codes), total)
+
+
+def membership(value: Value, collection: Value) -> Bool:
+    if isinstance(value, AttributeValue) and isinstance(collection, AttributeSet) and value.enum is collection.enum:
+        return Bool(has_bit(collection.code, value.code), all_total((value, collection)))
+    unsupported("membership")
 
 
 def equality(left: Value, right: Value) -> Bool:

@@ -5,30 +5,21 @@ A program that uses a word without a lowering is run by the reference evaluator.
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Mapping
 from enum import Enum
 from functools import partial
-from typing import TYPE_CHECKING
 
 from lilgym_mp.envs.fast import box_functions, ir
-from lilgym_mp.programs import costs
 from lilgym_mp.programs.words import WORDS
 
-if TYPE_CHECKING:
-    from lilgym_mp.envs.fast.code_generation import Generator
 
-MAX_TUPLES = 100  # combinations of static elements, which are unrolled
-
-
-def _lower_exist(_: Generator, s: ir.Value) -> ir.Bool:
+def _lower_exist(s: ir.Value) -> ir.Bool:
     if not isinstance(s, ir.Items | ir.StaticList | ir.AttributeSet | ir.Combinations):
         ir.unsupported("exist")
     return ir.as_truth(s)
 
 
-def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
+def _lower_count(s: ir.Value) -> ir.Int:
     match s:
         case ir.Items():
             return ir.Int(ir.operate("+", *(part.count for part in s.parts)), s.total)
@@ -48,19 +39,19 @@ def _lower_count(_: Generator, s: ir.Value) -> ir.Int:
             ir.unsupported("count")
 
 
-def _lower_len(generator: Generator, s: ir.Value) -> ir.Int:
+def _lower_len(s: ir.Value) -> ir.Int:
     if not isinstance(s, ir.StaticList):
-        return _lower_count(generator, s)
+        return _lower_count(s)
     return ir.Int(ir.operate("+", ir.Number(0), *(condition.code for condition in s.conditions)), s.total)
 
 
-def _lower_unique(_: Generator, s: ir.Value) -> ir.ItemRef:
+def _lower_unique(s: ir.Value) -> ir.ItemRef:
     if not isinstance(s, ir.Items) or len(s.parts) != 1:
         ir.unsupported("unique")
     return ir.ItemRef(ir.operate("only", s.parts[0].mask), total=False, box=s.parts[0].box)
 
 
-def _lower_set(_: Generator, s: ir.Value) -> ir.Items | ir.AttributeSet:
+def _lower_set(s: ir.Value) -> ir.Items | ir.AttributeSet:
     match s:
         case ir.Items():
             return ir.Items(tuple(sorted(s.parts, key=lambda part: part.box)), ordered=False)
@@ -72,8 +63,8 @@ def _lower_set(_: Generator, s: ir.Value) -> ir.Items | ir.AttributeSet:
             ir.unsupported("set")
 
 
-def _lower_set_operation(sign: str, generator: Generator, a: ir.Value, b: ir.Value) -> ir.Value:
-    a, b = _lower_set(generator, a), _lower_set(generator, b)
+def _lower_set_operation(sign: str, a: ir.Value, b: ir.Value) -> ir.Value:
+    a, b = _lower_set(a), _lower_set(b)
     if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
         return ir.AttributeSet(ir.operate(sign, a.code, b.code), ir.all_total((a, b)), enum=a.enum)
     if isinstance(a, ir.Items) and isinstance(b, ir.Items):
@@ -83,56 +74,38 @@ def _lower_set_operation(sign: str, generator: Generator, a: ir.Value, b: ir.Val
     ir.unsupported("set operation")
 
 
-def _lower_contained(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
-    a, b = _lower_set(generator, a), _lower_set(generator, b)
+def _lower_contained(a: ir.Value, b: ir.Value) -> ir.Bool:
+    a, b = _lower_set(a), _lower_set(b)
     if isinstance(a, ir.AttributeSet) and isinstance(b, ir.AttributeSet) and a.enum is b.enum:
         outside = ir.operate("&", a.code, ir.operate("~", b.code))
         return ir.Bool(ir.operate("==", outside, ir.Number(0)), ir.all_total((a, b)))
     ir.unsupported("contained")
 
 
-def _lower_equal_set(generator: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
-    return ir.equality(_lower_set(generator, a), _lower_set(generator, b))
-
-
-def _lower_member_of(generator: Generator, x: ir.Value, s: ir.Value) -> ir.Bool:
-    return generator.membership(x, s)
-
-
-def _lower_combinations(generator: Generator, s: ir.Value, k: ir.Value) -> ir.StaticList | ir.Combinations:
-    size = k.code.value if isinstance(k, ir.Int) and isinstance(k.code, ir.Number) else ir.unsupported("combinations")
-    if isinstance(s, ir.Items) and size in (2, 3):
-        count = math.comb(ir.MAX_ITEMS, size)
-        if len({part.box for part in s.parts}) != len(s.parts) or count > costs.SIZE_LIMIT:
-            ir.unsupported("combinations")
-        generator.charge(costs.SUBSET_ELEMENT * (1 + 2 * size) * count)  # at most 2 elements an item: `ResultSize`
-        items = ir.operate("+", *(part.count for part in s.parts))
-        return ir.Combinations(s.parts, size, ir.operate("comb", items, k.code), s.total)
-    if not isinstance(s, ir.StaticList) or not s.unconditional:
-        ir.unsupported("combinations")
-    count = math.comb(len(s.elements), size)
-    if count > MAX_TUPLES:
-        ir.unsupported("combinations of many")
-    generator.charge(costs.SUBSET_ELEMENT * (1 + size) * (1 + count) * ir.max_elements(s))
-    return ir.static_list(map(ir.static_list, itertools.combinations(s.elements, size)))
+def _lower_equal_set(a: ir.Value, b: ir.Value) -> ir.Bool:
+    return ir.equality(_lower_set(a), _lower_set(b))
 
 
 # Words with one variant per attribute
 
 
-def _lower_query(attribute: str, generator: Generator, x: ir.Value) -> ir.StaticList:
-    return ir.static_list([generator.attribute_of(x, attribute)]) if isinstance(x, ir.ItemRef) else ir.unsupported()
+def _lower_query(attribute: str, x: ir.Value) -> ir.StaticList:
+    return ir.static_list([ir.attribute_of(x, attribute)]) if isinstance(x, ir.ItemRef) else ir.unsupported()
 
 
-def _lower_values(attribute: str, _: Generator, s: ir.Value) -> ir.AttributeSet:
+def _lower_values(attribute: str, s: ir.Value) -> ir.AttributeSet:
     if not isinstance(s, ir.Items):
         ir.unsupported("values")
     enum = ir.ATTRIBUTE_TYPES[attribute]
-    found = [ir.operate("occurring", part.mask, *(_value_mask(value, part.box) for value in enum)) for part in s.parts]
-    return ir.AttributeSet(ir.operate("|", *found), s.total, enum=enum)
+    bits = [
+        ir.operate("<<", ir.narrow(part, ir.ItemMask(_value_mask(value, part.box))).nonempty, ir.Number(value.value))
+        for part in s.parts
+        for value in enum
+    ]
+    return ir.AttributeSet(ir.operate("|", *bits), s.total, enum=enum)
 
 
-def _lower_filter(attribute: str, _: Generator, s: ir.Value, value: ir.Value) -> ir.Items:
+def _lower_filter(attribute: str, s: ir.Value, value: ir.Value) -> ir.Items:
     enum = ir.ATTRIBUTE_TYPES[attribute]
     if not isinstance(s, ir.Items) or not isinstance(value, ir.AttributeValue) or value.enum is not enum:
         ir.unsupported("filter")
@@ -149,12 +122,12 @@ def _value_mask(value: Enum, box: str) -> ir.Code:
     return ir.BoxCall(box, test.name, box_functions.vectorised_test(test, ()))
 
 
-def _lower_all_same(attribute: str, generator: Generator, s: ir.Value) -> ir.Bool:
-    found = _lower_values(attribute, generator, s)
+def _lower_all_same(attribute: str, s: ir.Value) -> ir.Bool:
+    found = _lower_values(attribute, s)
     return ir.Bool(ir.operate("==", ir.operate("bit_count", found.code), ir.Number(1)), found.total)
 
 
-def _lower_equal_attribute(attribute: str, _: Generator, a: ir.Value, b: ir.Value) -> ir.Bool:
+def _lower_equal_attribute(attribute: str, a: ir.Value, b: ir.Value) -> ir.Bool:
     enum = ir.ATTRIBUTE_TYPES[attribute]
     for value in (a, b):
         for part in value.elements if isinstance(value, ir.StaticList) else (value,):
@@ -183,8 +156,7 @@ VALUE_WORDS: Mapping[str, Callable[..., ir.Value]] = {
     "intersect": partial(_lower_set_operation, "&"),
     "contained": _lower_contained,
     "equal_set": _lower_equal_set,
-    "member_of": _lower_member_of,
-    "combinations": _lower_combinations,
+    "member_of": ir.membership,
     **{
         pattern.format(attribute): partial(lower, attribute)
         for attribute in ir.ATTRIBUTE_TYPES
