@@ -11,7 +11,7 @@ import ast
 import difflib
 import keyword
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, NoReturn, cast, get_args
 
@@ -380,7 +380,8 @@ class _Checker:
         if name in known_words(name):
             return WordName(WORDS[name])
         if name in ENUMS:
-            self.refuse(node, f"{name} needs a member: {_listed(f'{name}.{member}' for member in _members(name))}")
+            members = ", ".join(map(str, ENUMS[name]))
+            self.refuse(node, f"{name} needs a member: {members}")
         self.refuse(node, "unknown name" + _suggestion(name, [*variables, *SCENE_NAMES, *WORDS, *ENUMS]))
 
     def _lambda(self, node: ast.Lambda, variables: frozenset[str], depth: int) -> Node:
@@ -423,10 +424,10 @@ class _Checker:
 
     def _member(self, node: ast.Attribute, variables: frozenset[str], depth: int) -> Node:
         if isinstance(node.value, ast.Name) and node.value.id in ENUMS and node.value.id not in variables:
-            kind, members = ENUMS[node.value.id], _members(node.value.id)
+            members = ENUMS[node.value.id].__members__
             if node.attr not in members:
-                self.refuse(node, f"unknown {node.value.id} {node.attr!r}; choose from {_listed(members)}")
-            return Constant(kind[node.attr])
+                self.refuse(node, f"unknown {node.value.id} {node.attr!r}; choose from {', '.join(members)}")
+            return Constant(members[node.attr])
         if isinstance(node.value, ast.Name):
             self._name(node.value, variables)
         if node.attr not in METHODS and node.attr not in ATTRIBUTES:
@@ -434,17 +435,9 @@ class _Checker:
         return Member(self.checked(node.value, variables, depth + 1), node.attr, called=False)
 
 
-def _members(enum_name: str) -> list[str]:
-    return [member.name for member in ENUMS[enum_name]]
-
-
 def _suggestion(name: str, choices: list[str]) -> str:
     lowered = {choice.lower(): choice for choice in choices}
     close = difflib.get_close_matches(name.lower(), list(lowered), n=3)
     if close:
         return f" {name!r}; did you mean {' or '.join(lowered[choice] for choice in close)}?"
-    return f" {name!r}" + (f"; choose from {_listed(choices)}" if len(choices) < 10 else "")
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(names)
+    return f" {name!r}" + (f"; choose from {', '.join(choices)}" if len(choices) < 10 else "")

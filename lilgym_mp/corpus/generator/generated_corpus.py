@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import random
+import re
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache, lru_cache
@@ -16,7 +17,7 @@ from typing import NamedTuple
 
 from lilgym_mp.corpus.faults import CorpusError
 from lilgym_mp.corpus.generator.pairs import LEVELS, statements
-from lilgym_mp.corpus.locations import is_generated
+from lilgym_mp.corpus.locations import GENERATED
 from lilgym_mp.corpus.records import SCRATCH
 from lilgym_mp.corpus.scene_walks import ScenePool
 from lilgym_mp.corpus.synthesis import near_misses
@@ -57,12 +58,12 @@ class CorpusSpec(NamedTuple):
     @classmethod
     def parse(cls, corpus: str) -> CorpusSpec:
         """The parameters in a corpus name. Raises CorpusError for a malformed name or an unknown level."""
-        parts = corpus.split(":")[1:]
-        if not is_generated(corpus) or len(parts) not in (1, 2) or not all(map(_is_number, parts)):
+        found = re.fullmatch(rf"{GENERATED}:([0-9]+)(?::([0-9]+))?", corpus)
+        if found is None:
             raise CorpusError(
                 f'no corpus {corpus!r}: a generated corpus is "generated:LEVEL" or "generated:LEVEL:SEED"'
             )
-        spec = cls(*map(int, parts))
+        spec = cls(*map(int, found.groups("0")))
         if spec.level not in LEVELS:
             levels = ", ".join(map(str, LEVELS))
             raise CorpusError(f"no corpus {corpus!r}: unknown level {spec.level}; choose from {levels}")
@@ -153,7 +154,3 @@ def _tasks(name: str, entry: Entry, appearance: str, start: str) -> Iterator[Tas
         return
     for letter, (scene, label) in zip("abcdefgh", entry.starts, strict=False):
         yield Task(f"{name}-{letter}", entry.statement, entry.program, not label, check_scene(scene))
-
-
-def _is_number(text: str) -> bool:
-    return text.isascii() and text.isdigit()

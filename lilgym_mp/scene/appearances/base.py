@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from enum import IntEnum, StrEnum
+from enum import StrEnum
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -113,7 +113,7 @@ class ArrayForm(NamedTuple):
     """The released array form of an appearance's actions: type and slots, -1 in those that the type does not use."""
 
     appearance: str
-    slots: Mapping[str, int | type[IntEnum]]  # the number of values, or their type
+    slots: Mapping[str, Sequence[int]]  # their values
     actions: tuple[type[Action], type[Action], type[Action]]  # by ActionType; each has the first slots as fields
 
     def read(self, values: Sequence[int]) -> Action:
@@ -125,13 +125,8 @@ class ArrayForm(NamedTuple):
             raise ActionError(f"an action array must be {len(names)} whole numbers [{form}], not {values!r}")
         number, *rest = array.tolist()
         action = self.actions[slot_value("type", number, len(self.actions))]
-        found: list[Any] = []
-        for name, value, _ in zip(self.slots, rest, action._fields, strict=False):
-            choices = self.slots[name]
-            if isinstance(choices, int):
-                found.append(slot_value(name, value, choices))
-            else:
-                found.append(choices(slot_value(name, value, len(choices))))
+        used = zip(self.slots.items(), rest, action._fields, strict=False)
+        found: list[Any] = [choices[slot_value(name, value, len(choices))] for (name, choices), value, _ in used]
         return action(*found)
 
     def write(self, action: Action) -> list[int]:

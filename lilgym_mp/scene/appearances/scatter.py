@@ -130,7 +130,8 @@ class Scatter:
 
     @property
     def _array_form(self) -> ArrayForm:
-        slots = {"x": self.grid[0], "y": self.grid[1], "shape": Shape, "colour": Colour, "size": Size}
+        columns, rows = map(range, self.grid)
+        slots = {"x": columns, "y": rows, "shape": tuple(Shape), "colour": tuple(Colour), "size": tuple(Size)}
         return ArrayForm("scatter", slots, (Stop, AddItem, RemoveItem))
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:

@@ -28,7 +28,7 @@ ACTIONS: tuple[TowerAction, ...] = (
     *(AddBlock(box, colour) for box in range(BOX_COUNT) for colour in Colour),
     *(RemoveBlock(box) for box in range(BOX_COUNT)),
 )
-_ARRAY_FORM = ArrayForm("tower", {"box": BOX_COUNT, "colour": Colour}, (Stop, AddBlock, RemoveBlock))
+_ARRAY_FORM = ArrayForm("tower", {"box": range(BOX_COUNT), "colour": tuple(Colour)}, (Stop, AddBlock, RemoveBlock))
 _INDICES: dict[Action, int] = {action: index for index, action in enumerate(ACTIONS)}
 _MEMO_KEY = "tower successors"  # in a box's memo: the boxes after each edit, by column of `TowerTables.after`
 
