@@ -41,7 +41,8 @@ def _nodes() -> Mapping[str, syntax.Node]:
     nodes |= {name: syntax.Logic(name, (PART, PART)) for name in CONNECTIVES}
     nodes |= {name: syntax.Arithmetic(name, PART, PART) for name in OPERATORS}
     nodes |= {name: syntax.Comparison(PART, (name,), (PART,)) for name in COMPARISONS}
-    for kind in (list, set):
+    kinds: Sequence[type[list[object]] | type[set[object]]] = (list, set)
+    for kind in kinds:
         nodes |= {f"{kind.__name__}/{n}": syntax.Display(kind, (PART,) * n) for n in range(1, MAX_DISPLAY + 1)}
     for word in WORDS.values():
         least = sum(not parameter.optional for parameter in word.parameters)
@@ -84,7 +85,7 @@ def _tokens(node: syntax.Node) -> Iterator[str]:
         yield from _tokens(parts[-1])
         return
     token = _token(node)
-    if token not in _nodes():
+    if token is None or token not in _nodes():
         raise PrefixError(f"there is no token for {source_of(node)}")
     yield token
     for part in parts:
