@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from lilgym_mp.corpus.scene_sampling import SAMPLERS, ItemPlacing, ItemTypes, scattered
 from lilgym_mp.envs.rules import RULE_SETS
-from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Box, Item, Scene
+from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Item, Scene
 from lilgym_mp.scene.actions import Action, AddBlock, AddItem, RemoveBlock, RemoveItem
 from lilgym_mp.scene.appearances import APPEARANCES, RELEASED_GRID
 
@@ -24,6 +24,9 @@ TOUCHING_GAP = 1  # most pixels between two touching items
 NEAR_GAPS = (2, 3, 4)  # pixels: almost touching in the program language
 CLEAR_GAP = 9  # pixels: visibly apart
 TRIES = 30
+BOX_CELLS = RELEASED_GRID[1]  # columns and rows of cells in a box
+CELL_SIDE = BOX_SIDE // BOX_CELLS  # pixels
+COLUMN_PITCH = BOX_PITCH // CELL_SIDE  # columns from one box to the next
 
 
 class Expansion(NamedTuple):
@@ -130,21 +133,17 @@ def _random_add(appearance: str, rng: random.Random, palette: ItemTypes, box_ind
     shapes, colours, sizes = palette
     if appearance == "tower":
         return AddBlock(box_index, rng.choice(colours))
-    columns, rows = RELEASED_GRID
-    pitch = (columns + 2) // BOX_COUNT  # columns from one box to the next
-    column = box_index * pitch + rng.randrange(pitch - 2)
-    return AddItem(column, rng.randrange(rows), rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
+    column, row = rng.randrange(BOX_CELLS), rng.randrange(BOX_CELLS)
+    return AddItem(box_index * COLUMN_PITCH + column, row, rng.choice(shapes), rng.choice(colours), rng.choice(sizes))
 
 
 def _inverse(successor: Scene, box_index: int, action: Action) -> Action:
     """The REMOVE that should undo the ADD: in Scatter, at the centre of the new item."""
     if isinstance(action, AddBlock):
         return RemoveBlock(box_index)
-    columns, rows = RELEASED_GRID
-    pitch, cell = (columns + 2) // BOX_COUNT, BOX_SIDE // rows
     item = successor.boxes[box_index].items[-1]
-    middle = item.side // 2
-    return RemoveItem(box_index * pitch + (item.x + middle) // cell, (item.y + middle) // cell)
+    column, row = ((place + item.side // 2) // CELL_SIDE for place in (item.x, item.y))
+    return RemoveItem(box_index * COLUMN_PITCH + column, row)
 
 
 def _random_palette(rng: random.Random) -> ItemTypes:
