@@ -46,6 +46,7 @@ class TowerTables(NamedTuple):
     legal: BoolArray  # (5, 5, 5, 13) whether each action is valid, by the heights of the three boxes
 
 
+REMOVE_COLUMN = len(Colour)  # of `after`
 EDIT_REASONS = (*(InvalidReason.FULL_TOWER for _ in Colour), InvalidReason.EMPTY_TOWER)  # indexed by column of `after`
 
 
@@ -62,7 +63,7 @@ def tower_tables() -> TowerTables:
         after=np.array([[-1 if box is None else indices[box.items] for box in row] for row in map(_successors, boxes)]),
         colours=colours,
         action_box=np.array([0 if isinstance(action, Stop) else action.box for action in ACTIONS]),
-        action_edit=np.array([0, *[*Colour] * BOX_COUNT, *[len(Colour)] * BOX_COUNT]),  # in the order of ACTIONS
+        action_edit=np.array([0, *[*Colour] * BOX_COUNT, *[REMOVE_COLUMN] * BOX_COUNT]),  # in the order of ACTIONS
         heights=np.array([len(box.items) for box in boxes]),
         legal=_legal_by_heights(),
     )
@@ -94,9 +95,12 @@ class Tower:
         return _ARRAY_FORM.write(action)
 
     def apply(self, scene: Scene, action: Action, rules: PlacementRules) -> Edit:
-        if not isinstance(action, AddBlock | RemoveBlock):
+        if isinstance(action, AddBlock):
+            column = action.colour
+        elif isinstance(action, RemoveBlock):
+            column = REMOVE_COLUMN
+        else:
             raise ActionError(f"{action!r} is not an edit of tower")
-        column = action.colour if isinstance(action, AddBlock) else len(Colour)
         box = _successors(scene.boxes[action.box])[column]
         if box is None:
             return Edit(scene, EDIT_REASONS[column])
