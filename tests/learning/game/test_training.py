@@ -124,14 +124,14 @@ def test_train__a_verifier_alone_learns_to_judge_claims(tmp_path: Path, three: s
 @pytest.mark.parametrize(
     ("verifier", "protocol", "rewards", "changes"),
     [
-        ("both", "veto", "common", {}),
         ("cross-entropy", "veto", "correctness", {"ending": "verifier"}),
-        ("cross-entropy", "joint", "common", {"ending": "agreement"}),
         ("both", "joint", "common", {"ending": "either", "configuration": "ScatterFlipIt"}),
-        ("cross-entropy", "audit", "hidden", {}),
         ("both", "audit", "hidden", {"verdict_bins": 5}),
         ("both", "critique", "common", {"message_size": 3, "message_cost": 0.01}),
-        ("cross-entropy", "critique", "common", {}),
+        pytest.param("both", "veto", "common", {}, marks=pytest.mark.long),
+        pytest.param("cross-entropy", "joint", "common", {"ending": "agreement"}, marks=pytest.mark.long),
+        pytest.param("cross-entropy", "audit", "hidden", {}, marks=pytest.mark.long),
+        pytest.param("cross-entropy", "critique", "common", {}, marks=pytest.mark.long),
     ],
 )
 def test_train__every_protocol_gives_agents_that_play(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lilgym_mp.evaluation import CONFIGURATIONS, Observations, Settings, evaluate
+from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.imitation import training
@@ -78,7 +78,7 @@ def test_training__with_random_labels_learns_nothing(statements: str, tmp_path: 
     assert accuracy(agent, settings) < 0.7
 
 
-@pytest.mark.parametrize("name", CONFIGURATIONS)
+@pytest.mark.parametrize("name", ["TowerScratch", "ScatterFlipIt"])
 def test_training__saved_agent_plays_like_the_trained_one(name: str, statements: str, tmp_path: Path):
     agent, settings = train(statements, name, tmp_path / "run", updates=4)
     loaded = open_agent(tmp_path / "run", "cpu")

@@ -317,10 +317,10 @@ def test_train__masks_only_if_the_recipe_does_and_the_description_states_it(tmp_
     ("recipe_name", "configuration"),
     [
         ("ours", "TowerFlipIt"),
-        ("ours", "ScatterScratch"),
         ("paper", "ScatterFlipIt"),
-        ("paper", "TowerFlipIt"),
         ("release", "ScatterScratch"),
+        pytest.param("ours", "ScatterScratch", marks=pytest.mark.long),
+        pytest.param("paper", "TowerFlipIt", marks=pytest.mark.long),
     ],
 )
 def test_train__every_recipe_and_configuration_gives_an_agent(

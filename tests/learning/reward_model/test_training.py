@@ -72,7 +72,7 @@ def test_training__reads_truths_only_from_counted_stops(statements: str, tmp_pat
     settings = Settings(name, corpus=statements)
     settings.make("train")
     with counted_stops() as stops:
-        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=30)
+        agent = train_reward_model(settings, small_recipe(settings, reuse=1), tmp_path / "run", updates=12)
     assert agent.description.details["stops"] == len(stops)
     assert agent.description.details["steps"] == sum(stops)
 
