@@ -1,4 +1,4 @@
-"""Project rules: packaging, extras, light imports, no official statements."""
+"""Project rules: packaging, extras, light imports, a core without numba, no official statements."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from typing import Any
 import pytest
 
 from lilgym_mp.corpus import extras
+from tests.scripts import load_script
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT: dict[str, Any] = tomllib.loads((ROOT / "pyproject.toml").read_text())
@@ -26,6 +27,32 @@ SETUPTOOLS: dict[str, Any] = PROJECT["tool"]["setuptools"]
 EXTRAS: dict[str, list[str]] = PROJECT["project"]["optional-dependencies"]
 HEAVY = ("torch", "shapely", "pettingzoo", "stable_baselines3", "sb3_contrib", "transformers", "ray", "numba", "PIL")
 LONG_STATEMENT = 5  # words; shorter statements may occur by coincidence
+WITHOUT_NUMBA = """
+import sys
+for name in ("numba", "lilgym_mp.envs.fast"):
+    sys.modules[name] = None  # importing it fails
+"""
+PLAY = """
+import gymnasium, lilgym_mp
+for configuration in ("TowerFlipIt", "ScatterFlipIt"):
+    env = gymnasium.make(f"lilgym_mp/{configuration}-v0", split="dev")
+    env.reset(seed=0)
+    for episode in range(12):
+        env.reset(options=dict(task=env.unwrapped.tasks.ids[0]))
+        env.step(int(env.unwrapped.action_masks().nonzero()[0][-1]))
+        goal = env.unwrapped.goal_reached()
+        _, reward, terminated, *_ = env.step(0)
+        assert terminated and reward == (1 if goal else -1)
+"""
+EVALUATE = """
+import sys
+from lilgym_mp.programs import Program
+from lilgym_mp.scene import Scene
+program = Program("exist(all_items)")
+for is_loaded in (False, False, True, True):
+    assert not program(Scene.of((), (), ()))
+    assert ("lilgym_mp.envs.fast.code_generation" in sys.modules) == is_loaded
+"""
 
 
 def _run(*command: str | Path, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
@@ -108,6 +135,22 @@ def test_import__loads_nothing_heavy():
     done = _run(sys.executable, "-c", program)
     assert done.returncode == 0, done.stderr
     assert not done.stdout.split(), "`import lilgym_mp` loads " + ", ".join(done.stdout.split())
+
+
+def test_core__plays_without_numba_and_without_generated_code():
+    done = _run(sys.executable, "-c", WITHOUT_NUMBA + PLAY)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("RuntimeWarning: programs are evaluated slowly") == 1
+
+
+def test_program__has_code_generated_only_once_it_is_evaluated_often():
+    _passes(sys.executable, "-c", EVALUATE)
+
+
+@pytest.mark.parametrize(("use", "limit"), [("scatter", 6_000), pytest.param("ppo", 16_000, marks=pytest.mark.long)])
+def test_package__loads_few_lines_for_a_use(use: str, limit: int):
+    lines, _ = load_script("print_closures").closure(use)
+    assert lines <= limit
 
 
 @pytest.mark.parametrize("extra", ["sb3", "report", "human", "pettingzoo"])

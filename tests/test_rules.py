@@ -1,8 +1,11 @@
-"""The table of rewards and termination of the MDP (docs/spec.md, "Rule sets"), and purity of steps."""
+"""Tasks, the table of rewards and termination of the MDP (docs/spec.md, "Rule sets"), and purity of steps."""
 
 from __future__ import annotations
 
 import copy
+import dataclasses
+import json
+import pickle
 from typing import Any
 
 import pytest
@@ -158,3 +161,43 @@ def test_wait__counts_as_a_valid_edit_that_keeps_the_scene(
     done = dynamics.wait(State(task(BLUE), BLUE, steps))
     assert (str(done.outcome), done.reward, done.result.terminated, done.result.truncated) == expected
     assert (done.state.scene, done.state.steps) == (BLUE, steps + 1)
+
+
+# Tasks
+
+
+SOME_BLUE = Task("7-a", "Some block is blue.", "exist(filter_color(all_items, Color.BLUE))", False, scene(tower(B)))
+
+
+def test_truth__is_false_if_the_program_raises():
+    failing = dataclasses.replace(SOME_BLUE, program="is_blue(unique(all_items))")
+    assert failing.truth(scene(tower(B))) is True
+    assert failing.truth(Scene.empty()) is False
+    assert failing.truth(scene(tower(B, B))) is False
+
+
+def test_task__is_an_immutable_value():
+    copied = pickle.loads(pickle.dumps(SOME_BLUE))
+    assert copied == SOME_BLUE
+    assert copied.truth(scene(tower(B)))
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        SOME_BLUE.target = True  # type: ignore[misc]
+
+
+def test_task_json__gives_the_task_back():
+    assert Task.from_json(json.loads(json.dumps(SOME_BLUE.to_json()))) == SOME_BLUE
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"target": 1}, "a task's target must be of type bool, not 1"),
+        ({"program": None}, "a task's program must be of type str, not None"),
+        ({"start": [[], []]}, "a scene has 3 boxes, not 2"),
+    ],
+)
+def test_task_json__of_another_form_is_refused(change: dict[str, object], message: str):
+    with pytest.raises(ValueError, match=message):
+        Task.from_json({**SOME_BLUE.to_json(), **change})
+    with pytest.raises(ValueError, match="a task must be an object"):
+        Task.from_json([])

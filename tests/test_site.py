@@ -51,14 +51,10 @@ def pages() -> ModuleType:
 
 
 @pytest.mark.long
-def test_site__has_a_page_for_every_document(site: Path) -> None:
+def test_site__has_a_page_for_every_document_and_fetches_nothing_from_elsewhere(site: Path) -> None:
     documents = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
     assert [page for page in documents if not (site / page).exists()] == []
     assert {"changelog.html", "contributing.html"} <= {path.name for path in site.iterdir()}
-
-
-@pytest.mark.long
-def test_site__fetches_nothing_from_elsewhere(site: Path) -> None:
     fetched = {found for page in site.rglob("*.html") for found in FETCHED.findall(page.read_text())}
     assert {link for link in fetched if "canonical" not in link} == set()
 
