@@ -48,7 +48,7 @@ def test_frame__truncates_a_long_line():
 
 
 @given(SCENES["scatter"])
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=8)
 def test_scene_picture__differs_from_the_observation_only_at_edges(shown: Scene):
     image = _enlarged(shown)
     edges = _edges(image)
