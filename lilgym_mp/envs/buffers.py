@@ -96,13 +96,8 @@ def _scalar(annotation: Any) -> Any:
 _DTYPES = {name: _scalar(annotation) for name, annotation in get_type_hints(Buffers).items()}  # by field
 
 
-def buffers_size(array_specs: Mapping[str, ArraySpec]) -> int:
-    """Total size in bytes."""
-    return sum(spec.size for spec in array_specs.values())
-
-
 def arrays_in(memory: memoryview, array_specs: Mapping[str, ArraySpec]) -> dict[str, Any]:
-    """Arrays one after another in `memory`, which has `buffers_size(array_specs)` bytes."""
+    """Arrays one after another in `memory`, which has as many bytes as they take together."""
     arrays: dict[str, Any] = {}
     offset = 0
     for name, spec in array_specs.items():

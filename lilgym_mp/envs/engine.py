@@ -194,8 +194,9 @@ class Engine:
             generator = self._generators[env_id]
             assert generator is not None
             if self._sampler is not None and (choice := self._sampler(generator, global_id)) is not None:
-                is_new = isinstance(choice, Task)
-                return self._index(env_id, self._checked(choice) if is_new else self.tasks.index_of(choice))
+                if isinstance(choice, Task):
+                    return self._index(env_id, checked_task(choice, self.dynamics, self.buffers.items.shape[2]))
+                return self.tasks.index_of(choice)
             if not drawn:
                 drawn.extend(next_draws(generator, self._task_count))
             return drawn.pop()
@@ -205,9 +206,6 @@ class Engine:
         if self._repeats[env_id]:
             return global_id % self._task_count
         return global_id + self._task_count - max(left, self._stride)
-
-    def _checked(self, task: Task) -> Task:
-        return checked_task(task, self.dynamics, self.buffers.items.shape[2])
 
     def _index(self, env_id: int, task: int | Task) -> int:
         """The index of a task; a new one gets one of the environment's two: the other may be its last episode's."""

@@ -34,7 +34,7 @@ import gymnasium as gym
 import numpy as np
 
 from lilgym_mp.envs.batched import LilGymVectorEnv, T
-from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in, buffers_size
+from lilgym_mp.envs.buffers import ALIGNMENT, ArraySpec, Buffers, arrays_in
 from lilgym_mp.envs.cores import FEWEST_COMPILED
 from lilgym_mp.envs.engine import BatchSettings, Engine, ResetRequest
 from lilgym_mp.envs.keywords import refuse_old_id
@@ -297,7 +297,7 @@ class WorkerVectorEnv(LilGymVectorEnv):
             **checked.array_specs(),
             "pages": ArraySpec((pages, checked.num_envs, *image_shape(checked.image_size)), np.uint8),
         }
-        self._shared = shared = SharedMemory(buffers_size(specs))
+        self._shared = shared = SharedMemory(sum(spec.size for spec in specs.values()))
         self._finalizer = weakref.finalize(self, _stop_workers, self._workers, shared, self._owner)
         bounds: list[int] = np.linspace(0, checked.num_envs, count + 1).round().astype(int).tolist()
         spin_seconds = SPIN_SECONDS if count <= usable_cores() else 0.0

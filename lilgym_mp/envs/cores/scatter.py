@@ -48,7 +48,8 @@ class ScatterCore(CompiledCore):
         self._start_uses_fallback = np.zeros(len(tasks), np.bool_)
         self._uses_fallback = self._current.uses_fallback  # (N,) environments whose scenes are only in `_scenes`
         self._canvases: dict[int, Canvas] = {}  # keyed by env id; only environments that use the fallback
-        self._written_masks: Int64Array | None = None  # versions of boxes as of `buffers.mask`
+        self._written_masks = np.full(len(self._current.versions), NO_VERSION)  # versions of boxes as of `buffers.mask`
+        buffers.mask[:, 0] = True
         with compiling(kernels.edit_scatter_scenes):
             self._edit(self._all_env_ids[:0], self._all_env_ids[:0], np.zeros(0, np.bool_))
 
@@ -127,10 +128,6 @@ class ScatterCore(CompiledCore):
 
     def write_masks(self) -> None:
         appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._buffers.mask
-        if self._written_masks is None:
-            self._written_masks = np.full(len(self._current.versions), NO_VERSION)
-            mask[:] = False
-            mask[:, 0] = True
         places = cell_places(*appearance.cell, searches=appearance.searches(placement))
         scratch = np.empty(places.empty.shape[2], np.uint64)
         with compiling(kernels.write_masks):
