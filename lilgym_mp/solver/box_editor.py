@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -11,7 +11,6 @@ from typing import NamedTuple
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import PlacementRules, Scatter
-from lilgym_mp.scene.appearances.numbering import ITEM_TYPES
 
 FINEST_STEP = 10  # pixels between the cells that are tried for additions; on finer grids some are left out
 
@@ -52,18 +51,6 @@ class BoxEditor:
             if edited is not None and edited.box.items == expected:
                 return edited
         return None
-
-    def all_edits(self, box: Box) -> Iterator[EditedBox]:
-        """Every valid addition and removal in the cells that are tried."""
-        for x, y in self.corners:
-            for item_type in ITEM_TYPES:
-                edited = self.added(box, item_type, x, y)
-                if edited is not None:
-                    yield edited
-        for x, y in self.corners:
-            edited = self._edited(box, RemoveItem(*self._cell(x, y)))
-            if edited is not None:
-                yield edited
 
     @cached_property
     def corners(self) -> Sequence[tuple[int, int]]:

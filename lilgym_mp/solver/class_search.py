@@ -6,6 +6,7 @@ distances of its boxes. So the nearest goals are found among the few class tripl
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple, Protocol
@@ -28,23 +29,15 @@ ClassTriple = tuple[int, int, int]  # class by box
 ClassGoal = tuple[EditCounts, ClassTriple]
 
 
-def has_program_goal(task: Task) -> bool:
-    """Whether success depends on program values alone, unlike e.g. in `corpus.matching`."""
-    return isinstance(task.goal, ProgramGoal)
+def program_goal(task: Task) -> tuple[tuple[str, ...], int] | None:
+    """The programs in the task's goal and, as a bit mask, their targets; bit i is the target of program i.
 
-
-def programs_of(task: Task) -> tuple[str, ...]:
-    """The programs in the task's goal; the task's own if the goal is of another kind."""
-    return tuple(program for program, _ in _targets_of(task))
-
-
-def target_bits(task: Task) -> int:
-    """The targets of `programs_of(task)` as a bit mask; bit i is the target of program i."""
-    return sum(1 << index for index, (_, target) in enumerate(_targets_of(task)) if target)
-
-
-def _targets_of(task: Task) -> tuple[tuple[str, bool], ...]:
-    return task.goal.targets if isinstance(task.goal, ProgramGoal) else ((task.program, task.target),)
+    None if success does not depend on program values alone, as e.g. in `corpus.matching`.
+    """
+    if not isinstance(task.goal, ProgramGoal):
+        return None
+    programs, targets = zip(*task.goal.targets, strict=True)
+    return programs, sum(1 << index for index, target in enumerate(targets) if target)
 
 
 class ReachableClasses:
@@ -118,25 +111,6 @@ class ClassSpace:
             found = self._truths[triple] = self._evaluate(triple)
         return found
 
-    def goals_at(
-        self, edits: int, reachable: Sequence[ReachableClasses], targets: int, budget: Budget
-    ) -> Iterator[tuple[EditCounts, ClassTriple]]:
-        """Every class triple exactly `edits` edits away for which the programs have the values `targets`, a bit mask;
-        with the edits of each box. Raises BudgetExhaustedError."""
-        left, middle, right = reachable
-        for left_edits in range(edits + 1):
-            lefts = left.layer(left_edits, budget)
-            for middle_edits in range(edits - left_edits + 1 if lefts else 0):
-                middles = middle.layer(middle_edits, budget)
-                rights = right.layer(edits - left_edits - middle_edits, budget) if middles else ()
-                edit_counts = (left_edits, middle_edits, edits - left_edits - middle_edits)
-                budget.spend(len(lefts) * len(middles) * len(rights))
-                for first in lefts:
-                    for second in middles:
-                        for third in rights:
-                            if self.truths((first, second, third)) == targets:
-                                yield edit_counts, (first, second, third)
-
     def _evaluate(self, triple: ClassTriple) -> int:
         first, second, third = triple
         if self.classes.separable and not first <= second <= third:  # then the order of the boxes does not matter
@@ -181,13 +155,24 @@ class BoxReachability(Protocol):
 class Reachability:
     """The class triples that can be reached from a scene, and how. Methods raise BudgetExhaustedError."""
 
-    def __init__(self, space: ClassSpace, boxes: Sequence[BoxReachability]) -> None:
+    def __init__(self, space: ClassSpace, targets: int, boxes: Sequence[BoxReachability]) -> None:
         self._space = space
+        self._targets = targets
         self._boxes = boxes
 
-    def goals_at(self, edits: int, targets: int, budget: Budget) -> Iterator[ClassGoal]:
-        """The class triples exactly `edits` edits away with these targets, and the edits of each box."""
-        return self._space.goals_at(edits, [box.reachable for box in self._boxes], targets, budget)
+    def goals_at(self, edits: int, budget: Budget) -> Iterator[ClassGoal]:
+        """The class triples exactly `edits` edits away with the targets, and the edits of each box."""
+        left, middle, right = (box.reachable for box in self._boxes)
+        for left_edits in range(edits + 1):
+            lefts = left.layer(left_edits, budget)
+            for middle_edits in range(edits - left_edits + 1 if lefts else 0):
+                middles = middle.layer(middle_edits, budget)
+                rights = right.layer(edits - left_edits - middle_edits, budget) if middles else ()
+                edit_counts = (left_edits, middle_edits, edits - left_edits - middle_edits)
+                budget.spend(len(lefts) * len(middles) * len(rights))
+                for triple in itertools.product(lefts, middles, rights):
+                    if self._space.truths(triple) == self._targets:
+                        yield edit_counts, triple
 
     def edits_to(self, goal: ClassGoal, budget: Budget) -> list[Any] | None:
         """Edits that lead to the goal; None if none were found."""
@@ -199,10 +184,10 @@ class Reachability:
             found.extend(refinement)
         return found
 
-    def first_actions(self, max_edits: int, targets: int, budget: Budget) -> ActionSet | None:
+    def first_actions(self, max_edits: int, budget: Budget) -> ActionSet | None:
         """The first actions on shortest paths to the nearest goals; None if these are not known to be feasible."""
         for edits in range(1, max_edits + 1):
-            goals = list(self.goals_at(edits, targets, budget))
+            goals = list(self.goals_at(edits, budget))
             if goals:
                 found = FirstActions.union(self._first_actions(goals, budget))
                 actions = tuple(sorted(found.actions))

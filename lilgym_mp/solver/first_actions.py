@@ -97,13 +97,12 @@ class ScatterBox:
         found = self._first_actions.get((edits, box_class))
         if found is None:
             goals = self._goals(edits, box_class, budget)
-            found = self._single_edits(goals) if edits == 1 else self._first_of_many(goals, budget)
+            if edits == 1:
+                found = FirstActions(frozenset(self._actions_to(set(map(self._abstraction.abstract, goals)))))
+            else:
+                found = self._first_of_many(goals, budget)
             self._first_actions[edits, box_class] = found
         return found
-
-    def _single_edits(self, goals: Sequence[Box]) -> FirstActions:
-        abstract_goals = {self._abstraction.abstract(goal) for goal in goals}
-        return FirstActions(frozenset(self._actions_to(abstract_goals)))
 
     def _actions_to(self, goals: set[AbstractBox]) -> Iterator[int]:
         """The actions that lead to one of these abstract boxes."""
@@ -167,53 +166,52 @@ class ScatterBox:
         chosen = np.zeros(table.canonical.shape, np.bool_)
         chosen[self._additions(item_class)] = True
         by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
-        cells, footprints = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT).nonzero()
-        left, top = table.places[cells, footprints].T
-        sides = np.array(FOOTPRINT_SIDES)[footprints]
-        squares = np.stack([left, top, left + sides, top + sides], axis=1)
-        feasible, complete = self._feasible_additions(squares, footprints, remainders, budget)
-        allowed = np.zeros((len(table.places), FOOTPRINT_COUNT), np.bool_)
-        allowed[cells[feasible], footprints[feasible]] = True
-        by_item_type &= allowed.reshape(-1, len(Shape), 1, len(Size))
+        possible = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT)
+        feasible, complete = self._feasible_additions(table.places, possible, remainders, budget)
+        by_item_type &= feasible.reshape(-1, len(Shape), 1, len(Size))
         return FirstActions(frozenset(self._addition_actions(chosen.nonzero()[0])), complete)
 
     def _feasible_additions(
-        self, squares: Int64Array, footprints: Int64Array, remainders: Sequence[Remainder], budget: Budget
+        self, places: Int64Array, possible: BoolArray, remainders: Sequence[Remainder], budget: Budget
     ) -> tuple[BoolArray, bool]:
-        """(n,) after which additions one of `remainders` is known to be feasible, and whether this is exact.
+        """(cells, 9) after which additions one of `remainders` is known to be feasible, and whether this is exact.
 
-        `squares`: (n, 4) left, top, right and bottom of the added items, the last two exclusive; `footprints`: (n,).
+        `places`: (cells, 9, 2) of the added items; `possible`: (cells, 9) which of them to check, others are arbitrary.
         """
-        feasible = np.zeros(len(footprints), np.bool_)
+        squares = np.concatenate([places, places + np.array(FOOTPRINT_SIDES)[:, None]], axis=2)
+        feasible = ~possible
         for remainder in remainders[:MAX_REMAINDERS]:
             for reverse in (False, True):
                 found = self._refine(remainder, self._box, budget, reverse=reverse)
                 if not isinstance(found, NoRefinement) and not feasible.all():
                     feasible |= self._unaffected(found, squares)
         complete = True
-        for checked, index in enumerate((~feasible).nonzero()[0].tolist()):
+        for checked, index in enumerate(map(tuple, np.argwhere(~feasible).tolist())):
             if checked == MAX_CHECKED:
                 return feasible, False
             if not feasible[index]:
-                left, top, *_ = squares[index].tolist()
-                shape, size = divmod(int(footprints[index]), len(Size))
+                left, top = places[index].tolist()
+                shape, size = divmod(index[1], len(Size))
                 box = self._box.with_item(Item(left, top, Shape(shape), Colour.YELLOW, Size(size)))
                 found = self._refine_any(remainders, MAX_REMAINDERS, box, budget)
                 if isinstance(found, NoRefinement):
                     complete = complete and found is NoRefinement.INFEASIBLE
                     continue
                 feasible[index] = True
-                if self._unaffected(found, squares[index : index + 1])[0]:  # also feasible without the addition
-                    feasible |= self._unaffected(found, squares)
+                unaffected = self._unaffected(found, squares)
+                if unaffected[index]:  # also feasible without the addition
+                    feasible |= unaffected
         return feasible, complete
 
     def _unaffected(self, edits: Sequence[BoxEdit], squares: Int64Array) -> BoolArray:
-        """(n,) whether the edits have the same result with and without an item in each of the (n, 4) squares."""
+        """(...) whether the edits have the same result with and without an item in each square.
+
+        `squares`: (..., 4) left, top, right and bottom, the last two exclusive.
+        """
         regions = np.array([self._region(edit) for edit in edits])
-        left, top, right, bottom = (squares[:, None, side] for side in range(4))
+        left, top, right, bottom = np.moveaxis(squares[..., None, :], -1, 0)
         overlaps = (left < regions[:, 2]) & (right > regions[:, 0]) & (top < regions[:, 3]) & (bottom > regions[:, 1])
-        unaffected: BoolArray = np.logical_not(overlaps.any(axis=1))
-        return unaffected
+        return ~np.any(overlaps, axis=-1)
 
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
         """The region (left, top, right, bottom); items outside it do not affect the edit."""

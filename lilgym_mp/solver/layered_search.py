@@ -48,22 +48,10 @@ class LazyList(Generic[Element]):
     """An iterable that caches the elements of an iterator, which it consumes only on demand."""
 
     def __init__(self, source: Iterator[Element]) -> None:
-        self._source = source
-        self._cached: list[Element] = []
-        self._is_complete = False
+        self._elements: Any = itertools.tee(source, 1)[0]
 
     def __iter__(self) -> Iterator[Element]:
-        return iter(self._cached) if self._is_complete else self._consuming()
-
-    def _consuming(self) -> Iterator[Element]:
-        for index in itertools.count():
-            if index == len(self._cached):
-                try:
-                    self._cached.append(next(self._source))
-                except StopIteration:
-                    self._is_complete = True
-                    return
-            yield self._cached[index]
+        return self._elements.__copy__()  # another iterator over the same elements
 
 
 class Layers(Generic[Edit]):

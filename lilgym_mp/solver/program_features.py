@@ -7,7 +7,7 @@ geometry is considered.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -20,10 +20,14 @@ from lilgym_mp.programs.values import BoxView, ItemView, Side
 from lilgym_mp.programs.words import Word
 from lilgym_mp.scene import Box, Item
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
-from lilgym_mp.solver.canonical_items import canonical_index, canonical_items
+from lilgym_mp.solver.canonical_items import canonical_items
 
 ATTRIBUTES = {"color": "colour", "shape": "shape", "size": "size"}  # the language's name: the field of Item
-LOGIC_WORDS: dict[str, Callable[..., BoolArray]] = {"AND": np.logical_and, "OR": np.logical_or, "NOT": np.logical_not}
+LOGIC: Mapping[str, Callable[[list[BoolArray]], BoolArray]] = {
+    "and": np.logical_and.reduce,
+    "or": np.logical_or.reduce,
+    "not": lambda values: ~values[0],
+}
 NEUTRAL_GROUPS = ("sets", "comparison", "logic", "built-ins")  # groups of words that never inspect an item
 FEATURE_CACHE_SIZE = 4_096
 
@@ -33,9 +37,6 @@ class ItemFeature:
     """A function of a single item. Compared by identity: equal features are the same cached object."""
 
     values: Int64Array  # (1323,) its value, as an integer code, for each canonical item
-
-    def __call__(self, item: Item) -> int:
-        return int(self.values[canonical_index(item)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,18 +173,13 @@ def _predicate_feature(predicate: syntax.Node) -> ItemFeature:
 def _predicate_values(predicate: syntax.Node) -> BoolArray:
     """(1323,) the value of a predicate on x for each canonical item."""
     match predicate:
-        case syntax.Not(operand=operand):
-            return ~_predicate_values(operand)
-        case syntax.Logic(operator=operator, operands=operands):
-            combine = np.logical_and if operator == "and" else np.logical_or
-            return combine.reduce([_predicate_values(operand) for operand in operands])
         case syntax.Call(word=word, arguments=(_, *sides)) if _is_item_test(word):
             return _item_test_values(word, tuple(map(_side, sides)))
-        case syntax.Call(word=word, arguments=arguments):
-            operands = [_predicate_values(argument) for argument in arguments if argument is not None]
-            return LOGIC_WORDS[word.name](*operands)
+        case syntax.Logic(operator=name) | syntax.Call(word=Word(name=name)):
+            operator = name.lower()
         case _:
-            raise AssertionError(f"{predicate} is not a predicate on one item")
+            operator = "not"
+    return LOGIC[operator](list(map(_predicate_values, syntax.children(predicate))))
 
 
 def _side(node: syntax.Node | None) -> Side | None:

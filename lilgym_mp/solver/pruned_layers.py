@@ -86,7 +86,8 @@ def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]
     """For each item: the classes of the items that the word relates to it, or its value; else the item's position."""
     if word.depends_on == "box" and word.parameters[0].type.mapped:
         masks = box_functions.vectorised_relation(word)(box)
-        return [tuple(sorted(_selected(item_classes, masks[position]))) for position in range(len(item_classes))]
+        rows = range(len(item_classes))
+        return [tuple(sorted(item_classes[other] for other in rows if masks[row] >> other & 1)) for row in rows]
     types = [parameter.type.name for parameter in word.parameters]
     if word.depends_on == "box" and types == ["item"]:
         mask = box_functions.vectorised_test(word, ())(box)
@@ -94,10 +95,6 @@ def _relation_values(word: Word, box: Box, item_classes: list[int]) -> list[Any]
     if types == ["item", "item"]:
         return _related_classes(word, box, item_classes)
     return [(item.x, item.y) for item in box.items]
-
-
-def _selected(item_classes: list[int], mask: int) -> list[int]:
-    return [item_class for position, item_class in enumerate(item_classes) if mask >> position & 1]
 
 
 def _related_classes(word: Word, box: Box, item_classes: list[int]) -> list[Any]:

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from contextlib import suppress
+
+import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.scene import BOX_COUNT, Box, Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter
-from lilgym_mp.solver.abstraction import AbstractEdit
+from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
-from lilgym_mp.solver.class_search import Reachability, class_space, has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.class_search import Reachability, class_space, program_goal
 from lilgym_mp.solver.first_actions import ScatterBox
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
 from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
@@ -32,14 +33,15 @@ class ScatterSearch:
         self._scatter = scatter
         self._placement = dynamics.rules.placement
         self._editors = [BoxEditor(scatter, self._placement, index) for index in range(BOX_COUNT)]
-        self._exhaustive = all(editor.is_exhaustive for editor in self._editors)
+        self.is_exhaustive = all(editor.is_exhaustive for editor in self._editors)
 
     def solve(self, state: State, max_edits: int, budget: Budget) -> Solution:
         if state.task.solved_by(state.scene):
             return solved((STOP,), 0, budget)
-        if not has_program_goal(state.task):
+        goal = program_goal(state.task)
+        if goal is None:
             return not_found(1, budget, "Scatter tasks can be solved only if success depends on their program alone")
-        search = _TaskSearch(self._editors, state, max_edits, budget)
+        search = _TaskSearch(self._editors, class_space(goal[0]).abstraction, state, max_edits, budget)
         try:
             actions = search.solution()
         except BudgetExhaustedError:
@@ -55,54 +57,45 @@ class ScatterSearch:
         """As in `TowerSearch`."""
         return not class_space((program,)).abstraction.features.relational
 
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability:
+    def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
         space = class_space(programs)
         pairs = zip(self._editors, scene.boxes, strict=True)
-        return Reachability(space, [ScatterBox(space, editor, box) for editor, box in pairs])
+        return Reachability(space, targets, [ScatterBox(space, editor, box) for editor, box in pairs])
 
-    # First actions
+    def first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        """The first action of a solution; if that has one edit, every other edit that reaches a goal too.
 
-    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
-        """First actions of shortest solutions; marked complete only if that is proven."""
-        if state.task.solved_by(state.scene):
-            return ActionSet((self._scatter.encode(STOP),), complete=True, steps=1)
-        programs, found = programs_of(state.task), None
-        if self._exhaustive and has_program_goal(state.task) and all(map(self.is_abstractable, programs)):
-            with suppress(BudgetExhaustedError):
-                reachability = self.reachability(programs, state.scene)
-                found = reachability.first_actions(max_edits, target_bits(state.task), budget)
-        return self._first_actions_by_trial(state, max_edits, budget) if found is None else found
-
-    def _first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
-        """The first action of a solution; if that has one edit, every other edit that reaches a goal too."""
+        Marked complete only if that is proven.
+        """
         solution = self.solve(state, max_edits, budget)
-        if solution.steps < 2:
-            actions = tuple(map(self._scatter.encode, solution.actions))
-            return ActionSet(actions, complete=solution.status is not Status.NOT_FOUND, steps=solution.steps)
-        found = {self._scatter.encode(solution.actions[0])}
-        complete = solution.steps == 2 and solution.proven_optimal and self._exhaustive
-        try:
-            for index, box in enumerate(state.scene.boxes) if solution.steps == 2 else ():
-                for edit, after in self._editors[index].all_edits(box):
+        found = set(map(self._scatter.encode, solution.actions[:1]))
+        complete = solution.status is Status.UNSOLVABLE
+        if solution.steps == 2 and self.is_exhaustive:
+            complete = solution.proven_optimal
+            try:
+                for action in np.flatnonzero(self._scatter.legal_mask(state.scene, self._placement))[1:].tolist():
                     budget.spend()
-                    if state.task.solved_by(state.scene.with_box(index, after)):
-                        found.add(self._scatter.encode(edit))
-        except BudgetExhaustedError:
-            complete = False
+                    after, _ = self._scatter.apply(state.scene, self._scatter.decode(action), self._placement)
+                    if state.task.solved_by(after):
+                        found.add(action)
+            except BudgetExhaustedError:
+                complete = False
         return ActionSet(tuple(sorted(found)), complete=complete, steps=solution.steps)
 
 
 class _TaskSearch:
     """The search from one state. `least_edits` is the lower bound proven so far."""
 
-    def __init__(self, editors: Sequence[BoxEditor], state: State, max_edits: int, budget: Budget) -> None:
+    def __init__(
+        self, editors: Sequence[BoxEditor], abstraction: Abstraction, state: State, max_edits: int, budget: Budget
+    ) -> None:
         self._editors = editors
+        self._abstraction = abstraction
         self._refinements: dict[tuple[int, tuple[AbstractEdit, ...]], Refinement | NoRefinement] = {}  # by box and path
         self._scene = state.scene
         self._is_goal = state.task.solved_by
         self._max_edits = max_edits
         self._budget = budget
-        self._abstraction = class_space(programs_of(state.task)).abstraction
         self.least_edits = 1
 
     def solution(self) -> list[BoxEdit] | None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 from lilgym_mp.envs.rules import Dynamics, State
@@ -10,7 +11,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter, Tower
-from lilgym_mp.solver.class_search import has_program_goal, programs_of, target_bits
+from lilgym_mp.solver.class_search import Reachability, program_goal
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError
 from lilgym_mp.solver.scatter_search import ScatterSearch
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved
@@ -46,7 +47,7 @@ class Solver:
             raise UnsupportedAppearance(f"no expert for appearance {appearance.name!r}; choose from {choices}")
         self._search = SEARCHES[type(appearance)](appearance, dynamics)
         self.budget = self._search.budget if budget is None else budget
-        self._action_sets: dict[Hashable, ActionSet] = {}  # by programs, targets, scene and edits left
+        self._action_sets: dict[Hashable, ActionSet] = {}  # by goal, scene and edits left
         if isinstance(self.budget, bool) or not isinstance(self.budget, int) or self.budget < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise ValueError(f"budget must be a positive whole number of scenes or None, not {budget!r}")
 
@@ -68,13 +69,13 @@ class Solver:
         NOT_FOUND with a lower bound of the edits in all other cases: a nearer goal, a program that relates items in
         Scatter, an exhausted budget. Raises ValueError if no action is left.
         """
-        programs, budget, edits = programs_of(state.task), Budget(self.budget), 0
-        if not (has_program_goal(state.task) and all(map(self._search.is_abstractable, programs))):
+        budget, edits = Budget(self.budget), 0
+        reachability = self._reachability(state)
+        if reachability is None:
             return not_found(0, budget)
-        reachability = self._search.reachability(programs, state.scene)
         try:
             for edits in range(self._max_edits(state) + 1):
-                for goal in reachability.goals_at(edits, target_bits(state.task), budget):
+                for goal in reachability.goals_at(edits, budget):
                     found = reachability.edits_to(goal, budget) if edits >= min_edits else None
                     return not_found(edits, budget) if found is None else solved((*found, STOP), edits, budget)
         except BudgetExhaustedError:
@@ -84,15 +85,24 @@ class Solver:
     def optimal_actions(self, state: State) -> ActionSet:
         """The first actions of shortest solutions. Raises ValueError if no action is left."""
         max_edits = self._max_edits(state)
-        if not has_program_goal(state.task):
-            return self._search.first_actions(state, max_edits, Budget(self.budget))
-        key = (programs_of(state.task), target_bits(state.task), state.scene, max_edits)
+        key = (state.task.goal, state.scene, max_edits)
         found = self._action_sets.get(key)
         if found is None:
             if len(self._action_sets) >= CACHE_SIZE:
                 del self._action_sets[next(iter(self._action_sets))]
-            found = self._action_sets[key] = self._search.first_actions(state, max_edits, Budget(self.budget))
+            found = self._action_sets[key] = self._first_actions(state, max_edits, Budget(self.budget))
         return found
+
+    def _first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+        if state.task.solved_by(state.scene):
+            return ActionSet((self.dynamics.appearance.encode(STOP),), complete=True, steps=1)
+        reachability = self._reachability(state) if self._search.is_exhaustive else None
+        if reachability is not None:
+            with suppress(BudgetExhaustedError):
+                found = reachability.first_actions(max_edits, budget)
+                if found is not None:
+                    return found
+        return self._search.first_actions_by_trial(state, max_edits, budget)
 
     def optimal_sets(self, states: Sequence[State]) -> list[ActionSet]:
         """`optimal_actions` of each state, in order.
@@ -116,6 +126,13 @@ class Solver:
             raise ValueError(f"edits_left must be at least 0, not {edits_left}")
         budget = self.budget if len(goals) == 1 else min(self.budget, PLAN_BUDGET)
         return WeightedPlanner(self._search, self.dynamics, goals, scene, edits_left, Budget(budget)).plan()
+
+    def _reachability(self, state: State) -> Reachability | None:
+        """The reachable classes if they determine success, else None."""
+        goal = program_goal(state.task)
+        if goal is None or not all(map(self._search.is_abstractable, goal[0])):
+            return None
+        return self._search.reachability(*goal, state.scene)
 
     def _max_edits(self, state: State) -> int:
         """The most edits that leave one action for STOP."""

@@ -7,10 +7,10 @@ serve every task. Only the program remains to be evaluated, scene by scene, near
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import cache, partial
 
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Colour, Item, Scene
 from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.scene.appearances import PlacementRules, Tower
@@ -20,9 +20,7 @@ from lilgym_mp.solver.class_search import (
     FirstActions,
     Reachability,
     class_space,
-    has_program_goal,
-    programs_of,
-    target_bits,
+    program_goal,
 )
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, goals_at
 from lilgym_mp.solver.solution import ActionSet, Solution, not_found, solved, unsolvable
@@ -74,6 +72,7 @@ class _TowerBox:
 class TowerSearch:
     """Shortest solutions, always proven."""
 
+    is_exhaustive = True  # every action is tried
     budget = 2_000_000  # scenes examined by default; more than there are
 
     def __init__(self, tower: Tower, dynamics: Dynamics) -> None:
@@ -84,8 +83,7 @@ class TowerSearch:
         edits = 0
         try:
             for edits in range(max_edits + 1):
-                by_class = edits > MAX_EXHAUSTIVE_EDITS and _is_separable(state.task)
-                find = self._solution_by_class if by_class else self._solution_by_scene
+                find = self._solution_by_class if edits > MAX_EXHAUSTIVE_EDITS else self._solution_by_scene
                 actions = find(state, edits, budget)
                 if actions is not None:
                     return solved((*actions, STOP), edits, budget)
@@ -100,40 +98,33 @@ class TowerSearch:
         return None if goal is None else [edit for path in _paths(layers, goal) for edit in path]
 
     def _solution_by_class(self, state: State, edits: int, budget: Budget) -> list[BoxEdit] | None:
-        reachability = self.reachability(programs_of(state.task), state.scene)
-        goal = next(reachability.goals_at(edits, target_bits(state.task), budget), None)
-        return None if goal is None else reachability.edits_to(goal, budget)
+        """The same by box classes, where boxes are interchangeable."""
+        goal = program_goal(state.task)
+        if goal is None or not class_space(goal[0]).classes.separable:
+            return self._solution_by_scene(state, edits, budget)
+        reachability = self.reachability(*goal, state.scene)
+        nearest = next(reachability.goals_at(edits, budget), None)
+        return None if nearest is None else reachability.edits_to(nearest, budget)
 
-    def first_actions(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
+    def first_actions_by_trial(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         """Every first action of a shortest solution; boxes may be edited in any order."""
-        if state.task.solved_by(state.scene):
-            return ActionSet((self._tower.encode(STOP),), complete=True, steps=1)
-        try:
-            if has_program_goal(state.task):
-                reachability = self.reachability(programs_of(state.task), state.scene)
-                found = reachability.first_actions(max_edits, target_bits(state.task), budget)
-                assert found is not None
-                return found
-            return self._first_actions_by_scene(state, max_edits, budget)
-        except BudgetExhaustedError:
-            return ActionSet((), complete=False, steps=0)
-
-    def _first_actions_by_scene(self, state: State, max_edits: int, budget: Budget) -> ActionSet:
         layers = self._layers(state.scene)
-        for edits in range(1, max_edits + 1):
-            goals = goals_at(edits, layers, state.task.solved_by, budget)
-            found = {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
-            if found:
-                return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
-        return ActionSet((), complete=True, steps=0)
+        with suppress(BudgetExhaustedError):
+            for edits in range(1, max_edits + 1):
+                goals = goals_at(edits, layers, state.task.solved_by, budget)
+                found = {self._tower.encode(path[0]) for goal in goals for path in _paths(layers, goal) if path}
+                if found:
+                    return ActionSet(tuple(sorted(found)), complete=True, steps=edits + 1)
+            return ActionSet((), complete=True, steps=0)
+        return ActionSet((), complete=False, steps=0)
 
     def is_abstractable(self, program: str) -> bool:
         """Whether the classes of reachable boxes determine the program's value."""
         return True
 
-    def reachability(self, programs: tuple[str, ...], scene: Scene) -> Reachability:
+    def reachability(self, programs: tuple[str, ...], targets: int, scene: Scene) -> Reachability:
         space = class_space(programs)
-        return Reachability(space, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
+        return Reachability(space, targets, [_TowerBox(*each, space) for each in enumerate(self._layers(scene))])
 
     def _layers(self, scene: Scene) -> list[Layers[BoxEdit]]:
         return [stack_layers(self._tower, self._placement, box.items) for box in scene.boxes]
@@ -147,7 +138,3 @@ def _paths(layers: list[Layers[BoxEdit]], goal: Scene) -> list[tuple[BoxEdit, ..
 def _path(layers: Layers[BoxEdit], after: Box, index: int) -> tuple[BoxEdit, ...]:
     """The edits of box `index` that lead to `after`."""
     return tuple(edit._replace(box=index) for edit in layers.path(after))
-
-
-def _is_separable(task: Task) -> bool:
-    return has_program_goal(task) and class_space(programs_of(task)).classes.separable

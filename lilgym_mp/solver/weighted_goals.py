@@ -180,12 +180,12 @@ class WeightedPlanner:
         """Raises BudgetExhaustedError, and _NoRefinementError where only geometry rules out the nearest goals."""
         programs = tuple(dict.fromkeys(goal.program for goal in required))
         targets = sum(1 << programs.index(goal.program) for goal in required if goal.target)
-        reachability = self.search.reachability(programs, self.scene)
+        reachability = self.search.reachability(programs, targets, self.scene)
         failed = False
         max_edits = min(self.max_edits, least_edits + MAX_EXTRA_EDITS) if least_edits else self.max_edits
         for edit_count in range(least_edits, max_edits + 1):
             found: list[_Candidate] = []
-            for goal in reachability.goals_at(edit_count, targets, budget):
+            for goal in reachability.goals_at(edit_count, budget):
                 edits = reachability.edits_to(goal, budget)
                 failed = failed or edits is None
                 found.extend([] if edits is None else [self._candidate(edits)])

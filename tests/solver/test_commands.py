@@ -27,7 +27,7 @@ def test_solve__prints_shares_and_writes_solutions(corpus: str, tmp_path: Path, 
         assert f"{count} of {count} tasks of {name}" in printed.err
     data = json.loads(out.read_text())
     assert data["summaries"]["ScatterFlipIt dev"]["solved"] == 9
-    assert {record["status"] for record in data["tasks"]} == {"solved"}
+    assert {(record["status"], record["actions"][-1]) for record in data["tasks"]} == {("solved", 0)}
 
 
 def test_solve__limits_the_number_of_tasks(corpus: str, capsys: Captured):

@@ -7,18 +7,13 @@ import random
 import pytest
 
 from lilgym_mp.corpus import load_tasks
-from lilgym_mp.envs.rules import Dynamics, Outcome, State
+from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.scene import Scene
 from lilgym_mp.solver import Solver
 from tests.scenes import LARGE, SMALL, B, K, Y, circle, scene, square, triangle
 from tests.solver.tasks import after_random_edits, mdp, optimal_by_trial, task
 
 CONFIGURATIONS = [(appearance, start) for appearance in ("tower", "scatter") for start in ("scratch", "flipit")]
-
-
-def least_steps(dynamics: Dynamics, state: State) -> int:
-    """Steps of a shortest solution, from a new solver with an empty cache."""
-    return Solver(dynamics).solve_from(state).steps
 
 
 @pytest.mark.parametrize(("appearance", "start"), CONFIGURATIONS)
@@ -57,7 +52,7 @@ def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rul
     dynamics = mdp("scatter", rules)
     state = dynamics.start(task(program, start, target=not task(program).truth(start)))
     found = Solver(dynamics).optimal_actions(state)
-    assert found.steps == least_steps(dynamics, state)
+    assert found.steps == Solver(dynamics).solve_from(state).steps
     if found.steps < 2:
         return
     legal: list[int] = dynamics.legal_mask(state).nonzero()[0][1:].tolist()
@@ -67,7 +62,7 @@ def test_sets__of_longer_solutions_hold_the_actions_that_reduce_the_distance(rul
     for action in [*rng.sample(found.actions, min(8, len(found.actions))), *rng.sample(others, min(8, len(others)))]:
         transition = dynamics.step(state, dynamics.appearance.decode(action))
         assert transition.outcome is Outcome.CONTINUES
-        shorter = least_steps(dynamics, transition.state) == found.steps - 1
+        shorter = Solver(dynamics).solve_from(transition.state).steps == found.steps - 1
         assert shorter == (action in found.actions) or (shorter and not found.complete), action
 
 

@@ -9,7 +9,7 @@ import pytest
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.rules import Outcome
 from lilgym_mp.solver import Status
-from lilgym_mp.solver.reports import TaskReport, report_json, solve_tasks, summarise, summary_rows
+from lilgym_mp.solver.reports import TaskReport, solve_tasks, summarise, summary_rows
 from lilgym_mp.solver.solution import Solution
 from tests.solver.tasks import mdp, outcome, task
 
@@ -25,13 +25,6 @@ def test_summary__excludes_unsolvable_tasks_from_the_share():
     assert row == ("TowerFlipIt dev", "2", "1 (100.00 %)", "0", "1", "0", "0.00", "0", "3.00", "3.00")
     with pytest.raises(ValueError, match="zero reports"):
         summarise([])
-
-
-def test_json__has_action_indices():
-    dynamics = mdp("tower")
-    (report,) = solve_tasks([task("exist(filter_color(all_boxes[1].all_items_in_box(), Color.BLACK))")], dynamics)
-    record = report_json(report, dynamics)
-    assert (record["actions"], record["status"], record["proven_optimal"]) == ([5, 0], "solved", True)
 
 
 @pytest.mark.parametrize(("appearance", "rules"), [("tower", "release"), ("scatter", "paper"), ("scatter", "release")])
