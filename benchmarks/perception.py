@@ -51,8 +51,8 @@ def as_sets(scene: Scene) -> list[list[Item]]:
 def ambiguous_boxes(image: np.ndarray, shrink: int) -> int:
     """The number of boxes with a component that has several minimal decompositions into visible items."""
     count = 0
-    for index, region in enumerate(perception._regions(shrink)):
-        found = perception.components(image[:, region.columns].tobytes(), index, shrink)
+    for index, pixels in enumerate(perception.regions(image, shrink)):
+        found = perception.components(pixels, index, shrink)
         count += any(len(readings(component, shrink)) > 1 for component in found)
     return count
 

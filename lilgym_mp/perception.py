@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from lilgym_mp.scene import (
     BOX_COUNT,
-    BOX_PITCH,
     BOX_SIDE,
     FOOTPRINT_COUNT,
     IMAGE_HEIGHT,
@@ -40,6 +39,7 @@ from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, S
 __all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene"]
 
 MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
+PITCH = BOX_SIDE + 2 * MARGIN  # native pixels of a row of a box and the adjacent halves of separators
 CACHED_BOXES = 2048  # about 10 kB each at half size, 40 kB at native size
 MAX_TRIALS = 3000  # budget of a decomposition: placements tried for one component
 
@@ -57,9 +57,7 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
     """
     read_box = choose("appearance", appearance, {"tower": _read_tower, "scatter": _read_box})
     shrink = SHRINKS[image_size_of(image)]
-    left, middle, right = (
-        read_box(image[:, columns].tobytes(), index, shrink) for index, (columns, _) in enumerate(_regions(shrink))
-    )
+    left, middle, right = (read_box(pixels, index, shrink) for index, pixels in enumerate(regions(image, shrink)))
     return Scene((left, middle, right))
 
 
@@ -97,12 +95,8 @@ def _read_box(pixels: bytes, index: int, shrink: int) -> Box:
             raise _occluded(index, [component.colour])
         items += found
     box = Box(tuple(sorted(items)))
-    boxes = [Box()] * BOX_COUNT
-    boxes[index] = box
-    left, middle, right = boxes
     size = next(name for name, value in SHRINKS.items() if value == shrink)
-    drawn = draw(Scene((left, middle, right)), size)[:, _regions(shrink)[index].columns]
-    if drawn.tobytes() != pixels:
+    if regions(draw(Scene.empty().with_box(index, box), size), shrink)[index] != pixels:
         raise _occluded(index, {item.colour for item in items})
     return box
 
@@ -118,23 +112,12 @@ def _occluded(index: int, colours: Collection[Colour]) -> PerceptionError:
 # Pixels as coverages
 
 
-class _Region(NamedTuple):
-    """Image region of a box and the adjacent halves of the separators."""
-
-    columns: slice  # columns of the image
-    start: int  # the first of them, where a box with MARGIN on each side begins at 0
-
-
-@cache
-def _regions(shrink: int) -> tuple[_Region, ...]:
-    margins = [(MARGIN if index else 0, MARGIN if index < BOX_COUNT - 1 else 0) for index in range(BOX_COUNT)]
-    return tuple(
-        _Region(
-            slice((index * BOX_PITCH - before) // shrink, (index * BOX_PITCH + BOX_SIDE + after) // shrink),
-            (MARGIN - before) // shrink,
-        )
-        for index, (before, after) in enumerate(margins)
-    )
+def regions(image: UInt8Array, shrink: int) -> list[bytes]:
+    """The pixels of each box with MARGIN on each side, as if the image ended in halves of separators."""
+    margin, width = MARGIN // shrink, PITCH // shrink
+    padded = np.full((len(image), BOX_COUNT * width, 3), SEPARATOR_RGB[0], np.uint8)  # grey
+    padded[:, margin:-margin] = image
+    return [padded[:, width * index : width * (index + 1)].tobytes() for index in range(BOX_COUNT)]
 
 
 @cache
@@ -159,33 +142,25 @@ def _codes(pixels: NDArray[np.int64], *, on_separator: NDArray[np.int64]) -> NDA
 
 
 def _coverage(pixels: bytes, index: int, shrink: int) -> UInt8Array:
-    """(colours, height, PITCH / shrink) of a box with MARGIN on each side; margins beyond the image are not covered.
-
-    Raises PerceptionError for a pixel that no scene has there.
-    """
+    """(colours, height, PITCH / shrink) in the region of a box. Raises PerceptionError for a pixel of no scene."""
     codes, coverages = _coverages_by_code(shrink)
-    columns, start = _regions(shrink)[index]
     shown = np.frombuffer(pixels, np.uint8).reshape(IMAGE_HEIGHT // shrink, -1, 3)
-    across = start + np.arange(shown.shape[1])
-    outside = (across < MARGIN // shrink) | (across >= (MARGIN + BOX_SIDE) // shrink)
+    outside = np.ones(shown.shape[1], np.bool_)
+    outside[MARGIN // shrink : -MARGIN // shrink] = False
     found = _codes(shown.astype(np.int64), on_separator=outside.astype(np.int64))
     places = np.searchsorted(codes, found).clip(max=len(codes) - 1)
     wrong = codes[places] != found
     if wrong.any():
         row, column = np.argwhere(wrong)[0].tolist()
+        image_column = column + (index * PITCH - MARGIN) // shrink
         raise PerceptionError(
-            f"pixel (row {row}, column {columns.start + column}) is {shown[row, column].tolist()}:"
-            " no scene has it there"
+            f"pixel (row {row}, column {image_column}) is {shown[row, column].tolist()}: no scene has it there"
         )
-    coverage = np.zeros((len(Colour), len(shown), PITCH // shrink), np.uint8)
-    coverage[:, :, across] = coverages[places].transpose(2, 0, 1)
-    return coverage
+    return coverages[places].transpose(2, 0, 1)
 
 
 # The coverage by one colour is packed into a big int, a byte per pixel, row by row. Items are matched at its lowest
 # non-zero byte.
-
-PITCH = BOX_SIDE + 2 * MARGIN  # native pixels of a row
 
 
 class Component(NamedTuple):
