@@ -90,7 +90,7 @@ def display(attempts: Sequence[Attempt]) -> Iterator[Callable[[], None]]:
     from lilgym_mp.cli.experiment_runs import RunStatus
 
     printed = {attempt.planned.name: RunStatus.WAITING for attempt in attempts}
-    with Progress(len(attempts), "runs", lines=0) as bar:
+    with Progress(len(attempts), "runs", prints=False) as bar:
 
         def update() -> None:
             for attempt in attempts:

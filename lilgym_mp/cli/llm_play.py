@@ -176,7 +176,7 @@ def _play(
     write_json(args.out / SUMMARY, {"settings": settings})
     with (
         transcripts.open("a", encoding="utf-8") as file,
-        Progress(len(task_ids), "episodes", len(done), lines=0) as bar,
+        Progress(len(task_ids), "episodes", len(done), prints=False) as bar,
     ):
         for result in play_all(make_player, jobs, concurrency):
             file.write(json.dumps(asdict(result), ensure_ascii=False) + "\n")

@@ -15,7 +15,7 @@ from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lilgym_mp.evaluation.files import writable_file, write_json
+from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.options import CommandError, add_thoughts
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def run(args: argparse.Namespace) -> int:
     from lilgym_mp.wrappers.replies import THOUGHTS
 
     if args.out is not None:
-        writable_file(args.out)
+        fresh_file(args.out, force=True)
     rows = _rows(args.prompts)
     scores: list[dict[str, Any]] = []
     for row, record in _replies(args.answers, args.prompts, rows):

@@ -42,19 +42,17 @@ def first_free_path(path: Path) -> Path:
     return next(candidate for candidate in numbered if not candidate.exists())
 
 
-def writable_file(path: Path) -> Path:
-    """Checks that `path` can be written, and creates its directory. Raises OutputError if not."""
+def fresh_file(path: Path, *, force: bool) -> Path:
+    """Checks that `path` can be written, and creates its directory.
+
+    Raises OutputError if not, and if the file exists, unless `force`.
+    """
+    if path.is_file() and not force:
+        raise OutputError(f"{path} exists; --force overwrites it")
     if path.is_dir():
         raise OutputError(f"cannot write results to {path}: it is a directory; name a file")
     writable_directory(path.parent)
     return path
-
-
-def fresh_file(path: Path, *, force: bool) -> Path:
-    """Does the same, and raises OutputError also if the file exists, unless `force`."""
-    if path.is_file() and not force:
-        raise OutputError(f"{path} exists; --force overwrites it")
-    return writable_file(path)
 
 
 def write_atomically(path: Path, write: Callable[[Path], object]) -> None:

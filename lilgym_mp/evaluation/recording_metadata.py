@@ -70,17 +70,11 @@ def commit() -> str | None:
     root = Path(__file__).parents[2]
     if not (root / ".git").exists():
         return None
+    command = ["git", "-C", str(root), "describe", "--always", "--exclude=*", "--abbrev=10"]
     try:
-        name = _git(root, "rev-parse", "--short=10", "HEAD")
-        return name + MODIFIED_SUFFIX if _git(root, "status", "--porcelain", "--untracked-files=no") else name
+        return subprocess.check_output([*command, f"--dirty={MODIFIED_SUFFIX}"], text=True, timeout=20).strip()
     except (OSError, subprocess.SubprocessError):
         return None
-
-
-def _git(root: Path, *arguments: str) -> str:
-    return subprocess.run(
-        ["git", "-C", str(root), *arguments], capture_output=True, text=True, check=True, timeout=20
-    ).stdout.strip()
 
 
 @cache

@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -18,6 +18,7 @@ from lilgym_mp.envs.rules import State
 from lilgym_mp.evaluation.decisions import Decision, decisions
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode
 from lilgym_mp.evaluation.policies import Choose, NamedPolicy, Observations, Policy, as_policy
+from lilgym_mp.scene.actions import Action
 
 BATCH_SIZE = 64  # environments
 IDLE = -1  # sentinel for an episode index: the environment has no episode left to play
@@ -55,6 +56,14 @@ def evaluate(
     return [episode for episode in episodes if episode is not None]
 
 
+class _Step(NamedTuple):
+    """An action, and what the policy said of it."""
+
+    action: Action
+    stop: float | None  # probability of STOP
+    decision: Decision | None
+
+
 def _play(
     policy: Policy, envs: BatchedEnv, task_ids: Sequence[str], rng: np.random.Generator, *, record_decisions: bool
 ) -> Iterator[tuple[int, Episode]]:
@@ -63,25 +72,21 @@ def _play(
     count = envs.num_envs
     playing = np.arange(count)  # index of the episode in each environment
     next_index = count
-    actions: list[list[int]] = [[] for _ in range(count)]
-    stops: list[list[float]] = [[] for _ in range(count)]
-    recorded: list[list[Decision]] = [[] for _ in range(count)]
+    taken: list[list[_Step]] = [[] for _ in range(count)]
     observations, _ = envs.reset(seed=0, options={"task": task_ids[:count]})
     while (active := np.flatnonzero(playing != IDLE)).size:
         chosen = np.zeros(count, np.int64)
+        made: Sequence[Decision | None] = [None] * len(active)
         inputs = _observations(policy, envs, observations, active, playing)
         legal = envs.action_masks()[active] if policy.needs_masks else np.zeros((len(active), 0), np.bool_)
         chosen[active] = policy(inputs, legal, rng)
         if record_decisions and (output := policy.output(legal, chosen[active])) is not None:
             made = decisions(output, envs.action_masks()[active], envs.dynamics.appearance)
-            for env_index, decision in zip(active.tolist(), made, strict=True):
-                recorded[env_index].append(decision)
-        stop = policy.stop_probabilities
-        for env_index, probability in zip(active.tolist(), () if stop is None else stop, strict=stop is not None):
-            stops[env_index].append(round(float(probability), 6))
+        stops = [None] * len(active) if policy.stop_probabilities is None else policy.stop_probabilities.tolist()
         observations, _, terminated, truncated, infos = envs.step(chosen)
-        for env_index in active.tolist():
-            actions[env_index].append(int(chosen[env_index]))
+        for env_index, stop, decision in zip(active.tolist(), stops, made, strict=True):
+            action = envs.dynamics.appearance.decode(int(chosen[env_index]))
+            taken[env_index].append(_Step(action, None if stop is None else round(stop, 6), decision))
         ended = terminated | truncated
         if not ended.any():
             continue
@@ -90,12 +95,12 @@ def _play(
                 int(playing[env_index]),
                 Episode.of(
                     envs.tasks[int(envs.task_indices[env_index])],
-                    list(map(envs.dynamics.appearance.decode, actions[env_index])),
+                    [step.action for step in taken[env_index]],
                     infos["outcome"][env_index],
                     envs.dynamics,
                     invalid_reason=None if "invalid_reason" not in infos else infos["invalid_reason"][env_index],
-                    stop_probabilities=tuple(stops[env_index]) or None,
-                    decisions=tuple(recorded[env_index]) or None,
+                    stop_probabilities=tuple(step.stop for step in taken[env_index] if step.stop is not None) or None,
+                    decisions=tuple(step.decision for step in taken[env_index] if step.decision is not None) or None,
                 ),
             )
             playing[env_index] = next_index if next_index < len(task_ids) else IDLE
@@ -103,7 +108,7 @@ def _play(
         tasks = [task_ids[index] if index != IDLE else task_ids[0] for index in playing.tolist()]
         observations, _ = envs.reset(options={"reset_mask": ended, "task": tasks})
         for env_index in np.flatnonzero(ended).tolist():
-            actions[env_index], stops[env_index], recorded[env_index] = [], [], []
+            taken[env_index] = []
 
 
 def _observations(
@@ -178,7 +183,7 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """The tasks and settings with which all policies are evaluated in one configuration."""
+    """The tasks and settings with which all policies are evaluated in one configuration: arguments of `evaluate`."""
 
     settings: EnvConfig
     split: str
@@ -271,17 +276,7 @@ def play(
     """
     policy = as_policy(named.policy(plan.settings))
     began = time.process_time()
-    episodes = evaluate(
-        policy,
-        plan.settings,
-        plan.split,
-        seed=plan.seed,
-        passes=plan.passes,
-        batch_size=plan.batch_size,
-        task_ids=plan.task_ids,
-        record_decisions=plan.record_decisions,
-        on_episode=on_episode,
-    )
+    episodes = evaluate(policy, **vars(plan), on_episode=on_episode)
     mask = policy.needs_masks if named.mask is None else named.mask
     summary, seconds = summarise(episodes, training_statements), time.process_time() - began
     return Result(named, plan, summary, episodes, seconds, mask)

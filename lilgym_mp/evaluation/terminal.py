@@ -17,9 +17,7 @@ from lilgym_mp.corpus.notes import write_note
 if TYPE_CHECKING:
     from rich.progress import Progress as RichProgress
 
-LINES = 10  # printed in total when there is no bar
-LINE_SECONDS = 1.0  # least time between them
-SILENT_SECONDS = 10.0  # longest time without a line
+SILENT_SECONDS = 10.0  # longest time without a line, where there is no bar
 GAP = 2  # blanks between the columns of a table
 NUMBER = re.compile(r"(< )?[-+]?\d[\d.,]*( ?[%(±[].*)?|[-–]")  # with its share, of how many, or its spread
 
@@ -32,7 +30,7 @@ def shows_colours() -> bool:
 class Progress:
     """Progress up to `total` with the time left, on stderr: as a bar on a terminal, elsewhere as a few lines.
 
-    A context manager. In its block a thread redraws the bar, or prints a line whenever there was none for ten seconds.
+    A context manager. In its block a thread redraws the bar, or prints a line before there was none for ten seconds.
     """
 
     def __init__(
@@ -43,24 +41,23 @@ class Progress:
         *,
         doing: str = "",
         redraws_by_itself: bool = True,
-        lines: int = LINES,
+        prints: bool = True,
     ) -> None:
         """`done`: progress at the beginning; None if the first call of `reach` sets it, as in a resumed run.
 
         `doing`: shown at once and until the first progress. `redraws_by_itself`: whether the thread runs; not while
-        speed is measured. `lines`: number of lines without a terminal; 0 if the caller prints its own.
+        speed is measured. `prints`: whether to print lines without a terminal; not if the caller prints its own.
         """
         self._total = total
         self._unit = unit
         self._begin = done
-        self._line_count = lines
         self._done = done or 0
         self._since = self._printed = time.monotonic()
         self._note = doing
-        self._entered = self._since
         self._over = threading.Event()
         self._bar = _bar(redraws_by_itself) if sys.stderr.isatty() else None
-        self._beats = self._bar is None and redraws_by_itself and lines > 0
+        self._prints = self._bar is None and prints
+        self._beats = self._prints and redraws_by_itself
         if self._bar is not None:
             self._bar.start()
             self._bar.add_task(unit, total=total, completed=self._done, note=doing)
@@ -78,14 +75,8 @@ class Progress:
             self._bar.stop()
 
     def _beat(self) -> None:
-        """Prints a line whenever there was none for half of SILENT_SECONDS."""
         while not self._over.wait(SILENT_SECONDS / 20):
-            now = time.monotonic()
-            if now - self._printed >= SILENT_SECONDS / 2:  # early: other threads may hold the interpreter
-                self._printed = now
-                seconds = round(now - self._entered)
-                reached = f"{self._done:,} of {self._total:,} {self._unit}" if self._done else ""
-                write_note(", ".join(filter(None, [reached, self._note, f"{seconds // 60}:{seconds % 60:02} so far"])))
+            self._print_if_due()
 
     def advance(self, count: int = 1, note: str = "") -> None:
         """Adds `count` to the progress; `note` is shown with it."""
@@ -94,23 +85,31 @@ class Progress:
     def reach(self, done: int, note: str = "") -> None:
         """Sets the progress, including what was done before; `note` is shown with it."""
         if self._begin is None:
-            self._begin, self._done, self._since = min(done, self._total), done, time.monotonic()
-        lines_before = self._lines(self._begin)
+            self._begin, self._done = min(done, self._total), done
+            self._since = self._printed = time.monotonic()
+        completes = self._done < self._total <= done
         self._done, self._note = done, note
-        now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._bar.task_ids[0], completed=min(done, self._total), note=note)
             if not self._bar.live.auto_refresh:
                 self._bar.refresh()
-        elif self._lines(self._begin) > lines_before and (now - self._printed > LINE_SECONDS or done >= self._total):
-            self._printed = now
-            seconds = round((now - self._since) * (self._total - done) / (done - self._begin))  # at the mean rate
-            left = "" if done >= self._total else f"{seconds // 60}:{seconds % 60:02} left"
-            write_note(", ".join(filter(None, [f"{done:,} of {self._total:,} {self._unit}", note, left])))
+        elif self._prints:
+            self._print_if_due(at_once=completes)
 
-    def _lines(self, begin: int) -> int:
-        """Number of lines that should have been printed by now."""
-        return (self._done - begin) * self._line_count // max(1, self._total - begin)
+    def _print_if_due(self, *, at_once: bool = False) -> None:
+        """Prints a line if there was none for half of SILENT_SECONDS: early, as other threads may hold the interpreter.
+
+        It ends with the time left at the mean rate, or before any progress with the time so far.
+        """
+        now = time.monotonic()
+        if now - self._printed < SILENT_SECONDS / 2 and not at_once:
+            return
+        self._printed, done, seconds, ends = now, self._done, now - self._since, "so far"
+        if worked := done - (self._begin or 0):
+            seconds, ends = seconds * (self._total - done) / worked, "left"
+        clock = f"{round(seconds) // 60}:{round(seconds) % 60:02} {ends}" if done < self._total else ""
+        reached = f"{done:,} of {self._total:,} {self._unit}" if done else ""
+        write_note(", ".join(filter(None, [reached, self._note, clock])))
 
 
 def _bar(redraws_by_itself: bool) -> RichProgress:

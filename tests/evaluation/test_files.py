@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from lilgym_mp.evaluation.files import OutputError, writable_directory, writable_file, write_atomically
+from lilgym_mp.evaluation.files import OutputError, fresh_file, writable_directory, write_atomically
 
 
 def test_write_atomically__failure_keeps_the_old_file(tmp_path: Path):
@@ -29,6 +29,6 @@ def test_writable_directory__error_names_the_path(tmp_path: Path):
         writable_directory(tmp_path / "file" / "results")
 
 
-def test_writable_file__rejects_a_directory(tmp_path: Path):
+def test_fresh_file__rejects_a_directory(tmp_path: Path):
     with pytest.raises(OutputError, match="it is a directory; name a file"):
-        writable_file(tmp_path)
+        fresh_file(tmp_path, force=True)
