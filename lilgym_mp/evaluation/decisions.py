@@ -6,7 +6,7 @@ docs/report.md describes every key.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple, Self
 
@@ -54,7 +54,7 @@ class Decision:
     notes: tuple[str, ...] = ()  # lines about the statement, such as its unknown words
 
     def to_json(self) -> dict[str, Any]:
-        values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        values = dict(vars(self))
         for name in ("add_cells", "remove_cells"):
             values[name] = [[cell, probability] for cell, probability in values[name].items()]
         return {**values, "likeliest": [[describe(action), probability] for action, probability in self.likeliest]}

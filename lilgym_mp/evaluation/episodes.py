@@ -9,7 +9,7 @@ import gzip
 import json
 import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self, cast
 
@@ -123,10 +123,9 @@ class Episode:
         return None if self.optimal_actions is None else self.optimal_actions - 1
 
     def to_json(self) -> dict[str, Any]:
-        values = {entry.name: getattr(self, entry.name) for entry in fields(self)}
         decisions = None if self.decisions is None else [decision.to_json() for decision in self.decisions]
         return {
-            **values,
+            **vars(self),
             "actions": [describe(action) for action in self.actions],
             "start": self.start.to_json(),
             "decisions": decisions,

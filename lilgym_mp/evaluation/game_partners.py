@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.evaluation import Observations, Policy
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import STOP
-from lilgym_mp.scene.arrays import BoolArray, Int64Array
+from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.scene.render import draw
 from lilgym_mp.solver import Solver
 
@@ -78,26 +78,21 @@ class AgentPartner(BatchPartner):
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         games, indices = turn.games, turn.indices
-        legal = games.legal()[indices] if self._policy.needs_masks else None
-        chosen = self._chosen([games.mdp(index) for index in indices.tolist()], turn.episodes, legal, turn.rngs[0])
-        if turn.role is Role.PROPOSER:
-            actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
-            is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
-            return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
-        return encode_answers(turn.game, turn.is_edit | (chosen == STOP_ACTION))
-
-    def _chosen(
-        self, states: Sequence[State], episodes: Int64Array, legal: BoolArray | None, rng: np.random.Generator
-    ) -> Int64Array:
-        """(k,) actions of the policy in k states."""
+        states = [games.mdp(index) for index in indices.tolist()]
         observations = Observations(
             np.stack([draw(state.scene, "half") for state in states]),
             tuple(state.task.statement for state in states),
             np.array([int(state.task.target) for state in states]),
             np.array([state.steps for state in states]),
-            episodes,
+            turn.episodes,
         )
-        return self._policy(observations, np.zeros((len(states), 0), np.bool_) if legal is None else legal, rng)
+        legal = games.legal()[indices] if self._policy.needs_masks else np.zeros((len(states), 0), np.bool_)
+        chosen = self._policy(observations, legal, turn.rngs[0])
+        if turn.role is Role.PROPOSER:
+            actions = turn.game.encode_action(Role.PROPOSER, 1) * chosen
+            is_legal = turn.action_mask[np.arange(len(actions)), actions] > 0
+            return actions if is_legal.all() else np.where(is_legal, actions, turn.random_actions())
+        return encode_answers(turn.game, turn.is_edit | (chosen == STOP_ACTION))
 
 
 def scripted_proposers(dynamics: Dynamics) -> Mapping[str, Partner]:

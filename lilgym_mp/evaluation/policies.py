@@ -77,16 +77,9 @@ class RandomLegal(Policy):
         return PolicyOutput(legal / legal.sum(1, keepdims=True))
 
 
-@dataclass(frozen=True)
-class RandomUnmasked(Policy):
-    """Uniform over all actions."""
-
-    def __call__(self, observations: Observations, legal: BoolArray, rng: np.random.Generator) -> Int64Array:
-        return rng.integers(legal.shape[1], size=len(legal))
-
-
 random_legal = RandomLegal()
-random_unmasked = RandomUnmasked()
+# Uniform over all actions.
+random_unmasked = FunctionPolicy(lambda observations, legal, rng: rng.integers(legal.shape[1], size=len(legal)))
 
 
 class RandomType(Policy):

@@ -17,18 +17,17 @@ from lilgym_mp.evaluation.terminal import NUMBER, table
 FORMAT = "lilgym_mp-evaluation"
 VERSION = 2
 FAILURES = [outcome.replace("_", " ") for outcome in FINAL_OUTCOMES if outcome != "success"]
-SEEN_LEGEND = (
-    " seen, unseen: accuracy and number of episodes with statements that occur, or do not occur, verbatim in the"
-    " training tasks."
-)
 
 
 def legend(results: Sequence[Result]) -> str:
     """Explains the columns, and names the policies with a mask of legal actions."""
     masked = dict.fromkeys(result.name for result in results if result.mask)
-    seen = SEEN_LEGEND if _has_seen(results) else ""
+    seen = (
+        " seen, unseen: accuracy and number of episodes with statements that occur, or do not occur, verbatim in the"
+        " training tasks."
+    )
     return (
-        f"accuracy: tasks completed.{seen} STOP is never forced."
+        f"accuracy: tasks completed.{seen * _has_seen(results)} STOP is never forced."
         f" With a mask of legal actions: {', '.join(masked) or 'none'}."
     )
 

@@ -99,13 +99,13 @@ class Progress:
     def _print_if_due(self, *, at_once: bool = False) -> None:
         """Prints a line if there was none for half of SILENT_SECONDS: early, as other threads may hold the interpreter.
 
-        It ends with the time left at the mean rate, or before any progress with the time so far.
+        It ends with the time left at the mean rate, or early on with the time so far.
         """
         now = time.monotonic()
         if now - self._printed < SILENT_SECONDS / 2 and not at_once:
             return
         self._printed, done, seconds, ends = now, self._done, now - self._since, "so far"
-        if worked := done - (self._begin or 0):
+        if (worked := done - (self._begin or 0)) and 20 * worked >= self._total:
             seconds, ends = seconds * (self._total - done) / worked, "left"
         clock = f"{round(seconds) // 60}:{round(seconds) % 60:02} {ends}" if done < self._total else ""
         reached = f"{done:,} of {self._total:,} {self._unit}" if done else ""

@@ -71,15 +71,17 @@ def _queries(node: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
     """
     match node:
         case syntax.Call(word=word, arguments=(chain,)) if word.name in ("exist", "count") and chain is not None:
-            if _source(chain) == BOXES:
-                yield from _filter_queries(chain)
+            source, filters = _filters(chain)
+            if source == BOXES:
+                yield from _filter_queries(filters)
                 return
-            if _source(chain) == ITEMS and all(map(_is_box_local, _filters(chain))):
+            if source == ITEMS and all(map(_is_box_local, filters)):
                 yield syntax.Call(WORDS["count"], (chain,)), True
                 return
         case syntax.Call(word=word, arguments=(chain, function)) if word.name in ("All", "Any") and chain and function:
-            if _source(chain) == BOXES and _is_box_local(function):
-                yield from _filter_queries(chain)
+            source, filters = _filters(chain)
+            if source == BOXES and _is_box_local(function):
+                yield from _filter_queries(filters)
                 yield syntax.Call(WORDS["Any"], (FIRST_BOX, function)), False
                 return
         case syntax.SceneName() | syntax.Lambda() | syntax.WordName():
@@ -90,27 +92,18 @@ def _queries(node: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
         yield from _queries(child)
 
 
-def _source(chain: syntax.Node) -> syntax.Node:
-    """The innermost argument of a chain of filters."""
+def _filters(chain: syntax.Node) -> tuple[syntax.Node, list[syntax.Node]]:
+    """The innermost argument of a chain of filters, and the functions by which they select, outermost first."""
     match chain:
-        case syntax.Call(word=word, arguments=(inner, _)) if word.name.startswith("filter_") and inner is not None:
-            return _source(inner)
+        case syntax.Call(word=word, arguments=(inner, test)) if inner and test and word.name.startswith("filter_"):
+            source, tests = _filters(inner)
+            return source, [test, *tests]
         case _:
-            return chain
+            return chain, []
 
 
-def _filters(chain: syntax.Node) -> Iterator[syntax.Node]:
-    """The functions by which a chain of filters selects."""
-    match chain:
-        case syntax.Call(arguments=(inner, function)) if inner is not None and function is not None:
-            yield function
-            yield from _filters(inner)
-        case _:
-            return
-
-
-def _filter_queries(chain: syntax.Node) -> Iterator[tuple[syntax.Node, bool]]:
-    for function in _filters(chain):
+def _filter_queries(filters: Iterable[syntax.Node]) -> Iterator[tuple[syntax.Node, bool]]:
+    for function in filters:
         if not _is_box_local(function):
             raise _NotSeparableError
         selected = syntax.Call(WORDS["filter_obj"], (FIRST_BOX, function))

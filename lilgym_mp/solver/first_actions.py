@@ -60,8 +60,6 @@ class ScatterBox:
 
     def refinement(self, edits: int, box_class: int, budget: Budget) -> Refinement | NoRefinement:
         """`edits` edits that lead to a box of the class."""
-        if not edits:
-            return ()
         found = self._refinements.get((edits, box_class))
         if found is None:
             paths = list(map(self._layers.path, self._goals(edits, box_class, budget)))

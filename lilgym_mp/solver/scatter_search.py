@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
 from lilgym_mp.envs.rules import Dynamics, State
-from lilgym_mp.scene import BOX_COUNT, Box, Scene
+from lilgym_mp.scene import BOX_COUNT, Scene
 from lilgym_mp.scene.actions import STOP
 from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.solver.abstraction import AbstractEdit, Abstraction
@@ -91,7 +92,6 @@ class _TaskSearch:
     ) -> None:
         self._editors = editors
         self._abstraction = abstraction
-        self._refinements: dict[tuple[int, tuple[AbstractEdit, ...]], Refinement | NoRefinement] = {}  # by box and path
         self._scene = state.scene
         self._is_goal = state.task.solved_by
         self._max_edits = max_edits
@@ -113,10 +113,24 @@ class _TaskSearch:
 
     def _by_abstraction(self) -> list[BoxEdit] | None:
         layers = [self._abstraction.layers(box) for box in self._scene.boxes]
+
+        @cache
+        def refined_box(index: int, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
+            return refine(path, self._scene.boxes[index], self._editors[index], self._abstraction, self._budget)
+
+        def refined(goal: Scene) -> list[BoxEdit] | NoRefinement:
+            edits: list[BoxEdit] = []
+            for index, after in enumerate(goal.boxes):
+                found = refined_box(index, layers[index].path(after))
+                if isinstance(found, NoRefinement):
+                    return found
+                edits.extend(found)
+            return edits
+
         nearest = None  # distance of the nearest abstract goal
         for edits in range(1, self._max_edits + 1):
             goals = LazyList(itertools.islice(goals_at(edits, layers, self._is_goal, self._budget), MAX_GOALS))
-            found = first_found(self._refine_goal(goal, layers) for goal in goals)
+            found = first_found(map(refined, goals))
             if not isinstance(found, NoRefinement):
                 return found
             count = len(list(goals))
@@ -127,24 +141,6 @@ class _TaskSearch:
             if nearest is not None and edits - nearest == MAX_EXTRA_EDITS:
                 break
         return None
-
-    def _refine_goal(self, goal: Scene, layers: Sequence[Layers[AbstractEdit]]) -> list[BoxEdit] | NoRefinement:
-        edits: list[BoxEdit] = []
-        for index, box in enumerate(self._scene.boxes):
-            found = self._refine_box(index, box, layers[index].path(goal.boxes[index]))
-            if isinstance(found, NoRefinement):
-                return found
-            edits.extend(found)
-        return edits
-
-    def _refine_box(self, index: int, box: Box, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
-        if not path:
-            return ()
-        found = self._refinements.get((index, path))
-        if found is None:
-            found = refine(path, box, self._editors[index], self._abstraction, self._budget)
-            self._refinements[index, path] = found
-        return found
 
     # Search in scenes
 

@@ -33,13 +33,6 @@ class WeightedGoal(NamedTuple):
     target: bool
     probability: float
 
-    @property
-    def opposite(self) -> tuple[str, bool]:
-        return self.program, not self.target
-
-    def holds(self, scene: Scene) -> bool:
-        return compile_program(self.program)(scene) == self.target
-
 
 @dataclass(frozen=True, slots=True)
 class WeightedPlan:
@@ -62,9 +55,6 @@ class _Candidate(NamedTuple):
     edits: Sequence[Action]
     satisfied: frozenset[WeightedGoal]
     mass: float
-
-    def satisfies(self, goal: WeightedGoal) -> bool:
-        return any(goal[:2] == satisfied[:2] for satisfied in self.satisfied)
 
     def beats(self, other: _Candidate) -> bool:
         """Whether its mass is higher, or equal with fewer edits."""
@@ -116,7 +106,8 @@ class WeightedPlanner:
             found = self._greedy([first, *(goal for goal in self._goals if goal.probability > 0 and goal != first)])
             left = [goal for goal in others if goal not in found.satisfied]
             best = found if found.beats(best) else best
-        satisfied = tuple(index for index, goal in enumerate(self.given) if best.satisfies(goal))
+        reached = {goal[:2] for goal in best.satisfied}
+        satisfied = tuple(index for index, goal in enumerate(self.given) if goal[:2] in reached)
         actions = (*best.edits, STOP) if satisfied else ()
         return WeightedPlan(actions, satisfied, best.mass, self.budget.spent)
 
@@ -124,7 +115,7 @@ class WeightedPlanner:
         scene, appearance = self.scene, self.dynamics.appearance
         for edit in edits:
             scene = appearance.apply(scene, edit, self.dynamics.rules.placement).scene
-        satisfied = frozenset(goal for goal in self._goals if goal.holds(scene))
+        satisfied = frozenset(goal for goal in self._goals if compile_program(goal.program)(scene) == goal.target)
         return _Candidate(edits, satisfied, _mass(satisfied))
 
     def _greedy(self, goals: Sequence[WeightedGoal]) -> _Candidate:
@@ -132,7 +123,7 @@ class WeightedPlanner:
         required: list[WeightedGoal] = []
         best = _NO_PLAN
         for goal in goals:
-            if goal not in best.satisfied and goal.opposite not in [(one.program, one.target) for one in required]:
+            if goal not in best.satisfied and (goal.program, not goal.target) not in [one[:2] for one in required]:
                 extended, found = self._with_goal(goal, required, best)
                 if found.beats(best):
                     required, best = extended, found

@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 
 from lilgym_mp.envs.rules import Outcome, State
 from lilgym_mp.scene import Box, Scene
-from lilgym_mp.scene.actions import STOP, AddBlock, RemoveBlock
 from lilgym_mp.solver import Solver, Status
-from tests.scenes import B, K, Y, scene, tower, tower_boxes
+from tests.scenes import tower_boxes
 from tests.solver.tasks import mdp, optimal_by_trial, outcome, task
 
 PROGRAMS = (
@@ -23,15 +22,6 @@ PROGRAMS = (
 )
 SIX_BLOCKS = "count(all_items) == 6"
 NEVER = "exist(filter_obj(all_items, lambda x: is_yellow(x) and is_black(x)))"
-
-
-def test_solution__replaces_the_block_on_top():
-    start = scene(left=tower(Y, K))
-    solution = Solver(mdp("tower")).solve(
-        task("get_set_colors(all_boxes[0].all_items_in_box()) == {Color.YELLOW, Color.BLUE}", start)
-    )
-    assert solution.actions == (RemoveBlock(0), AddBlock(0, B), STOP)
-    assert solution.proven_optimal
 
 
 @given(st.tuples(tower_boxes, tower_boxes, tower_boxes), st.sampled_from(PROGRAMS), st.booleans())

@@ -74,14 +74,6 @@ def test_shaping__shifts_every_return_by_the_starts_potential(make: Make, discou
     assert differences == pytest.approx([differences[0]] * 3)
 
 
-def test_shaping__penalises_a_detour_immediately(make: Make):
-    env = PotentialShaping(make("TowerFlipIt"))
-    env.reset(options={"task": "train-0-2"})
-    good = set(Expert(env).optimal_actions().actions)
-    bad = next(action for action in range(1, 13) if env.unwrapped.action_masks()[action] and action not in good)
-    assert env.step(bad)[1] < -0.05
-
-
 @pytest.mark.parametrize("discount", [-0.1, 1.1])
 def test_shaping__needs_a_discount(make: Make, discount: float):
     with pytest.raises(ValueError, match="discount must be between 0 and 1"):
