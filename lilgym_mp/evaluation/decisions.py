@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.scene import BOX_COUNT
-from lilgym_mp.scene.actions import Action, ActionType, AddBlock, AddItem, RemoveBlock, RemoveItem, describe, named
+from lilgym_mp.scene.actions import Action, ActionType, describe, named
 from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
@@ -96,20 +96,11 @@ class ActionCells(NamedTuple):
 @lru_cache(maxsize=4)
 def action_cells(appearance: Appearance) -> ActionCells:
     """Tower's cells are its boxes; Scatter's have the index column x rows + row."""
-    actions = [appearance.decode(index) for index in range(appearance.action_count)]
-    grid = appearance.grid or (BOX_COUNT, 1)
-    types = np.array([appearance.to_array(action)[0] for action in actions], np.int64)
-    return ActionCells(types, np.array([_cell(action, grid[1]) for action in actions], np.int64), grid[0] * grid[1])
-
-
-def _cell(action: Action, rows: int) -> int:
-    match action:
-        case AddBlock(box, _) | RemoveBlock(box):
-            return box
-        case AddItem(column, row, _, _, _) | RemoveItem(column, row):
-            return column * rows + row
-        case _:
-            return 0
+    arrays = np.array([appearance.to_array(appearance.decode(index)) for index in range(appearance.action_count)])
+    types, first, second = arrays.T[:3]
+    columns, rows = appearance.grid or (BOX_COUNT, 1)
+    cells = first if appearance.grid is None else first * rows + second
+    return ActionCells(types, np.where(types == ActionType.STOP, 0, cells), columns * rows)
 
 
 def decisions(output: PolicyOutput, legal: BoolArray, appearance: Appearance) -> list[Decision]:

@@ -32,7 +32,7 @@ from lilgym_mp.solver.abstraction import AbstractBox, AbstractEdit
 from lilgym_mp.solver.box_editor import BoxEdit, BoxEditor
 from lilgym_mp.solver.class_search import NO_ACTIONS, ClassSpace, FirstActions
 from lilgym_mp.solver.layered_search import Budget
-from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, Refiner, first_found
 
 MAX_GOALS = 40  # abstract boxes of one class, at one distance, that are refined
 MAX_REMAINDERS = 8  # remainders of paths after a first edit that are refined
@@ -80,11 +80,8 @@ class ScatterBox:
         self, paths: Sequence[Remainder], limit: int, box: Box, budget: Budget
     ) -> Refinement | NoRefinement:
         """The first refinement found of one of the paths, of which at most `limit` are tried."""
-        results = (self._refine(path, box, budget) for path in paths[:limit])
+        results = (Refiner(path, box, self.editor, self._abstraction, budget).first() for path in paths[:limit])
         return first_found(results, complete=len(paths) <= limit)
-
-    def _refine(self, path: Remainder, box: Box, budget: Budget, *, reverse: bool = False) -> Refinement | NoRefinement:
-        return refine(path, box, self.editor, self._abstraction, budget, reverse=reverse)
 
     # First actions
 
@@ -165,51 +162,52 @@ class ScatterBox:
         chosen[self._additions(item_class)] = True
         by_item_type = chosen.reshape(-1, len(Shape), len(Colour), len(Size))
         possible = by_item_type.any(axis=2).reshape(-1, FOOTPRINT_COUNT)
-        feasible, complete = self._feasible_additions(table.places, possible, remainders, budget)
+        places, footprints = table.places[possible], possible.nonzero()[1]
+        feasible = possible.copy()
+        feasible[possible], complete = self._feasible_additions(places, footprints, remainders, budget)
         by_item_type &= feasible.reshape(-1, len(Shape), 1, len(Size))
         return FirstActions(frozenset(self._addition_actions(chosen.nonzero()[0])), complete)
 
     def _feasible_additions(
-        self, places: Int64Array, possible: BoolArray, remainders: Sequence[Remainder], budget: Budget
+        self, places: Int64Array, footprints: Int64Array, remainders: Sequence[Remainder], budget: Budget
     ) -> tuple[BoolArray, bool]:
-        """(cells, 9) after which additions one of `remainders` is known to be feasible, and whether this is exact.
+        """(n,) after which additions one of `remainders` is known to be feasible, and whether this is exact.
 
-        `places`: (cells, 9, 2) of the added items; `possible`: (cells, 9) which of them to check, others are arbitrary.
+        `places`: (n, 2) and `footprints`: (n,) of the added items.
         """
-        squares = np.concatenate([places, places + np.array(FOOTPRINT_SIDES)[:, None]], axis=2)
-        feasible = ~possible
+        squares = np.hstack([places, places + np.array(FOOTPRINT_SIDES)[footprints, None]])
+        feasible = np.zeros(len(footprints), np.bool_)
         for remainder in remainders[:MAX_REMAINDERS]:
-            for reverse in (False, True):
-                found = self._refine(remainder, self._box, budget, reverse=reverse)
+            for step in (1, -1):
+                found = Refiner(remainder, self._box, self.editor, self._abstraction, budget, step).first()
                 if not isinstance(found, NoRefinement) and not feasible.all():
                     feasible |= self._unaffected(found, squares)
         complete = True
-        for checked, index in enumerate(map(tuple, np.argwhere(~feasible).tolist())):
+        for checked, index in enumerate((~feasible).nonzero()[0].tolist()):
             if checked == MAX_CHECKED:
                 return feasible, False
             if not feasible[index]:
                 left, top = places[index].tolist()
-                shape, size = divmod(index[1], len(Size))
+                shape, size = divmod(int(footprints[index]), len(Size))
                 box = self._box.with_item(Item(left, top, Shape(shape), Colour.YELLOW, Size(size)))
                 found = self._refine_any(remainders, MAX_REMAINDERS, box, budget)
                 if isinstance(found, NoRefinement):
                     complete = complete and found is NoRefinement.INFEASIBLE
                     continue
                 feasible[index] = True
-                unaffected = self._unaffected(found, squares)
-                if unaffected[index]:  # also feasible without the addition
-                    feasible |= unaffected
+                if self._unaffected(found, squares[index : index + 1])[0]:  # also feasible without the addition
+                    feasible |= self._unaffected(found, squares)
         return feasible, complete
 
     def _unaffected(self, edits: Sequence[BoxEdit], squares: Int64Array) -> BoolArray:
-        """(...) whether the edits have the same result with and without an item in each square.
+        """(n,) whether the edits have the same result with and without an item in each square.
 
-        `squares`: (..., 4) left, top, right and bottom, the last two exclusive.
+        `squares`: (n, 4) left, top, right and bottom, the last two exclusive.
         """
         regions = np.array([self._region(edit) for edit in edits])
-        left, top, right, bottom = np.moveaxis(squares[..., None, :], -1, 0)
+        left, top, right, bottom = (squares[:, None, side] for side in range(4))
         overlaps = (left < regions[:, 2]) & (right > regions[:, 0]) & (top < regions[:, 3]) & (bottom > regions[:, 1])
-        return ~np.any(overlaps, axis=-1)
+        return ~np.any(overlaps, axis=1)
 
     def _region(self, edit: BoxEdit) -> tuple[int, int, int, int]:
         """The region (left, top, right, bottom); items outside it do not affect the edit."""

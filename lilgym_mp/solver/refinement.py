@@ -29,28 +29,6 @@ class _TriesExhaustedError(Exception):
     """MAX_TRIES is reached."""
 
 
-def refine(
-    path: tuple[AbstractEdit, ...],
-    box: Box,
-    editor: BoxEditor,
-    abstraction: Abstraction,
-    budget: Budget,
-    *,
-    reverse: bool = False,
-) -> Refinement | NoRefinement:
-    """The first edits found that do to the box what `path` does to its abstraction. Raises BudgetExhaustedError.
-
-    `reverse`: whether to try cells in reverse order.
-    """
-    try:
-        found = next(_Refiner(path, box, editor, abstraction, budget, -1 if reverse else 1).refinements(), None)
-    except _TriesExhaustedError:
-        return NoRefinement.UNDECIDED
-    if found is not None:
-        return found
-    return NoRefinement.INFEASIBLE if len(path) == 1 and editor.is_exhaustive else NoRefinement.UNDECIDED
-
-
 def first_found(results: Iterable[Found | NoRefinement], *, complete: bool = True) -> Found | NoRefinement:
     """The first result that is not a failure; else INFEASIBLE if `complete` and all are infeasible, or UNDECIDED."""
     failure = NoRefinement.INFEASIBLE if complete else NoRefinement.UNDECIDED
@@ -62,18 +40,29 @@ def first_found(results: Iterable[Found | NoRefinement], *, complete: bool = Tru
 
 
 @dataclass
-class _Refiner:
-    """Depth-first search for refinements."""
+class Refiner:
+    """Depth-first search for edits that do to the box what `path` does to its abstraction."""
 
     path: tuple[AbstractEdit, ...]
     box: Box
     editor: BoxEditor
     abstraction: Abstraction
     budget: Budget
-    step: int  # through the cells
+    step: int = 1  # through the cells; -1: in reverse order
     tries_left: int = MAX_TRIES
 
-    def refinements(self) -> Iterator[Refinement]:
+    def first(self) -> Refinement | NoRefinement:
+        """The first edits found. Raises BudgetExhaustedError."""
+        try:
+            found = next(self._all(), None)
+        except _TriesExhaustedError:
+            return NoRefinement.UNDECIDED
+        if found is not None:
+            return found
+        is_proof = len(self.path) == 1 and self.editor.is_exhaustive
+        return NoRefinement.INFEASIBLE if is_proof else NoRefinement.UNDECIDED
+
+    def _all(self) -> Iterator[Refinement]:
         for path in self._orders():
             yield from self._refinements(self.box, path)
 

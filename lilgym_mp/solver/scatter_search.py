@@ -18,7 +18,7 @@ from lilgym_mp.solver.class_search import Reachability, class_space, program_goa
 from lilgym_mp.solver.first_actions import ScatterBox
 from lilgym_mp.solver.layered_search import Budget, BudgetExhaustedError, Layers, LazyList, goals_at
 from lilgym_mp.solver.pruned_layers import HeuristicSignature, SuccessorGenerator
-from lilgym_mp.solver.refinement import NoRefinement, Refinement, first_found, refine
+from lilgym_mp.solver.refinement import NoRefinement, Refinement, Refiner, first_found
 from lilgym_mp.solver.solution import ActionSet, Solution, Status, not_found, solved, unsolvable
 
 MAX_GOALS = 40  # abstract goals at one distance that are refined
@@ -116,7 +116,8 @@ class _TaskSearch:
 
         @cache
         def refined_box(index: int, path: tuple[AbstractEdit, ...]) -> Refinement | NoRefinement:
-            return refine(path, self._scene.boxes[index], self._editors[index], self._abstraction, self._budget)
+            box, editor = self._scene.boxes[index], self._editors[index]
+            return Refiner(path, box, editor, self._abstraction, self._budget).first()
 
         def refined(goal: Scene) -> list[BoxEdit] | NoRefinement:
             edits: list[BoxEdit] = []
