@@ -167,14 +167,12 @@ def summarise(episodes: Sequence[Episode], training_statements: Collection[str])
     if not episodes:
         raise ValueError("cannot summarise zero episodes")
     outcomes = Counter(episode.outcome for episode in episodes)
-
-    def count(is_counted: Callable[[Episode], bool]) -> SuccessCount:
-        return SuccessCount.of([episode for episode in episodes if is_counted(episode)])
-
+    seen = [episode for episode in episodes if episode.statement in training_statements]
+    unseen = [episode for episode in episodes if training_statements and episode.statement not in training_statements]
     return Summary(
         all=SuccessCount.of(episodes),
-        seen=count(lambda episode: episode.statement in training_statements),
-        unseen=count(lambda episode: bool(training_statements) and episode.statement not in training_statements),
+        seen=SuccessCount.of(seen),
+        unseen=SuccessCount.of(unseen),
         mean_reward=sum(episode.reward for episode in episodes) / len(episodes),
         mean_length=sum(len(episode.actions) for episode in episodes) / len(episodes),
         outcomes={outcome: outcomes[outcome] / len(episodes) for outcome in FINAL_OUTCOMES},

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
-from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Box, Colour, Item, Scene, Shape, Size
 from lilgym_mp.scene.actions import AddItem, RemoveItem
 from lilgym_mp.scene.appearances import PlacementRules, Scatter
 
@@ -16,7 +16,7 @@ FINEST_STEP = 10  # pixels between the cells that are tried for additions; on fi
 
 BoxEdit = AddItem | RemoveItem
 ItemType = tuple[Shape, Colour, Size]
-EMPTY_BOX = Box()
+EMPTY_SCENE = Scene.empty()
 
 
 class EditedBox(NamedTuple):
@@ -59,10 +59,7 @@ class BoxEditor:
         return list(itertools.product(columns, rows))
 
     def _edited(self, box: Box, edit: BoxEdit) -> EditedBox | None:
-        boxes = [EMPTY_BOX] * BOX_COUNT
-        boxes[self.index] = box
-        left, middle, right = boxes
-        after, invalid = self.scatter.apply(Scene((left, middle, right)), edit, self.rules)
+        after, invalid = self.scatter.apply(EMPTY_SCENE.with_box(self.index, box), edit, self.rules)
         return None if invalid else EditedBox(edit, after.boxes[self.index])
 
     def _cell(self, x: int, y: int) -> tuple[int, int]:
