@@ -24,7 +24,6 @@ from lilgym_mp.learning.game.network import AgentPolicy, GameNetwork
 from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.rollout import proposer_choices
 from lilgym_mp.learning.game.situations import read_situations
-from lilgym_mp.scene.appearances import make_appearance
 from lilgym_mp.scene.arrays import Int64Array
 
 KIND = "game"
@@ -100,14 +99,6 @@ class SeatPartner(BatchPartner):
             return self._network.policy(self.role, self._network.encode(states), context, legal)[0]
 
 
-def make_network(
-    settings: GameSettings, recipe: GameRecipe, words: Sequence[str], sizes: Mapping[str, int], game: Game
-) -> GameNetwork:
-    appearance = make_appearance(settings.appearance, settings.grid)
-    judges_only = recipe.verifier == "cross-entropy"
-    return GameNetwork(appearance, Vocabulary(tuple(words)), game, judges_only=judges_only, **sizes)
-
-
 def network_names(roles: Sequence[Role], recipe: GameRecipe) -> dict[Role, str]:
     """The name of each agent's network."""
     return {role: SHARED if recipe.algorithm == SHARED else role.name.lower() for role in roles}
@@ -146,8 +137,8 @@ def load_agent(path: Path, device: str = "auto") -> GameAgent:
     def make(description: ModelDescription) -> nn.ModuleDict:
         settings, recipe, names = parts(description)
         game, details = Game(settings), description.details
-        own = settings, recipe, details["words"], details["sizes"], game
-        return nn.ModuleDict({name: make_network(*own) for name in dict.fromkeys(names.values())})
+        own = game, Vocabulary(tuple(details["words"])), recipe
+        return nn.ModuleDict({name: GameNetwork(*own, **details["sizes"]) for name in dict.fromkeys(names.values())})
 
     description, networks = load_network(KIND, VERSION, path, device, make)
     settings, recipe, names = parts(description)

@@ -20,8 +20,8 @@ from lilgym_mp.envs.proposer_verifier.protocols import ACCEPT, REJECT, Role
 from lilgym_mp.learning.common.box_transformer import SMALL_GAIN, BoxTransformer, EncodedStates
 from lilgym_mp.learning.common.factored_policy import FactoredPolicy
 from lilgym_mp.learning.common.states import States
+from lilgym_mp.learning.game.recipe import GameRecipe
 from lilgym_mp.learning.game.situations import PENDING, STOP_PENDING, context_sizes
-from lilgym_mp.scene.appearances import Appearance
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int64Array
 
 IMPOSSIBLE = -1e4  # logit
@@ -80,13 +80,10 @@ class AgentPolicy(NamedTuple):
 class GameNetwork(BoxTransformer):
     """Policies and values of both agents."""
 
-    def __init__(
-        self, appearance: Appearance, vocabulary: Vocabulary, game: Game, *, judges_only: bool = False, **sizes: int
-    ) -> None:
-        """`judges_only`: the verifier's answers follow from the truth it believes in alone, and it accepts edits."""
-        super().__init__(appearance, vocabulary, separators=False, **sizes)
+    def __init__(self, game: Game, vocabulary: Vocabulary, recipe: GameRecipe, **sizes: int) -> None:
+        super().__init__(game.config.dynamics.appearance, vocabulary, separators=False, **sizes)
         width, counts = self.sizes["width"], context_sizes(game)
-        self.game, self._judges_only = game, judges_only
+        self.game, self._judges_only = game, recipe.judges_only
         self._claims_every_turn = not game.turn_based
         self._offsets = np.array([0, *np.cumsum(counts)[:-1].tolist()], np.int64)
         self.context = nn.EmbeddingBag(sum(counts), width, mode="sum")

@@ -42,6 +42,11 @@ class GameRecipe(UpdateRecipe):
     def learns_claims(self) -> bool:
         return self.verifier != "ppo"
 
+    @property
+    def judges_only(self) -> bool:
+        """Whether the verifier's answers follow from the truth it believes in alone, and it accepts edits."""
+        return self.verifier == "cross-entropy"
+
     @classmethod
     def defaults(cls, configuration: str) -> Mapping[str, Any]:
         is_flipit = choose("configuration", configuration, CONFIGURATIONS)[1] == "flipit"

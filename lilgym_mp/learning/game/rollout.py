@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -32,28 +31,19 @@ TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to o
 Evaluate = Callable[[Role, States, Int64Array, BoolArray | None], tuple[AgentPolicy, Tensor]]
 
 
-@dataclass
 class Turns:
-    """One agent's turns in a rollout of T turns of N games; entries are valid where it acted."""
+    """Both agents' own turns in a rollout of T turns of N games; entries are valid where the agent acted."""
 
-    acted: BoolArray  # (T, N)
-    boxes_of: Int64Array  # (T, N, 3)
-    context: Int64Array  # (T, N, 7)
-    legal: BoolArray | None  # (T, N, actions of the MDP), for the proposer with a mask
-    actions: Int64Array  # (T, N)
-    log_probabilities: Float32Array  # (T, N)
-    values: Float32Array  # (T, N)
-    rewards: Float32Array  # (T, N) of every turn
-
-    @classmethod
-    def empty(cls, turns: int, games: int, legal: int) -> Turns:
-        def zeros(dtype: Any, *shape: int) -> Any:
-            return np.zeros((turns, games, *shape), dtype)
-
-        boxes, context = zeros(np.int64, BOX_COUNT), zeros(np.int64, len(CONTEXT))
-        mask = zeros(np.bool_, legal) if legal else None
-        reals = (zeros(np.float32) for _ in range(3))
-        return cls(zeros(np.bool_), boxes, context, mask, zeros(np.int64), *reals)
+    def __init__(self, turns: int, games: int, legal: int) -> None:
+        """`legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0."""
+        shape = len(Role), turns, games
+        self.acted: BoolArray = np.zeros(shape, np.bool_)  # (2, T, N) indexed by role, like the others
+        self.boxes_of: Int64Array = np.zeros((*shape, BOX_COUNT), np.int64)  # (2, T, N, 3)
+        self.context: Int64Array = np.zeros((*shape, len(CONTEXT)), np.int64)  # (2, T, N, 7)
+        self.actions: Int64Array = np.zeros(shape, np.int64)
+        self.log_probabilities, self.values = np.zeros((2, *shape), np.float32)
+        self.rewards: Float32Array = np.zeros(shape, np.float32)  # of every turn
+        self.legal: BoolArray | None = np.zeros((*shape[1:], legal), np.bool_) if legal else None  # (T, N, actions)
 
 
 class Claims(NamedTuple):
@@ -83,16 +73,16 @@ class Rollout(NamedTuple):
     successes: BoolArray  # (T, N)
     probabilities: Float64Array  # (T, N) of judged claims, NaN without one
     holds: BoolArray  # (T, N) whether the judged claim holds
-    turns: dict[Role, Turns]
-    last_values: dict[Role, Float32Array]  # (N,) of the situations after the last turn
-    to_move: dict[Role, BoolArray]  # (N,) whether the agent is to move then
+    turns: Turns
+    last_values: Float32Array  # (2, N) of the situations after the last turn
+    to_move: BoolArray  # (2, N) whether the agent is to move then
     claims: Claims
 
     @property
     def returns(self) -> Float64Array:
         """(2,) sums over the games that ended, indexed by role."""
         ends_later = np.maximum.accumulate(self.ended[::-1])[::-1]
-        return np.array([(self.turns[role].rewards * ends_later).sum(dtype=np.float64) for role in Role])
+        return np.array([(rewards * ends_later).sum(dtype=np.float64) for rewards in self.turns.rewards])
 
     def claim_rates(self) -> tuple[float, float, float]:
         """True-accept rate, false-accept rate, and their difference averaged over the targets; NaN without claims."""
@@ -139,7 +129,7 @@ class RolloutPlayer:
         self._table = BoxImageTable()  # anew, so that a resumed run numbers boxes alike
         length = recipe.rollout // count
         legal = arrays.game.config.dynamics.appearance.action_count if recipe.mask else 0
-        turns = {role: Turns.empty(length, count, legal * (role is Role.PROPOSER)) for role in Role}
+        turns = Turns(length, count, legal)
         statement_of, targets = np.zeros((2, length, count), np.int64)
         ended, successes, holds = np.zeros((3, length, count), np.bool_)
         probabilities = np.zeros((length, count))
@@ -155,8 +145,7 @@ class RolloutPlayer:
             actions, judged_items = self._act(turn, turns, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = ended[turn] = arrays.terminated | arrays.truncated
-            for role in Role:
-                turns[role].rewards[turn] = arrays.rewards[role]
+            turns.rewards[:, turn] = arrays.rewards
             successes[turn], probabilities[turn], holds[turn] = arrays.successes, arrays.probabilities, arrays.holds
             items.append(judged_items[over & ~np.isnan(probabilities[turn])])
             if over.any():
@@ -172,8 +161,8 @@ class RolloutPlayer:
             probabilities,
             holds,
             turns,
-            {role: self._last_values(role, evaluate) for role in Role},
-            {role: arrays.movers[role].copy() for role in Role},
+            np.stack([self._last_values(role, evaluate) for role in Role]),
+            arrays.movers.copy(),
             Claims(np.concatenate(items), statement_of[known], targets[known], holds[known]),
         )
 
@@ -185,7 +174,7 @@ class RolloutPlayer:
     def _act(
         self,
         turn: int,
-        turns: dict[Role, Turns],
+        turns: Turns,
         evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
         rng: np.random.Generator,
@@ -213,18 +202,17 @@ class RolloutPlayer:
                 boxes_of = self._table.item_indices(seen)
                 cached = boxes_of, self._states(moving, boxes_of)
             boxes_of, states = cached
-            own = turns[role]
             legal = None
-            if own.legal is not None:
+            if role is Role.PROPOSER and turns.legal is not None:
                 masks, refused = arrays.masks(role, moving), arrays.refused[moving]
-                legal = own.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
+                legal = turns.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
             policy, values = evaluate(role, states, context, legal)
             chosen = policy.act(lambda part: part.sample(rng))
-            own.acted[turn, moving] = True
-            own.boxes_of[turn, moving], own.context[turn, moving] = boxes_of, context
-            actions[role, moving] = own.actions[turn, moving] = chosen
-            own.log_probabilities[turn, moving] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
-            own.values[turn, moving] = as_numpy(values)
+            own = role, turn, moving
+            turns.acted[own], turns.boxes_of[own], turns.context[own] = True, boxes_of, context
+            actions[role, moving] = turns.actions[own] = chosen
+            turns.log_probabilities[own] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
+            turns.values[own] = as_numpy(values)
         return actions, items
 
     def _states(self, indices: Int64Array, boxes_of: Int64Array) -> States:
@@ -265,22 +253,21 @@ def own_turn_advantages(
     gamma: float,
     gae_lambda: float,
 ) -> tuple[Float32Array, BoolArray]:
-    """(T, N) advantages of an agent's own turns, and where they are complete.
+    """(2, T, N) advantages of the agents' own turns, and where they are complete.
 
     An own turn earns the rewards up to the agent's next own turn, or to the end of the game. The last one of a game
     still going on is incomplete if its successor is not known, and then only lends its value to the one before.
     """
-    count = len(last_values)
     advantages, complete = np.zeros_like(turns.values), np.zeros_like(turns.acted)
-    next_values, next_advantages = last_values.copy(), np.zeros(count, np.float32)
-    rewards, continues, known = np.zeros(count, np.float32), np.ones(count, np.bool_), to_move.copy()
-    for turn in range(len(turns.acted) - 1, -1, -1):
-        over, acted, values = ended[turn], turns.acted[turn], turns.values[turn]
-        rewards = np.where(over, 0, rewards) + turns.rewards[turn]
+    next_values, next_advantages = last_values, np.zeros_like(last_values)
+    rewards, continues, known = np.zeros_like(last_values), np.ones_like(to_move), to_move
+    for turn in range(len(ended) - 1, -1, -1):
+        over, acted, values = ended[turn], turns.acted[:, turn], turns.values[:, turn]
+        rewards = np.where(over, 0, rewards) + turns.rewards[:, turn]
         continues, known = continues & ~over, known | over
         delta = rewards + gamma * next_values * continues - values
         found = np.where(known, delta + gamma * gae_lambda * continues * next_advantages, 0)
-        advantages[turn], complete[turn] = np.where(acted, found, 0), acted & known
+        advantages[:, turn], complete[:, turn] = np.where(acted, found, 0), acted & known
         next_values, next_advantages = np.where(acted, values, next_values), np.where(acted, found, next_advantages)
         rewards, continues, known = np.where(acted, 0, rewards), continues | acted, known | acted
     return advantages, complete

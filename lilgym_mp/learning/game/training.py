@@ -29,7 +29,6 @@ from lilgym_mp.learning.game.agent import (
     GameAgent,
     describe,
     load_agent,
-    make_network,
     network_names,
 )
 from lilgym_mp.learning.game.claims import ClaimMemory, claim_loss
@@ -138,12 +137,12 @@ class Run(TrainingRun):
 
     def _make_networks(self, given: Mapping[str, BoxTransformer], game: Game) -> dict[str, GameNetwork]:
         """The agents' networks by name, which start with the weights given."""
-        recipe, words = self.recipe, Vocabulary.from_statements(self.tasks.statements).words
+        recipe, vocabulary = self.recipe, Vocabulary.from_statements(self.tasks.statements)
         sizes = {"width": recipe.width, "text_layers": TEXT_LAYERS, "heads": HEADS}
         for network in given.values():
-            words, sizes = network.vocabulary.words, network.sizes
+            vocabulary, sizes = network.vocabulary, network.sizes
         names = dict.fromkeys(network_names(self.roles, recipe).values())
-        networks = {name: make_network(self.settings, recipe, words, sizes, game) for name in names}
+        networks = {name: GameNetwork(game, vocabulary, recipe, **sizes) for name in names}
         for name, network in networks.items():
             if (start := given.get(name, given.get(SHARED))) is not None:
                 network.load_state_dict(start.state_dict(), strict=False)
@@ -196,59 +195,47 @@ class Run(TrainingRun):
             network.clear_cache()
 
     def _experience(self, name: str, rollout: Rollout) -> Experience | None:
-        """The turns of a network's agents; None if its verifier learns from claims alone."""
+        """The complete own turns of a network's agents; None if its verifier learns from claims alone."""
         roles = [role for role in self.roles if self._network_of[role] == name]
-        if self.recipe.verifier == "cross-entropy" and Role.VERIFIER in roles:
+        if self.recipe.judges_only and Role.VERIFIER in roles:
             roles.remove(Role.VERIFIER)
         if not roles:
             return None
-        parts = [self._own_turns(role, rollout) for role in roles]
-        joined: dict[str, Any] = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
-        cells, role_of = joined.pop("cells"), joined.pop("roles")
-        advantages = joined.pop("advantages")
+        turns, recipe = rollout.turns, self.recipe
+        advantages, complete = own_turn_advantages(
+            turns, rollout.ended, rollout.last_values, rollout.to_move, recipe.gamma, recipe.gae_lambda
+        )
+        complete[[role for role in Role if role not in roles]] = False
+        arrays: dict[str, Any] = {
+            column: getattr(turns, column)[complete] for column in ("actions", "log_probabilities", "values")
+        }
+        role_of, cells = np.divmod(np.flatnonzero(complete), rollout.ended.size)
 
         def evaluate(rows: Int64Array) -> tuple[_MixedPolicy, Tensor]:
-            return self._evaluate_rows(rollout, cells[rows], role_of[rows])
+            return self._evaluate_rows(rollout, role_of[rows], cells[rows])
 
+        arrays["forced"] = np.zeros(len(cells), np.bool_)
         statement_of = rollout.statement_of.reshape(-1)[cells]
-        return Experience(self.recipe, joined, advantages, statement_of, evaluate, self.device)
+        return Experience(recipe, arrays, advantages[complete], statement_of, evaluate, self.device)
 
-    def _own_turns(self, role: Role, rollout: Rollout) -> dict[str, Any]:
-        """The complete own turns of an agent, with advantages of unit scale."""
-        turns, recipe = rollout.turns[role], self.recipe
-        advantages, complete = own_turn_advantages(
-            turns, rollout.ended, rollout.last_values[role], rollout.to_move[role], recipe.gamma, recipe.gae_lambda
-        )
-        cells = np.flatnonzero(complete)
-        own = {name: getattr(turns, name).reshape(-1)[cells] for name in ("actions", "log_probabilities", "values")}
-        return {
-            **own,
-            "forced": np.zeros(len(cells), np.bool_),
-            "advantages": advantages.reshape(-1)[cells],
-            "cells": cells,
-            "roles": np.full(len(cells), int(role)),
-        }
-
-    def _evaluate_rows(self, rollout: Rollout, cells: Int64Array, roles: Int64Array) -> tuple[_MixedPolicy, Tensor]:
-        """The current policies and values of turns (m,); scenes that both agents judge are encoded once."""
-        boxes_of = np.empty((len(cells), 3), np.int64)
-        for role in Role:
-            mine = roles == role
-            boxes_of[mine] = rollout.turns[role].boxes_of.reshape(-1, 3)[cells[mine]]
+    def _evaluate_rows(self, rollout: Rollout, role_of: Int64Array, cells: Int64Array) -> tuple[_MixedPolicy, Tensor]:
+        """The current policies and values of m turns, given by agent and index in (T, N); scenes that both agents judge
+        are encoded once."""
+        turns, indices = rollout.turns, np.unravel_index(cells, rollout.ended.shape)
+        boxes_of, context = turns.boxes_of[role_of, *indices], turns.context[role_of, *indices]
         keys = np.concatenate([cells[:, None], boxes_of], 1)
         _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
         states = rollout.states(boxes_of[firsts], cells[firsts])
         policies: list[tuple[Tensor, AgentPolicy]] = []
         values = torch.zeros(len(cells), device=self.device)
         for role in Role:
-            mine = np.flatnonzero(roles == role)
+            mine = np.flatnonzero(role_of == role)
             if not len(mine):
                 continue
-            turns = rollout.turns[role]
-            own = cells[mine]
-            legal = None if turns.legal is None else turns.legal.reshape(-1, turns.legal.shape[-1])[own]
-            context = turns.context.reshape(-1, turns.context.shape[-1])[own]
-            policy, found = self._evaluate(role, states, context, legal, torch.from_numpy(state_of[mine]))
+            legal = None
+            if role is Role.PROPOSER and turns.legal is not None:
+                legal = turns.legal[indices[0][mine], indices[1][mine]]
+            policy, found = self._evaluate(role, states, context[mine], legal, torch.from_numpy(state_of[mine]))
             rows = torch.from_numpy(mine).to(self.device)
             policies.append((rows, policy))
             values = values.index_copy(0, rows, found)

@@ -24,47 +24,56 @@ GAMMA, LAMBDA = 0.9, 0.8
 
 
 def turns(acted: list[int], values: list[float], rewards: list[float]) -> Turns:
-    """One agent's turns in one game."""
-    found = Turns.empty(len(acted), 1, 0)
-    found.acted[:, 0], found.values[:, 0], found.rewards[:, 0] = acted, values, rewards
+    """The proposer's turns in one game."""
+    found = Turns(len(acted), 1, 0)
+    found.acted[0, :, 0], found.values[0, :, 0], found.rewards[0, :, 0] = acted, values, rewards
     return found
+
+
+def advantages(
+    own: Turns, ended: list[int], last_values: tuple[float, float] = (0.0, 0.0), *, to_move: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """(2, T) advantages of one game's turns, and where they are complete; `to_move`: the proposer at the end."""
+    found, complete = own_turn_advantages(
+        own,
+        np.array(ended, np.bool_)[:, None],
+        np.array(last_values, np.float32)[:, None],
+        np.array([[to_move], [False]]),
+        GAMMA,
+        LAMBDA,
+    )
+    return found[..., 0], complete[..., 0]
 
 
 def test_own_turns__earn_the_rewards_up_to_the_next_own_turn_or_the_end():
     # veto: the proposer moves in turns 0, 2, 4, the verifier answers in 1, 3, 5, which ends the game
-    ended = np.array([[False]] * 5 + [[True]])
-    proposer = turns([1, 0, 1, 0, 1, 0], [0.5, 9, 0.4, 9, 0.3, 9], [0, -0.1, 0, -0.1, 0, 1])
-    found, complete = own_turn_advantages(
-        proposer, ended, np.array([7.0], np.float32), np.array([False]), GAMMA, LAMBDA
-    )
+    both = turns([1, 0, 1, 0, 1, 0], [0.5, 9, 0.4, 9, 0.3, 9], [0, -0.1, 0, -0.1, 0, 1])
+    both.acted[1], both.rewards[1] = ~both.acted[0], both.rewards[0]
+    both.values[1, :, 0] = [9, 0.2, 9, 0.1, 9, 0.6]
+    (proposer, verifier), complete = advantages(both, [0, 0, 0, 0, 0, 1], (7.0, 0.0))
     last = 1 - 0.3
     middle = -0.1 + GAMMA * 0.3 - 0.4 + GAMMA * LAMBDA * last
     first = -0.1 + GAMMA * 0.4 - 0.5 + GAMMA * LAMBDA * middle
-    assert found[:, 0].tolist() == pytest.approx([first, 0, middle, 0, last, 0])
-    assert complete[:, 0].tolist() == [True, False, True, False, True, False]
-    verifier = turns([0, 1, 0, 1, 0, 1], [9, 0.2, 9, 0.1, 9, 0.6], [0, -0.1, 0, -0.1, 0, 1])
-    found, _ = own_turn_advantages(verifier, ended, np.zeros(1, np.float32), np.array([False]), GAMMA, LAMBDA)
-    assert found[5, 0] == pytest.approx(1 - 0.6)
-    assert found[3, 0] == pytest.approx(-0.1 + GAMMA * 0.6 - 0.1 + GAMMA * LAMBDA * (1 - 0.6))
+    assert proposer.tolist() == pytest.approx([first, 0, middle, 0, last, 0])
+    assert complete.tolist() == both.acted[..., 0].tolist()
+    assert verifier[5] == pytest.approx(1 - 0.6)
+    assert verifier[3] == pytest.approx(-0.1 + GAMMA * 0.6 - 0.1 + GAMMA * LAMBDA * (1 - 0.6))
 
 
 def test_own_turns__without_a_known_successor_are_incomplete_but_lend_their_value():
-    ended = np.zeros((3, 1), np.bool_)
-    proposer = turns([1, 0, 1], [0.5, 0, 0.4], [0, -0.1, 0])
-    args = ended, np.array([0.8], np.float32)
-    found, complete = own_turn_advantages(proposer, *args, np.array([False]), GAMMA, LAMBDA)
-    assert complete[:, 0].tolist() == [True, False, False]
-    assert found[0, 0] == pytest.approx(-0.1 + GAMMA * 0.4 - 0.5)
-    found, complete = own_turn_advantages(proposer, *args, np.array([True]), GAMMA, LAMBDA)  # it is to move again
-    assert complete[2, 0]
-    assert found[2, 0] == pytest.approx(GAMMA * 0.8 - 0.4)
+    own = turns([1, 0, 1], [0.5, 0, 0.4], [0, -0.1, 0])
+    (found, _), (complete, _) = advantages(own, [0, 0, 0], (0.8, 0.0))
+    assert complete.tolist() == [True, False, False]
+    assert found[0] == pytest.approx(-0.1 + GAMMA * 0.4 - 0.5)
+    (found, _), (complete, _) = advantages(own, [0, 0, 0], (0.8, 0.0), to_move=True)
+    assert complete[2]
+    assert found[2] == pytest.approx(GAMMA * 0.8 - 0.4)
 
 
 def test_own_turns__do_not_earn_rewards_of_the_next_game():
-    ended = np.array([[True], [False], [True]])
-    verifier = turns([1, 0, 1], [0.5, 0, 0.2], [-1, 3, 1])  # the game that begins in turn 1 pays 3 before its own turn
-    found, _ = own_turn_advantages(verifier, ended, np.zeros(1, np.float32), np.array([False]), GAMMA, LAMBDA)
-    assert found[:, 0].tolist() == pytest.approx([-1.5, 0, 0.8])
+    own = turns([1, 0, 1], [0.5, 0, 0.2], [-1, 3, 1])  # the game that begins in turn 1 pays 3 before its own turn
+    (found, _), _ = advantages(own, [1, 0, 1])
+    assert found.tolist() == pytest.approx([-1.5, 0, 0.8])
 
 
 def test_situations__show_each_agent_what_it_may_know():

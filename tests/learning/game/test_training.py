@@ -95,8 +95,8 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
 
     def shuffled(self: RolloutPlayer, *args: Any) -> Rollout:
         found, rng = play(self, *args), np.random.default_rng(0)
-        for turns in found.turns.values():
-            turns.rewards = rng.permutation(turns.rewards.reshape(-1)).reshape(turns.rewards.shape)
+        for rewards in found.turns.rewards:
+            rewards[:] = rng.permutation(rewards.reshape(-1)).reshape(rewards.shape)
         return found._replace(claims=found.claims._replace(holds=rng.permutation(found.claims.holds)))
 
     monkeypatch.setattr(RolloutPlayer, "play", shuffled)
