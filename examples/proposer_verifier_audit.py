@@ -17,9 +17,9 @@ from typing import Any
 from lilgym_mp.envs.proposer_verifier import (
     ALWAYS_ACCEPT,
     SCRIPTED,
-    FrozenPolicy,
     Metrics,
     Partner,
+    PartnerTurn,
     SingleAgentView,
     measure,
     raw_env,
@@ -133,12 +133,16 @@ def curve(rows: list[dict[str, Any]]) -> str:
 
 def train(model: MaskablePPO, steps: int, every: int, seed: int, max_tasks: int | None) -> list[dict[str, Any]]:
     """Trains for `steps` steps and evaluates before, every `every` steps, and at the end."""
+
+    def verifier(turn: PartnerTurn) -> int:
+        return int(model.predict(turn.observation, deterministic=True, action_masks=turn.action_mask)[0])
+
     rows: list[dict[str, Any]] = []
     while not rows or model.num_timesteps < steps:
         if rows:
             model.learn(min(every, steps - model.num_timesteps), reset_num_timesteps=False)
         for split in ("train", "dev"):
-            metrics = evaluate(FrozenPolicy(model, deterministic=True), split, seed, max_tasks)
+            metrics = evaluate(verifier, split, seed, max_tasks)
             rows.append(row(model.num_timesteps, split, metrics))
             print(f"{model.num_timesteps:8} steps  {split:5}  {summary(metrics)}", flush=True)
     return rows

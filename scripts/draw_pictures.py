@@ -22,9 +22,8 @@ from PIL import Image
 import lilgym_mp
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
-    DECEPTIVE_PROPOSER,
-    HELPFUL_PROPOSER,
     PROTOCOLS,
+    SCRIPTED,
     OracleVerifier,
     Partner,
     PartnerTurn,
@@ -49,7 +48,7 @@ SHOWN = {  # tasks for the films
     "ScatterScratch": "scatter-dev-093",
     "ScatterFlipIt": "scatter-dev-040-d",
 }
-PROPOSERS = {"critique": DECEPTIVE_PROPOSER}  # HELPFUL_PROPOSER in the other protocols
+PROPOSERS = {"critique": "deceptive"}  # "helpful" in the other protocols
 GAME_SEED = 7
 LOGO_PITCH = 110  # pixels between the boxes of the logo
 BADGE_CHARACTER = 6.8  # pixels
@@ -114,7 +113,7 @@ def game_frames(protocol: str, seed: int) -> list[UInt8Array]:
     rng = np.random.default_rng(seed)
     game.reset(seed=seed)
     players: dict[str, Partner] = dict(
-        zip(AGENTS, (PROPOSERS.get(protocol, HELPFUL_PROPOSER), OracleVerifier()), strict=True)
+        zip(AGENTS, (SCRIPTED[PROPOSERS.get(protocol, "helpful")], OracleVerifier()), strict=True)
     )
     frames = [np.asarray(game.render(), np.uint8)]
     while game.agents:

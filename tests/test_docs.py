@@ -18,12 +18,13 @@ from tests.scripts import load_script
 
 ROOT = Path(__file__).parent.parent
 PAGES = (
-    *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception", "questions"),
-    *("troubleshooting", "vectorised", "wrappers"),
+    *("api/index", "corpus", "fidelity", "language_models", "own_statements", "perception"),
+    *("proposer_verifier", "questions", "troubleshooting", "vectorised", "wrappers"),
 )
 PICTURES = (".png", ".gif", ".svg")
 LONG_PAGES = ("README.md", "docs/stable_baselines3.md")
 NEEDS = {  # optional modules
+    "proposer_verifier.md": ("pettingzoo",),
     "stable_baselines3.md": ("stable_baselines3",),
     "troubleshooting.md": ("stable_baselines3",),
 }
@@ -78,7 +79,7 @@ def test_readme__commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         assert main(shlex.split(command)) == 0, command
 
 
-RUN_ELSEWHERE = ("extending", "programs", "proposer_verifier")  # by the tests of what they describe
+RUN_ELSEWHERE = ("extending", "programs")  # by the tests of what they describe
 NOT_RUN = "<!-- not run -->"
 
 

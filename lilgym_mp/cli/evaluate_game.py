@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -97,7 +97,7 @@ def _is_needed(proposer: Player, verifier: Player) -> bool:
 
 
 def _result(settings: GameSettings, proposer: Player, verifier: Player, measured: Metrics, seed: int) -> dict[str, Any]:
-    measures = measured.to_json()
+    measures = asdict(measured)
     return {
         "proposer": proposer.name,
         "verifier": verifier.name,

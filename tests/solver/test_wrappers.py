@@ -92,7 +92,7 @@ def added_by_shaping(form: str, actions: Sequence[int], **settings: Any) -> list
 
     def chosen(agent: str) -> int:
         """The proposer's next action, or the verifier's 1; the last index is "wait"."""
-        turn = AGENTS.index(agent) in game.unwrapped.engine.state.movers
+        turn = AGENTS.index(agent) in game.unwrapped.engine.movers
         waits = game.action_space(agent).n - 1
         return waits if not turn else 1 if agent == agents[1] else next(to_come, STOP)
 

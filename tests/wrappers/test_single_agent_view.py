@@ -74,4 +74,4 @@ def test_wrappers__apply_to_the_partner():
 
 def test_array_observations__are_refused():
     with pytest.raises(TypeError, match='SingleAgentView needs the game with observations="nested"'):
-        SingleAgentView(parallel_env(observations="parts"), PROPOSER, ALWAYS_ACCEPT)
+        SingleAgentView(parallel_env(observations="vector"), PROPOSER, ALWAYS_ACCEPT)

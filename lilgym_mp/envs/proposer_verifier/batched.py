@@ -21,7 +21,6 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.single import next_draws
 from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.scene.arrays import Int64Array
 
@@ -87,7 +86,6 @@ class BatchedGames:
         self._own_turn_rewards = np.zeros((len(Role), num_games))
         self._is_started = self._is_closed = False
         self._generators: list[np.random.Generator] = []  # empty before the first reset
-        self._draws: list[list[int]] = [[] for _ in range(num_games)]  # task indices drawn in advance, next one last
 
     def __reduce__(self) -> NoReturn:
         refuse_copying(self)
@@ -102,7 +100,6 @@ class BatchedGames:
         if seed is not None or not self._generators:
             seeds = [None if seed is None else seed + index for index in range(self.num_games)]
             self._generators = [seeding.np_random(seed)[0] for seed in seeds]
-            self._draws = [[] for _ in seeds]
         self._start(self._all, task, intent)
         self._is_started = True
         return self._observations(), self._infos()
@@ -114,19 +111,14 @@ class BatchedGames:
 
     def _start(self, indices: Int64Array, task: int | None = None, intent: Intent | None = None) -> None:
         """Starts games (k,); each draws a task and an intent that are None, in that order, from its own generator."""
-        game = self._game
-        if intent is None and not game.draws_intent:
-            intent = Intent.HELPFUL
-        sampled = self._sampled(indices) if task is None and self._sampler is not None else None
-        tasks = np.empty(len(indices), np.int64)
-        intents = np.full(len(indices), 0 if intent is None else int(intent))
-        for position, index in enumerate(indices.tolist()):
-            if sampled is None:
-                tasks[position] = self._sample_task_index(index) if task is None else task
-            if intent is None:
-                intents[position] = int(game.sample_intent(self._generators[index]))
+        game, generators = self._game, [self._generators[index] for index in indices.tolist()]
+        if task is None and self._sampler is not None:
+            tasks = self._sampled(indices)
+        else:
+            tasks = np.array([game.sample_task_index(rng) if task is None else task for rng in generators])
+        intents = np.array([game.sample_intent(rng) if intent is None else intent for rng in generators])
         self._own_turn_rewards[:, indices] = 0
-        self._games.start(indices, tasks if sampled is None else sampled, intents)
+        self._games.start(indices, tasks, intents)
 
     def _sampled(self, indices: Int64Array) -> Int64Array:
         """(k,) the sampler's tasks for games (k,). Raises ValueError for anything but k task indices."""
@@ -135,14 +127,6 @@ class BatchedGames:
         if tasks.shape != indices.shape or tasks.dtype.kind not in "iu" or ((tasks < 0) | (tasks >= count)).any():
             raise ValueError(f"the sampler must return {len(indices)} task indices 0 .. {count - 1}, not {tasks!r}")
         return tasks.astype(np.int64, copy=False)
-
-    def _sample_task_index(self, index: int) -> int:
-        generator, game = self._generators[index], self._game
-        if game.draws_intent:  # tasks and intents are drawn alternately, so not in advance
-            return game.sample_task_index(generator)
-        if not self._draws[index]:
-            self._draws[index] = next_draws(generator, len(game.tasks))
-        return self._draws[index].pop()
 
     def step(self, actions: Mapping[str, NDArray[np.integer[Any]]]) -> BatchStep:
         """`actions`: integers (N,) by agent. Errors as for `parallel_env`; a wrong shape or type is an ActionError."""

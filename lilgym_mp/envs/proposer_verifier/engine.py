@@ -16,7 +16,7 @@ from lilgym_mp.envs.checks import check_open, checked_options
 from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
-from lilgym_mp.envs.proposer_verifier.observations import IMAGE, MASK, PARTS, AgentObservation, ObservedGames, Part
+from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation, ObservedGames, Part
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
@@ -31,7 +31,7 @@ from lilgym_mp.scene.render import draw
 
 ROLES: Mapping[str, Role] = {AGENTS[role]: role for role in Role}
 INTENTS: Mapping[str, Intent] = {intent.name.lower(): intent for intent in Intent}
-NESTED = "nested"
+NESTED, VECTOR = "nested", "vector"  # forms of observations; with vectors, the masks are in infos
 RESET_OPTIONS = ("task", "intent")
 API_TEST_OPTIONS = {"options": 1}  # which PettingZoo's API tests give
 
@@ -234,35 +234,6 @@ class GameEngine:
         self._renderer.close()
 
 
-Convert = Callable[[Mapping[str, Any]], Any]
-Form = Callable[[spaces.Dict], tuple[spaces.Space[Any], Convert]]  # from the space of an agent's parts
-
-
-def _vector(space: spaces.Dict) -> tuple[spaces.Box, Convert]:
-    """All parts flattened to one float32 vector, in alphabetical order."""
-    flat = flatten_space(space)
-    assert isinstance(flat, spaces.Box)
-    box = spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
-    return box, lambda parts: np.asarray(flatten(space, dict(parts)), np.float32)
-
-
-def _image(space: spaces.Dict) -> tuple[spaces.Box, Convert]:
-    """Only the image."""
-    image = space.spaces.get(IMAGE)
-    if not isinstance(image, spaces.Box):
-        raise ValueError(f'observations="image" needs views with scene="image"; the parts are {", ".join(space)}')
-    return image, lambda parts: parts[IMAGE]
-
-
-def _parts(space: spaces.Dict) -> tuple[spaces.Dict, Convert]:
-    """The parts without the mask: a flat dictionary, as Stable-Baselines3 accepts."""
-    return space, dict
-
-
-# Forms of observations; all but "nested" have the masks in infos.
-FORMS: Mapping[str, Form | None] = {NESTED: None, "parts": _parts, "vector": _vector, "image": _image}
-
-
 class BaseGameEnv:
     """Spaces, the current task, names of actions, and the image as PettingZoo's global state."""
 
@@ -274,32 +245,37 @@ class BaseGameEnv:
     }
 
     def __init__(self, settings: GameSettings, render_mode: str | None = None, observations: str = NESTED) -> None:
-        """`observations`: a name in FORMS. Raises ValueError naming the choices."""
-        form = choose("observations", observations, FORMS)
+        """`observations`: NESTED or VECTOR. Raises ValueError naming the choices."""
+        self._is_vector = choose("observations", observations, {NESTED: False, VECTOR: True})
         self.engine = engine = GameEngine(Game(settings), render_mode)
         self.possible_agents = list(AGENTS)
         self.agents: list[str] = []
         self.render_mode = engine.render_mode
         self.observation_spaces: dict[str, spaces.Space[Any]] = {}
         self.action_spaces: dict[str, spaces.Discrete] = {}
-        self._converters: dict[str, Convert] = {}  # by agent; none for nested observations
+        self._parts_spaces: dict[str, spaces.Dict] = {}
         for role, agent in zip(Role, AGENTS, strict=True):
-            nested, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
-            self.observation_spaces[agent] = nested
-            if form is not None:
-                self.observation_spaces[agent], self._converters[agent] = form(cast("spaces.Dict", nested[PARTS]))
+            space, self.action_spaces[agent] = agent_spaces(engine.games.parts[role], engine.game.action_counts[role])
+            self._parts_spaces[agent] = parts = cast("spaces.Dict", space[PARTS])
+            self.observation_spaces[agent] = _vector_space(parts) if self._is_vector else space
         self._indices_by_name: dict[Role, dict[str, int]] = {}  # filled in by `read_action`
         self.state_space = image_space(engine.game.settings.image_size)
 
     def _with_masks(self, infos: tuple[Info, Info]) -> dict[str, Info]:
         """Both agents' infos, with the masks if these are not in the observations."""
         by_agent = {AGENTS[PROPOSER]: infos[PROPOSER], AGENTS[VERIFIER]: infos[VERIFIER]}
-        if not self._converters:
+        if not self._is_vector:
             return by_agent
         return {agent: {**info, MASK: self.engine.games.masks(ROLES[agent], 0)} for agent, info in by_agent.items()}
 
+    def _shown(self, agent: str, nested: AgentObservation) -> Any:
+        """An agent's observation in the environment's form."""
+        if not self._is_vector:
+            return nested
+        return np.asarray(flatten(self._parts_spaces[agent], nested[PARTS]), np.float32)
+
     def observation_space(self, agent: str) -> Any:
-        """{"observation": the agent's parts, "action_mask": int8 (actions,)}, or another form's."""
+        """{"observation": the agent's parts, "action_mask": int8 (actions,)}, or of the parts as a vector."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Discrete:
@@ -353,6 +329,13 @@ class BaseGameEnv:
             examples = ", ".join(repr(game.describe(role, action)) for action in (0, count - 1))
             raise ActionError(f"{name!r} is not an action of {agent}; actions look like {examples}")
         return index
+
+
+def _vector_space(parts: spaces.Dict) -> spaces.Box:
+    """All parts flattened to one float32 vector, in alphabetical order."""
+    flat = flatten_space(parts)
+    assert isinstance(flat, spaces.Box)
+    return spaces.Box(flat.low.astype(np.float32), flat.high.astype(np.float32), dtype=np.float32)
 
 
 def _normalised(name: str) -> str:

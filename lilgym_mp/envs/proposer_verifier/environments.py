@@ -1,4 +1,4 @@
-"""The game as PettingZoo environments, with nested observations or others for SuperSuit and Stable-Baselines3."""
+"""The game as PettingZoo environments, with nested observations, or vectors for SuperSuit and Stable-Baselines3."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 from lilgym_mp.envs.proposer_verifier.engine import NESTED, BaseGameEnv, TurnResult, role_of
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
-from lilgym_mp.envs.proposer_verifier.observations import PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
 from lilgym_mp.envs.single import UNCHANGED_REWARD
@@ -44,8 +43,7 @@ class ProposerVerifierAEC(BaseGameEnv, AECEnv[str, Any, SupportsIndex | None]):
         self._skip_agent_selection = None
 
     def observe(self, agent: str) -> Any:
-        nested = self.engine.observe(role_of(agent))
-        return self._converters[agent](nested[PARTS]) if self._converters else nested
+        return self._shown(agent, self.engine.observe(role_of(agent)))
 
     def step(self, action: SupportsIndex | None) -> None:
         """Raises ActionError for an action outside the action space, ResetNeeded before reset and after the end,
@@ -110,9 +108,6 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
     def step(self, actions: Mapping[str, SupportsIndex]) -> ParallelStep:
         """Raises ActionError for an action outside the action space, TurnError unless exactly both agents act,
         ResetNeeded before reset and after the end, ClosedEnvironmentError after `close`."""
-        self.engine.check_open()
-        if not self.agents:
-            raise ResetNeeded("no agent is active; call reset before step")
         if len(actions) != len(AGENTS) or PROPOSER_NAME not in actions or VERIFIER_NAME not in actions:
             raise TurnError(f"actions must be for {' and '.join(AGENTS)}, not for {', '.join(actions) or 'no agent'}")
         rewards, terminated, truncated, infos = self.engine.step(actions[PROPOSER_NAME], actions[VERIFIER_NAME])
@@ -128,9 +123,7 @@ class ProposerVerifierParallel(BaseGameEnv, ParallelEnv[str, Any, SupportsIndex]
 
     def _observations(self) -> dict[str, Any]:
         nested = self.engine.observe_both()
-        if not self._converters:
-            return nested
-        return {agent: convert(nested[agent][PARTS]) for agent, convert in self._converters.items()}
+        return {agent: self._shown(agent, nested[agent]) for agent in AGENTS} if self._is_vector else nested
 
 
 def parallel_env(
@@ -140,9 +133,8 @@ def parallel_env(
 
     `configuration`: a name such as "TowerFlipIt", or a Gymnasium id (default: TowerScratch).
 
-    `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, with masks
-    in infos: "parts", the dictionary of parts alone, "vector", all parts flattened to float32 (N,), or "image", only
-    the image.
+    `observations`: "nested", {"observation": parts, "action_mask"}; or, for SuperSuit and Stable-Baselines3, "vector",
+    all parts flattened to float32 (N,), with masks in infos.
     """
     checked = GameSettings.of({"configuration": configuration, **settings})
     return ProposerVerifierParallel(checked, render_mode, observations)

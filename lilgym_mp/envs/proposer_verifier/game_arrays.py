@@ -40,15 +40,11 @@ Indices = int | Int64Array  # of one game, or (k,) of several: their values have
 
 
 class GameState(NamedTuple):
-    """The state of a game, for scripted partners and tests. `mdp.steps` counts the rounds."""
+    """The state of a game, with the truth, for scripted partners. `mdp.steps` counts the rounds."""
 
     mdp: State
-    movers: tuple[Role, ...]  # the agents to act; empty after the end
     intent: Intent
     proposal: int | None  # index of the proposed action that awaits the verifier's answer
-    refused: int | None  # index of the action refused last; None once an action has been played
-    rejections: int  # in this round
-    messages: tuple[int, int]  # the last of each agent, indexed by role
 
 
 def _select(condition: Any, value: Any, otherwise: Any) -> Any:
@@ -88,7 +84,7 @@ class GameArrays:
         self.movers = np.zeros((len(Role), num_games), np.bool_)  # (2, N) indexed by role, whether the agent is to move
         self.intents = np.zeros(num_games, np.int64)
         self.proposals = np.full(num_games, NO_CHOICE)  # pending
-        self.refused = np.full(num_games, NO_CHOICE)  # as `GameState.refused`
+        self.refused = np.full(num_games, NO_CHOICE)  # index of the action refused last, until an action is played
         self.messages = np.full((len(Role), num_games), SILENCE)  # (2, N) indexed by role, the agent's last message
         # (N, turns, 4) proposal, answer and both messages; newest last, padded with NO_CHOICE
         self.history = np.full((num_games, game.history_length, 2 + len(Role)), NO_CHOICE)
@@ -246,17 +242,8 @@ class GameArrays:
 
     def state(self, index: int) -> GameState:
         """The state of a game."""
-        proposal, refused = int(self.proposals[index]), int(self.refused[index])
-        proposer_message, verifier_message = self.messages[:, index].tolist()
-        return GameState(
-            self.mdp(index),
-            self.movers_of(index),
-            Intent(int(self.intents[index])),
-            None if proposal == NO_CHOICE else proposal,
-            None if refused == NO_CHOICE else refused,
-            int(self._rejections[index]),
-            (proposer_message, verifier_message),
-        )
+        proposal = int(self.proposals[index])
+        return GameState(self.mdp(index), Intent(int(self.intents[index])), None if proposal == NO_CHOICE else proposal)
 
     def proposed_scene(self, index: int) -> Scene:
         """The scene of a game after the pending proposal; the current one if that is none, STOP or invalid."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -43,16 +43,6 @@ class GameRecord(NamedTuple):
         return any(judged.final and judged.accepted and not judged.holds for judged in self.judgements[-1:])
 
 
-class TargetMetrics(NamedTuple):
-    """Measures over the games with one target value; None if there are no claims to compute them from."""
-
-    games: int
-    success_rate: float
-    true_accept_rate: float | None
-    false_accept_rate: float | None
-    j: float | None  # Youden's J, their difference: 0 for a verifier whose answers tell nothing
-
-
 @dataclass(frozen=True)
 class Metrics:
     """Measures over games. Rates are None if there are no claims to compute them from.
@@ -70,15 +60,12 @@ class Metrics:
     claims: int
     true_accept_rate: float | None  # share of true claims that were accepted; the others are false rejects
     false_accept_rate: float | None  # share of false claims that were accepted
-    j: float | None  # mean over target values, None unless each has true and false claims
+    j: float | None  # Youden's J, the rates' difference: mean over targets, None unless each has true and false claims
     j_interval: Interval | None
     accepted_false_claims: float  # share of games that end in an accepted false claim
-    by_target: Mapping[str, TargetMetrics]  # by "true" and "false", those that occur
+    by_target: Mapping[str, Mapping[str, Any]]  # games, success_rate, both rates and j by "true" and "false", if played
     brier_score: float | None  # mean squared difference between stated probability and truth
     calibration_error: float | None  # mean distance of stated probability and share of truth over ten bins, by count
-
-    def to_json(self) -> dict[str, Any]:
-        return asdict(self) | {"by_target": {name: measured._asdict() for name, measured in self.by_target.items()}}
 
 
 def play_games(
@@ -155,25 +142,16 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     total, resampled = counts.sum(0), _resampled(counts)
     j, js = _or_none(_mean_j(total)), _mean_j(resampled)
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
-    true_accept_rate, false_accept_rate, _ = map(_or_none, _rates(total.sum(0)))
     return Metrics(
-        games=len(records),
-        success_rate=float(_success_rate(total.sum(0))),
+        **(_measures(total.sum(0)) | {"j": j}),
         success_interval=_interval(_success_rate(resampled.sum(1))),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=proposer_return,
         mean_return_verifier=verifier_return,
         claims=len(judgements),
-        true_accept_rate=true_accept_rate,
-        false_accept_rate=false_accept_rate,
-        j=j,
         j_interval=None if j is None else _interval(js[~np.isnan(js)]),
         accepted_false_claims=float(np.mean([record.accepted_false_claim for record in records])),
-        by_target={
-            str(target).lower(): TargetMetrics(int(row[_GAMES]), float(_success_rate(row)), *map(_or_none, _rates(row)))
-            for target, row in ((True, total[1]), (False, total[0]))
-            if row[_GAMES]
-        },
+        by_target={name: _measures(row) for name, row in (("true", total[1]), ("false", total[0])) if row[_GAMES]},
         brier_score=float(np.mean((probability - holds) ** 2)) if judgements else None,
         calibration_error=float(gaps.sum()) / len(judgements) if judgements else None,
     )
@@ -196,6 +174,12 @@ def _counts_by_statement(records: Sequence[GameRecord]) -> Float64Array:
             row[claims] += 1
             row[claims + 1] += judgement.accepted
     return counts
+
+
+def _measures(counts: Float64Array) -> dict[str, Any]:
+    """The measures that counts (6,) determine; rates are None if there are no claims to compute them from."""
+    rates = dict(zip(("true_accept_rate", "false_accept_rate", "j"), map(_or_none, _rates(counts)), strict=True))
+    return {"games": int(counts[_GAMES]), "success_rate": float(_success_rate(counts)), **rates}
 
 
 def _rates(counts: Float64Array) -> tuple[Float64Array, Float64Array, Float64Array]:

@@ -1,4 +1,4 @@
-"""Partner policies: scripted ones, frozen models, and any callable.
+"""Partner policies: scripted ones, and any callable.
 
 A partner is a function of a `PartnerTurn`, which can be indexed like its observation: turn["action_mask"]. It may also
 have a method `batch(turn: BatchTurn)` that returns actions (k,), to act in many games at once; `BatchPartner` needs
@@ -234,7 +234,6 @@ class TargetOnlyVerifier(BatchPartner):
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)
-ALWAYS_REJECT = ConstantVerifier(accepts=False)
 
 
 def encode_answer(game: Game, *, accepts: bool) -> int:
@@ -272,36 +271,13 @@ class ClaimingProposer:
         return turn.random_edit()
 
 
-HELPFUL_PROPOSER = ClaimingProposer(Intent.HELPFUL)
-DECEPTIVE_PROPOSER = ClaimingProposer(Intent.DECEPTIVE)
-
-
-@dataclass(frozen=True)
-class FrozenPolicy:
-    """A trained model with Stable-Baselines3's `predict` as a partner.
-
-    `masked`: for models that take `action_masks` (MaskablePPO). An illegal choice of an unmasked model is replaced by a
-    random legal action.
-    """
-
-    model: Any
-    masked: bool = True
-    deterministic: bool = False
-
-    def __call__(self, turn: PartnerTurn) -> int:
-        masks = {"action_masks": turn.action_mask.astype(bool)} if self.masked else {}
-        action, _ = self.model.predict(turn.observation, deterministic=self.deterministic, **masks)
-        index = int(action)
-        return index if turn.action_mask[index] else turn.random_action()
-
-
 SCRIPTED: dict[str, Partner] = {
     "random": RandomPartner(),
     "oracle": OracleVerifier(),
     "always_accept": ALWAYS_ACCEPT,
-    "always_reject": ALWAYS_REJECT,
+    "always_reject": ConstantVerifier(accepts=False),
     "target_only": TargetOnlyVerifier(),
-    "helpful": HELPFUL_PROPOSER,
-    "deceptive": DECEPTIVE_PROPOSER,
+    "helpful": ClaimingProposer(Intent.HELPFUL),
+    "deceptive": ClaimingProposer(Intent.DECEPTIVE),
     "by_intent": ClaimingProposer(),
 }

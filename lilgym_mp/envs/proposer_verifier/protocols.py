@@ -38,18 +38,17 @@ BOTH_MOVE: tuple[Role, ...] = (PROPOSER, VERIFIER)
 class Ending:
     """Who may end the episode with a STOP."""
 
-    by_proposer: bool = False  # the proposer alone
+    by_proposer: bool = False  # the proposer alone; if neither may, the proposer with the verifier's consent
     by_verifier: bool = False  # the verifier alone
-    by_agreement: bool = False  # the proposer, if the verifier accepts
 
     @property
     def proposer_may_stop(self) -> bool:
         """Whether STOP is among the proposer's choices."""
-        return self.by_proposer or self.by_agreement
+        return self.by_proposer or not self.by_verifier
 
 
 ENDINGS: Mapping[str, Ending] = {
-    "agreement": Ending(by_agreement=True),
+    "agreement": Ending(),
     "proposer": Ending(by_proposer=True),
     "verifier": Ending(by_verifier=True),
     "either": Ending(by_proposer=True, by_verifier=True),
@@ -123,21 +122,18 @@ class GameProtocol:
 _MOVES = {ProposalType.NONE: MDPMove.WAIT, ProposalType.STOP: MDPMove.STOP, ProposalType.EDIT: MDPMove.PROPOSAL}
 
 
-def _veto(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
-    """The verifier accepts or rejects each action; a rejection uses up the round."""
-    return _by_consent(config, turn, rejection=MDPMove.WAIT)
-
-
 def _critique(config: ProtocolConfig, turn: TurnInput) -> TurnDecision:
     """As veto, but a rejection is free; after `exchanges` of them in a round the next proposal needs no answer."""
     if turn.exchanges_spent and not turn.is_answer:
         return TurnDecision(_MOVES[turn.proposal])
-    return _by_consent(config, turn, rejection=MDPMove.NOTHING)
+    return _veto(config, turn, rejection=MDPMove.NOTHING)
 
 
-def _by_consent(config: ProtocolConfig, turn: TurnInput, rejection: MDPMove) -> TurnDecision:
-    """The verifier must answer a proposal, unless it is a STOP that needs no consent. Its answer STOP ends the episode.
-    Only the proposal STOP is a claim."""
+def _veto(config: ProtocolConfig, turn: TurnInput, rejection: MDPMove = MDPMove.WAIT) -> TurnDecision:
+    """The verifier must answer a proposal, unless it is a STOP that needs no consent; a rejection uses up the round.
+
+    Its answer STOP ends the episode. Only the proposal STOP is a claim.
+    """
     claims = turn.proposal is ProposalType.STOP
     if not turn.is_answer:
         if turn.proposal is ProposalType.NONE or (claims and config.ending.by_proposer):

@@ -7,7 +7,6 @@ from typing import Any, SupportsFloat, SupportsIndex, cast
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
-from gymnasium.error import ResetNeeded
 
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
@@ -86,9 +85,6 @@ class SingleAgentView(gym.Env[dict[str, Any], int]):
         """Raises ActionError for an action outside the action space, PartnerError for an illegal action of the partner,
         ResetNeeded before reset and after the end."""
         engine, role = self.engine, self._role
-        engine.check_open()
-        if not engine.movers:
-            raise ResetNeeded("the game is over; call reset before acting")
         actions = {role: engine.game.checked_action(role, action)}
         if role.other in engine.movers:
             actions[role.other] = self._partner_action()

@@ -43,6 +43,8 @@ class Step(NamedTuple):
     """One turn of a game. Pairs are by Role."""
 
     state: GameState
+    movers: tuple[Role, ...]
+    messages: tuple[int, ...]  # the last of each agent
     rewards: tuple[float, ...]
     terminated: bool
     truncated: bool
@@ -59,17 +61,20 @@ class OneGame:
         self.games.start(np.zeros(1, int), np.zeros(1, int), np.array([intent]))
 
     @property
-    def state(self) -> GameState:
-        return self.games.state(0)
+    def movers(self) -> tuple[Role, ...]:
+        return self.games.movers_of(0)
 
     def step(self, *actions: int) -> Step:
         """Plays a turn; for an agent out of turn, 0."""
-        games, movers, given = self.games, self.state.movers, iter(actions)
+        games, movers, given = self.games, self.movers, iter(actions)
         games.step(*(np.array([next(given) if role in movers else 0]) for role in Role))
         illegal = tuple(role in movers and "illegal_choice" in games.infos(0)[role] for role in Role)
         rewards = tuple(games.rewards[:, 0].tolist())
         ends = bool(games.terminated[0]), bool(games.truncated[0])
-        return Step(self.state, rewards, *ends, games.last_outcome(0), illegal, games.last_judgement(0))
+        state, messages = games.state(0), tuple(games.messages[:, 0].tolist())
+        return Step(
+            state, self.movers, messages, rewards, *ends, games.last_outcome(0), illegal, games.last_judgement(0)
+        )
 
 
 def final_step(game: Game, *actions: int | tuple[int, int], intent: Intent = Intent.HELPFUL) -> Step:

@@ -22,11 +22,10 @@ SUPERSUIT: dict[str, Callable[[Any, Any], Any]] = {  # called with the supersuit
 }
 
 
-@pytest.mark.parametrize("observations", ["vector", "image"])
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-def test_array_observations__are_the_nested_ones_with_masks_in_infos(protocol: str, observations: str):
-    nested, game = parallel_env(protocol=protocol), parallel_env(protocol=protocol, observations=observations)
-    turns = env(protocol=protocol, observations=observations)
+def test_vectors__are_the_nested_observations_with_masks_in_infos(protocol: str):
+    nested, game = parallel_env(protocol=protocol), parallel_env(protocol=protocol, observations="vector")
+    turns = env(protocol=protocol, observations="vector")
     rng = np.random.default_rng(0)
     turns.reset(seed=0)
     (before, _), (seen, infos) = nested.reset(seed=0), game.reset(seed=0)
@@ -37,8 +36,7 @@ def test_array_observations__are_the_nested_ones_with_masks_in_infos(protocol: s
             space, parts = game.observation_space(agent), before[agent]["observation"]
             assert isinstance(space, spaces.Box)
             assert space.contains(seen[agent])
-            flat = flatten(nested.observation_space(agent)["observation"], parts)
-            assert np.array_equal(seen[agent], flat if observations == "vector" else parts["image"])
+            assert np.array_equal(seen[agent], flatten(nested.observation_space(agent)["observation"], parts))
             assert np.array_equal(infos[agent]["action_mask"], before[agent]["action_mask"])
         actions = {agent: int(rng.choice(np.flatnonzero(infos[agent]["action_mask"]))) for agent in AGENTS}
         before, *_ = nested.step(actions)
@@ -46,10 +44,8 @@ def test_array_observations__are_the_nested_ones_with_masks_in_infos(protocol: s
 
 
 def test_unknown_form__is_refused_naming_the_choices():
-    with pytest.raises(ValueError, match="unknown observations 'flat'; choose from image, nested, parts, vector"):
+    with pytest.raises(ValueError, match="unknown observations 'flat'; choose from nested, vector"):
         parallel_env(observations="flat")
-    with pytest.raises(ValueError, match='observations="image" needs views with scene="image"'):
-        parallel_env(observations="image", views="structured")
     with pytest.raises(WrongEnvironment, match='GridPlanes needs the game with observations="nested"'):
         grid_planes_v0(parallel_env(observations="vector"))
 

@@ -93,10 +93,7 @@ def test_game__of_these_actions(drawn: str):
     this = game(protocol=played[0], message_size=0, **options)
     step = final_step(this, *(turn[0] if len(turn) == 1 else tuple(turn) for turn in turns))
     assert str(step.outcome).lower() == outcome
-    assert (
-        step.state.movers
-        == {"nobody": (), "proposer": (PROPOSER,), "verifier": (VERIFIER,), "both": tuple(Role)}[movers]
-    )
+    assert step.movers == {"nobody": (), "proposer": (PROPOSER,), "verifier": (VERIFIER,), "both": tuple(Role)}[movers]
     assert [items(step), step.state.mdp.steps, *step.rewards] == [*map(float, numbers), float(numbers[-1])]
     assert step.terminated == (movers == "nobody")
 
@@ -133,10 +130,11 @@ def test_message__reaches_the_state_and_costs_its_sender():
     )
     assert steps[0].rewards == (-0.25, 0.0)
     assert steps[1].rewards == (-0.1, -0.1)
-    assert steps[1].state.messages == (2, 0)
+    assert steps[1].messages == (2, 0)
+    assert this.describe(Role.VERIFIER, this.encode_action(Role.VERIFIER, REJECT, message=1)) == "reject, message 1"
     critique = game(protocol="critique")
     step = final_step(critique, ADD_BLUE, critique.encode_action(Role.VERIFIER, REJECT, message=3))
-    assert step.state.messages == (0, 3)
+    assert step.messages == (0, 3)
 
 
 ILLEGAL = [
@@ -210,15 +208,6 @@ def test_engine__refuses_invalid_actions(action: Any):
         engine.step(action, None)
 
 
-def test_describe__names_actions():
-    this = game(ending="verifier", message_size=2)
-    describe = this.describe
-    assert describe(Role.PROPOSER, this.encode_action(Role.PROPOSER, ADD_BLUE)) == "ADD(LEFT, BLUE)"
-    assert describe(Role.PROPOSER, this.encode_action(Role.PROPOSER, WAIT)) == "wait"
-    assert describe(Role.VERIFIER, this.encode_action(Role.VERIFIER, REJECT, message=1)) == "reject, message 1"
-    assert describe(Role.VERIFIER, this.encode_action(Role.VERIFIER, VERIFIER_STOPS)) == "stop"
-
-
 GAMES = {
     (protocol, ending, words): game(protocol=protocol, ending=ending, message_size=words, views={"history": 2})
     for protocol in PROTOCOLS
@@ -232,7 +221,7 @@ def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str
     this = GAMES[key]
     played = OneGame(this)
     for chance in chances:
-        movers = played.state.movers
+        movers = played.movers
         if not movers:
             break
         actions = {role: chance % this.action_counts[role] for role in movers}
@@ -246,5 +235,5 @@ def test_step__ends_by_the_horizon_and_agrees_with_the_masks(key: tuple[str, str
                 assert role is VERIFIER or step.outcome is not Outcome.INVALID_ACTION
             elif step.illegal[role]:
                 assert not masks[role][actions[role]]
-        assert bool(step.state.movers) != (step.terminated or step.truncated)
+        assert bool(step.movers) != (step.terminated or step.truncated)
         assert step.state.mdp.steps <= this.config.dynamics.horizon

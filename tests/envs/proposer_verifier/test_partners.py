@@ -14,13 +14,9 @@ from gymnasium.utils.env_checker import check_env
 from lilgym_mp.envs.proposer_verifier import (
     AGENTS,
     ALWAYS_ACCEPT,
-    ALWAYS_REJECT,
-    DECEPTIVE_PROPOSER,
     PROTOCOLS,
     SCRIPTED,
     ClaimingProposer,
-    FrozenPolicy,
-    Metrics,
     OracleVerifier,
     PartnerError,
     PartnerTurn,
@@ -34,7 +30,7 @@ from lilgym_mp.envs.proposer_verifier import (
     raw_env,
     summarise,
 )
-from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, TargetMetrics
+from lilgym_mp.envs.proposer_verifier.metrics import GameRecord
 from lilgym_mp.envs.proposer_verifier.rewards import Judgement
 from lilgym_mp.envs.rules import Outcome
 from tests.envs.proposer_verifier.games import ADD_BLUE, STOPS, WAIT
@@ -49,10 +45,6 @@ def some_tasks(game: Any) -> tuple[str, ...]:
     return ids[:: max(1, len(ids) // GAMES)]
 
 
-def measured_on_some(game: Any, proposer: Any, verifier: Any, seed: int = 0) -> Metrics:
-    return measure(game, proposer, verifier, tasks=some_tasks(game), seed=seed)
-
-
 CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
 
 
@@ -63,12 +55,13 @@ CLAIMING = ClaimingProposer()  # helpful or deceptive by the episode's intent
         (OracleVerifier(error_rate=1.0), (0.0, 1.0)),
         (OracleVerifier(error_rate=0.25), (pytest.approx(0.75, abs=0.15), pytest.approx(0.25, abs=0.15))),
         (ALWAYS_ACCEPT, (1.0, 1.0)),
-        (ALWAYS_REJECT, (0.0, 0.0)),
+        (SCRIPTED["always_reject"], (0.0, 0.0)),
     ],
 )
 @pytest.mark.parametrize("protocol", ["audit", "critique"])
 def test_scripted_verifiers__accept_true_and_false_claims(protocol: str, verifier: Any, rates: tuple[Any, Any]):
-    measured = measured_on_some(env(protocol=protocol, start="flipit", rewards="hidden"), CLAIMING, verifier)
+    game = env(protocol=protocol, start="flipit", rewards="hidden")
+    measured = measure(game, CLAIMING, verifier, tasks=some_tasks(game))
     assert (measured.true_accept_rate, measured.false_accept_rate) == rates
 
 
@@ -82,7 +75,7 @@ def test_single_agent_view__passes_gymnasiums_check(protocol: str, agent: str):
 
 
 def test_single_agent_view__sums_rewards_since_the_last_action():
-    view = SingleAgentView(env(), PROPOSER, ALWAYS_REJECT)
+    view = SingleAgentView(env(), PROPOSER, "always_reject")
     view.reset(seed=0)
     _, reward, *_ = view.step(ADD_BLUE)
     assert reward == -0.1
@@ -144,35 +137,6 @@ def test_single_agent_view__after_the_end_needs_a_reset():
         view.step(STOPS)
 
 
-def test_partner_turn__can_be_indexed_like_the_observation():
-    results: list[Any] = []
-
-    def partner(turn: PartnerTurn) -> int:
-        results.append((turn["action_mask"], turn["observation"]["target"], turn.observation["target"]))
-        return int(np.flatnonzero(turn["action_mask"])[0])
-
-    SingleAgentView(env(ending="verifier"), VERIFIER, partner).reset(seed=0)
-    mask, target, same = results[0]
-    assert mask.dtype == np.int8
-    assert target == same
-
-
-class FirstAction:
-    """A model with Stable-Baselines3's `predict`."""
-
-    def predict(self, observation: dict[str, Any], deterministic: bool, action_masks: Any = None) -> tuple[Any, None]:
-        return np.int64(0), None
-
-
-def test_frozen_policy__plays_a_models_actions_or_a_legal_one():
-    view = SingleAgentView(env(), PROPOSER, FrozenPolicy(FirstAction()))
-    view.reset(seed=0)
-    assert view.step(ADD_BLUE)[1] == -0.1
-    view = SingleAgentView(env(ending="verifier"), VERIFIER, FrozenPolicy(FirstAction(), masked=False))
-    view.reset(seed=0)
-    assert view.unwrapped.engine.state.proposal != STOPS
-
-
 def record(*answers: tuple[float, bool], rounds: int = 2, outcome: Outcome = Outcome.SUCCESS) -> GameRecord:
     judgements = tuple(Judgement(probability, True, holds) for probability, holds in answers)
     return GameRecord("task", "A statement.", True, outcome, rounds, (1.0, -1.0), judgements)
@@ -200,8 +164,9 @@ def test_j__of_a_verifier_that_knows_the_target_alone_is_zero():
     ]
     measured = summarise([record((float(not target), holds))._replace(target=target) for target, holds in claims])
     assert (measured.true_accept_rate, measured.false_accept_rate) == (0.75, 0.25)
-    assert measured.by_target["true"] == TargetMetrics(4, 1.0, 0.0, 0.0, 0.0)
-    assert measured.by_target["false"] == TargetMetrics(4, 1.0, 1.0, 1.0, 0.0)
+    names = ("games", "success_rate", "true_accept_rate", "false_accept_rate", "j")
+    assert tuple(map(measured.by_target["true"].get, names)) == (4, 1.0, 0.0, 0.0, 0.0)
+    assert tuple(map(measured.by_target["false"].get, names)) == (4, 1.0, 1.0, 1.0, 0.0)
     assert measured.j == 0.0
 
 
@@ -252,12 +217,12 @@ def test_scripted__play_alike_singly_and_in_batches(partner: str):
 def test_cross_play__equals_the_games_of_each_pair():
     game = env(protocol="audit", rewards="hidden")
     proposers, verifiers = (
-        {"by intent": CLAIMING, "lies": DECEPTIVE_PROPOSER},
+        {"by intent": CLAIMING, "lies": SCRIPTED["deceptive"]},
         {"oracle": OracleVerifier(), "yes": ALWAYS_ACCEPT},
     )
     table = cross_play(game, proposers, verifiers, tasks=some_tasks(game)[:10])
     assert table.keys() == {(proposer, verifier) for proposer in proposers for verifier in verifiers}
-    assert table["lies", "yes"] == measure(game, DECEPTIVE_PROPOSER, ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
+    assert table["lies", "yes"] == measure(game, SCRIPTED["deceptive"], ALWAYS_ACCEPT, tasks=some_tasks(game)[:10])
     assert table["lies", "yes"].accepted_false_claims > table["lies", "oracle"].accepted_false_claims == 0.0
 
 

@@ -107,7 +107,7 @@ def test_aec_and_parallel__play_the_same_game(protocol: str):
         while parallel.agents:
             legal = {agent: np.flatnonzero(observations[agent]["action_mask"]) for agent in AGENTS}
             actions = {agent: int(rng.choice(indices)) for agent, indices in legal.items()}
-            movers = len(turns.engine.state.movers)
+            movers = len(turns.engine.movers)
             observations, rewards, terminations, truncations, infos = parallel.step(actions)
             for _ in range(movers):
                 turns.step(actions[turns.agent_selection])
@@ -142,21 +142,15 @@ def test_render__shows_an_answer_with_the_proposal_that_it_answers():
     assert "proposer_0: ADD(LEFT, BLUE);  verifier_0: accept" in str(game.render())
 
 
-def test_illegal_choice__is_reported_in_the_agents_info():
-    game = parallel_env()
-    game.reset(seed=0)
-    *_, infos = game.step({PROPOSER: WAIT, VERIFIER: 0})
-    assert infos == {PROPOSER: {"illegal_choice": True}, VERIFIER: {"illegal_choice": True}}
-    *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
-    assert infos == {PROPOSER: {}, VERIFIER: {}}
-
-
-def test_parallel__allows_only_wait_out_of_turn():
+def test_parallel__allows_only_wait_out_of_turn_and_reports_illegal_choices():
     game = parallel_env()
     observations, _ = game.reset(seed=0)
     assert np.flatnonzero(observations[VERIFIER]["action_mask"]).tolist() == [2]
     assert not observations[PROPOSER]["action_mask"][WAIT]
-    observations, *_ = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    *_, infos = game.step({PROPOSER: WAIT, VERIFIER: 0})
+    assert infos == {PROPOSER: {"illegal_choice": True}, VERIFIER: {"illegal_choice": True}}
+    observations, *_, infos = game.step({PROPOSER: ADD_BLUE, VERIFIER: 2})
+    assert infos == {PROPOSER: {}, VERIFIER: {}}
     assert np.flatnonzero(observations[VERIFIER]["action_mask"]).tolist() == [0, 1]
     assert np.flatnonzero(observations[PROPOSER]["action_mask"]).tolist() == [WAIT]
 
@@ -302,14 +296,6 @@ def test_copies__of_an_unseeded_game_play_tasks_of_their_own(copied: Callable[[A
     for one in (copies[0], twin):
         one.reset()
     assert twin.task == copies[0].task
-
-
-def test_a_finished_agent__takes_no_action():
-    game = env(ending="proposer")
-    game.reset(seed=0)
-    game.step(STOPS)
-    with pytest.raises(ValueError, match="when an agent is dead, the only valid action is None"):
-        game.step(ADD_BLUE)
 
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "register"), reason="this pettingzoo has no registry")

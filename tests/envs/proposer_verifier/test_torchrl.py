@@ -19,7 +19,7 @@ pytestmark = pytest.mark.filterwarnings("default")
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize("observations", ["nested", "parts", "vector"])
+@pytest.mark.parametrize("observations", ["nested", "vector"])
 @pytest.mark.parametrize("homogeneous", [False, True])
 @pytest.mark.parametrize("make", [env, parallel_env])
 def test_pettingzoo_wrapper__takes_the_game_with_its_masks(

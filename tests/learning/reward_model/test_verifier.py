@@ -33,7 +33,7 @@ def test_verifier__accepts_the_claims_it_finds_probable(intent: Intent, probabil
     env = BaseGameEnv(GameSettings("TowerFlipIt", protocol="audit", corpus="builtin", split="dev"))
     tasks = env.tasks.ids[:60]
     measured = measure(env, ClaimingProposer(intent), RewardModelVerifier(model), tasks=tasks, seed=0)
-    judged = [(each.true_accept_rate, each.false_accept_rate) for each in measured.by_target.values()]
+    judged = [(each["true_accept_rate"], each["false_accept_rate"]) for each in measured.by_target.values()]
     assert {true for true, _ in judged} <= {1.0, None}
     assert {false for _, false in judged} <= {0.0, None}
 
