@@ -10,16 +10,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, NoReturn
 
 from lilgym_mp.corpus.extras import install
-from lilgym_mp.envs.proposer_verifier.batched import BatchedGames, FinalObservations
+from lilgym_mp.envs.proposer_verifier.batched import BatchedGames
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
-from lilgym_mp.envs.proposer_verifier.metrics import (
-    GameRecord,
-    Metrics,
-    cross_play,
-    measure,
-    play_games,
-    summarise,
-)
+from lilgym_mp.envs.proposer_verifier.metrics import GameRecord, Metrics, cross_play, measure, play_games, summarise
 from lilgym_mp.envs.proposer_verifier.observations import read_text
 from lilgym_mp.envs.proposer_verifier.partners import (
     ALWAYS_ACCEPT,
@@ -31,11 +24,10 @@ from lilgym_mp.envs.proposer_verifier.partners import (
     PartnerError,
     PartnerTurn,
     RandomPartner,
-    TargetOnlyVerifier,
 )
-from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, ENDINGS, PROTOCOLS, Role
-from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, TERMS, Intent
-from lilgym_mp.envs.proposer_verifier.settings import VIEWS, GameSettings, View
+from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROTOCOLS, Role
+from lilgym_mp.envs.proposer_verifier.rewards import PRESETS, Intent
+from lilgym_mp.envs.proposer_verifier.settings import GameSettings, View
 from lilgym_mp.envs.proposer_verifier.single_agent import SingleAgentView
 
 HAS_PETTINGZOO = find_spec("pettingzoo") is not None
@@ -53,17 +45,13 @@ if TYPE_CHECKING or HAS_PETTINGZOO:
 __all__ = [
     "AGENTS",
     "ALWAYS_ACCEPT",
-    "ENDINGS",
     "ENVIRONMENT_ID",
     "PRESETS",
     "PROTOCOLS",
     "SCRIPTED",
-    "TERMS",
-    "VIEWS",
     "BatchTurn",
     "BatchedGames",
     "ClaimingProposer",
-    "FinalObservations",
     "Game",
     "GameRecord",
     "GameSettings",
@@ -78,7 +66,6 @@ __all__ = [
     "RandomPartner",
     "Role",
     "SingleAgentView",
-    "TargetOnlyVerifier",
     "TurnError",
     "View",
     "cross_play",

@@ -10,16 +10,6 @@ from lilgym_mp.evaluation import CONFIGURATIONS
 from lilgym_mp.learning.common.recipes import UpdateRecipe, setting
 from lilgym_mp.scene.choices import choose
 
-ALGORITHMS = {
-    "independent": "a network for each agent (IPPO)",
-    "shared": "one network for both agents, told whose turn it is (parameter sharing)",
-}
-VERIFIERS = {
-    "ppo": "from its rewards",
-    "cross-entropy": "from the truth of the claims it judged in a game's last turn; it accepts every edit",
-    "both": "from its rewards and the truth of these claims",
-}
-
 
 @dataclass(frozen=True, slots=True)
 class GameRecipe(UpdateRecipe):
@@ -30,8 +20,16 @@ class GameRecipe(UpdateRecipe):
     rollout: int = setting(8192, "turns per rollout, over all games", 1)
     batch_size: int = setting(2048, "mini-batch size", 1)
     held_out: float = setting(0.0, "fraction of training statements held out, for tuning", 0, 0.5)
-    algorithm: str = setting("shared", "which networks there are", choices=ALGORITHMS)
-    verifier: str = setting("both", "what the verifier learns from", choices=VERIFIERS)
+    algorithm: str = setting(
+        "shared",
+        "one network for both agents, told whose turn it is, or one for each",
+        choices=("independent", "shared"),
+    )
+    verifier: str = setting(
+        "both",
+        "learns from its rewards, from the truth of the claims it judged in a game's last turn, or from both",
+        choices=("ppo", "cross-entropy", "both"),
+    )
     mask: bool = setting(True, "mask the proposer's illegal actions in training and in play")
     width: int = setting(64, "width of the networks", 8, 1024)
     claim_steps: int = setting(8, "optimiser steps on remembered claims per rollout", 0)
