@@ -31,21 +31,6 @@ TURNS_PER_STATEMENT = 16  # after so many turns the groups of games move on to o
 Evaluate = Callable[[Role, States, Int64Array, BoolArray | None], tuple[AgentPolicy, Tensor]]
 
 
-class Turns:
-    """Both agents' own turns in a rollout of T turns of N games; entries are valid where the agent acted."""
-
-    def __init__(self, turns: int, games: int, legal: int) -> None:
-        """`legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0."""
-        shape = len(Role), turns, games
-        self.acted: BoolArray = np.zeros(shape, np.bool_)  # (2, T, N) indexed by role, like the others
-        self.boxes_of: Int64Array = np.zeros((*shape, BOX_COUNT), np.int64)  # (2, T, N, 3)
-        self.context: Int64Array = np.zeros((*shape, len(CONTEXT)), np.int64)  # (2, T, N, 7)
-        self.actions: Int64Array = np.zeros(shape, np.int64)
-        self.log_probabilities, self.values = np.zeros((2, *shape), np.float32)
-        self.rewards: Float32Array = np.zeros(shape, np.float32)  # of every turn
-        self.legal: BoolArray | None = np.zeros((*shape[1:], legal), np.bool_) if legal else None  # (T, N, actions)
-
-
 class Claims(NamedTuple):
     """Claims judged in the last turn of their game, when the truth came out."""
 
@@ -62,27 +47,38 @@ class Claims(NamedTuple):
         return cls._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
-class Rollout(NamedTuple):
-    """T turns of N games; row t * N + n of a flattened array is turn t of game n."""
+class Rollout:
+    """T turns of N games; row t * N + n of a flattened array is turn t of game n.
 
-    table: BoxImageTable
-    statements: tuple[str, ...]
-    statement_of: Int64Array  # (T, N)
-    targets: Int64Array  # (T, N)
-    ended: BoolArray  # (T, N)
-    successes: BoolArray  # (T, N)
-    probabilities: Float64Array  # (T, N) of judged claims, NaN without one
-    holds: BoolArray  # (T, N) whether the judged claim holds
-    turns: Turns
-    last_values: Float32Array  # (2, N) of the situations after the last turn
-    to_move: BoolArray  # (2, N) whether the agent is to move then
+    Arrays of both agents, indexed by role, are valid where the agent acted.
+    """
+
     claims: Claims
+
+    def __init__(self, statements: tuple[str, ...], turns: int, games: int, legal: int = 0) -> None:
+        """Zeros, to be filled. `legal`: the number of the MDP's actions for a proposer with a mask, otherwise 0."""
+        self.table, self.statements = BoxImageTable(), statements
+        shape = turns, games
+        self.statement_of, self.targets = np.zeros((2, *shape), np.int64)  # (T, N)
+        self.ended, self.successes = np.zeros((2, *shape), np.bool_)  # (T, N)
+        self.probabilities: Float64Array = np.zeros(shape)  # (T, N) of judged claims, NaN without one
+        self.holds: BoolArray = np.zeros(shape, np.bool_)  # (T, N) whether the judged claim holds
+        self.legal: BoolArray = np.zeros((*shape, legal), np.bool_)  # (T, N, actions of the MDP), of the proposer
+        both = len(Role), *shape
+        self.acted: BoolArray = np.zeros(both, np.bool_)  # (2, T, N)
+        self.boxes_of: Int64Array = np.zeros((*both, BOX_COUNT), np.int64)  # (2, T, N, 3)
+        self.context: Int64Array = np.zeros((*both, len(CONTEXT)), np.int64)  # (2, T, N, 7)
+        self.actions: Int64Array = np.zeros(both, np.int64)  # (2, T, N)
+        self.log_probabilities, self.values = np.zeros((2, *both), np.float32)  # (2, T, N)
+        self.rewards: Float32Array = np.zeros(both, np.float32)  # (2, T, N) of every turn
+        self.last_values: Float32Array = np.zeros((len(Role), games), np.float32)  # (2, N) after the last turn
+        self.to_move: BoolArray = np.zeros((len(Role), games), np.bool_)  # (2, N) who is to move then
 
     @property
     def returns(self) -> Float64Array:
         """(2,) sums over the games that ended, indexed by role."""
         ends_later = np.maximum.accumulate(self.ended[::-1])[::-1]
-        return np.array([(rewards * ends_later).sum(dtype=np.float64) for rewards in self.turns.rewards])
+        return np.array([(rewards * ends_later).sum(dtype=np.float64) for rewards in self.rewards])
 
     def claim_rates(self) -> tuple[float, float, float]:
         """True-accept rate, false-accept rate, and their difference averaged over the targets; NaN without claims."""
@@ -118,53 +114,44 @@ class RolloutPlayer:
         self._arrays = ObservedGames(game, recipe.envs)
         self._sampler = TaskSampler(tasks, recipe)
         self._targets = np.array([task.target for task in tasks.tasks], np.int64)
+        self._learners = [role for role in Role if role not in partners]
         self._games = np.arange(recipe.envs)
-        self._table = BoxImageTable()
         self._episodes = np.zeros(recipe.envs, np.int64)
 
     @torch.no_grad()
     def play(self, evaluate: Evaluate, rng: np.random.Generator) -> Rollout:
         """A rollout of the recipe's length."""
-        recipe, arrays, count = self._recipe, self._arrays, self._recipe.envs
-        self._table = BoxImageTable()  # anew, so that a resumed run numbers boxes alike
-        length = recipe.rollout // count
+        recipe, arrays = self._recipe, self._arrays
         legal = arrays.game.config.dynamics.appearance.action_count if recipe.mask else 0
-        turns = Turns(length, count, legal)
-        statement_of, targets = np.zeros((2, length, count), np.int64)
-        ended, successes, holds = np.zeros((3, length, count), np.bool_)
-        probabilities = np.zeros((length, count))
+        rollout = Rollout(self._sampler.statements, recipe.rollout // recipe.envs, recipe.envs, legal)
         items: list[Int16Array] = []  # of claims judged in a game's last turn
-        partner_of = {role: rng.integers(len(partners), size=count) for role, partners in self._partners.items()}
-        for turn in range(length):
+        partner_of = {role: rng.integers(len(some), size=recipe.envs) for role, some in self._partners.items()}
+        for turn in range(len(rollout.ended)):
             if turn % TURNS_PER_STATEMENT == 0:
                 self._sampler.resample_statements(rng)
             if turn == 0:
                 self._start(self._games, rng)
-            statement_of[turn] = self._sampler.statement_of[arrays.tasks]
-            targets[turn] = self._targets[arrays.tasks]
-            actions, judged_items = self._act(turn, turns, evaluate, partner_of, rng)
+            rollout.statement_of[turn] = self._sampler.statement_of[arrays.tasks]
+            rollout.targets[turn] = self._targets[arrays.tasks]
+            actions, judged_items = self._act(rollout, turn, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
-            over = ended[turn] = arrays.terminated | arrays.truncated
-            turns.rewards[:, turn] = arrays.rewards
-            successes[turn], probabilities[turn], holds[turn] = arrays.successes, arrays.probabilities, arrays.holds
-            items.append(judged_items[over & ~np.isnan(probabilities[turn])])
+            over = rollout.ended[turn] = arrays.terminated | arrays.truncated
+            rollout.rewards[:, turn], rollout.successes[turn] = arrays.rewards, arrays.successes
+            rollout.probabilities[turn], rollout.holds[turn] = arrays.probabilities, arrays.holds
+            items.append(judged_items[over & ~np.isnan(arrays.probabilities)])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
-        known = ended & ~np.isnan(probabilities)
-        return Rollout(
-            self._table,
-            self._sampler.statements,
-            statement_of,
-            targets,
-            ended,
-            successes,
-            probabilities,
-            holds,
-            turns,
-            np.stack([self._last_values(role, evaluate) for role in Role]),
-            arrays.movers.copy(),
-            Claims(np.concatenate(items), statement_of[known], targets[known], holds[known]),
-        )
+        known = rollout.ended & ~np.isnan(rollout.probabilities)
+        judged = (part[known] for part in (rollout.statement_of, rollout.targets, rollout.holds))
+        rollout.claims = Claims(np.concatenate(items), *judged)
+        rollout.to_move[:] = arrays.movers
+        for role in self._learners:
+            moving = np.flatnonzero(arrays.movers[role])
+            if len(moving):
+                seen, context = read_situations(arrays, role, moving)
+                states = self._states(rollout, moving, rollout.table.item_indices(seen))
+                rollout.last_values[role, moving] = as_numpy(evaluate(role, states, context, None)[1])
+        return rollout
 
     def _start(self, indices: Int64Array, rng: np.random.Generator) -> None:
         intents = np.array([int(self._game.sample_intent(rng)) for _ in indices], np.int64)
@@ -173,8 +160,8 @@ class RolloutPlayer:
 
     def _act(
         self,
+        rollout: Rollout,
         turn: int,
-        turns: Turns,
         evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
         rng: np.random.Generator,
@@ -199,36 +186,27 @@ class RolloutPlayer:
             if role is Role.VERIFIER:
                 items[moving] = seen
             if cached is None or arrays.game.turn_based:
-                boxes_of = self._table.item_indices(seen)
-                cached = boxes_of, self._states(moving, boxes_of)
+                boxes_of = rollout.table.item_indices(seen)
+                cached = boxes_of, self._states(rollout, moving, boxes_of)
             boxes_of, states = cached
             legal = None
-            if role is Role.PROPOSER and turns.legal is not None:
+            if role is Role.PROPOSER and self._recipe.mask:
                 masks, refused = arrays.masks(role, moving), arrays.refused[moving]
-                legal = turns.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
+                legal = rollout.legal[turn, moving] = proposer_choices(arrays.game, masks, refused)
             policy, values = evaluate(role, states, context, legal)
             chosen = policy.act(lambda part: part.sample(rng))
             own = role, turn, moving
-            turns.acted[own], turns.boxes_of[own], turns.context[own] = True, boxes_of, context
-            actions[role, moving] = turns.actions[own] = chosen
-            turns.log_probabilities[own] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
-            turns.values[own] = as_numpy(values)
+            rollout.acted[own], rollout.boxes_of[own], rollout.context[own] = True, boxes_of, context
+            actions[role, moving] = rollout.actions[own] = chosen
+            rollout.log_probabilities[own] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
+            rollout.values[own] = as_numpy(values)
         return actions, items
 
-    def _states(self, indices: Int64Array, boxes_of: Int64Array) -> States:
+    def _states(self, rollout: Rollout, indices: Int64Array, boxes_of: Int64Array) -> States:
         tasks = self._arrays.tasks[indices]
-        return self._table.states(
-            self._sampler.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
+        return rollout.table.states(
+            rollout.statements, self._sampler.statement_of[tasks], boxes_of, self._targets[tasks]
         )
-
-    def _last_values(self, role: Role, evaluate: Evaluate) -> Float32Array:
-        arrays, moving = self._arrays, np.flatnonzero(self._arrays.movers[role])
-        values = np.zeros(self._recipe.envs, np.float32)
-        if len(moving) and role not in self._partners:
-            items, context = read_situations(arrays, role, moving)
-            states = self._states(moving, self._table.item_indices(items))
-            values[moving] = as_numpy(evaluate(role, states, context, None)[1])
-        return values
 
 
 def proposer_choices(game: Game, masks: Int8Array, refused: Int64Array) -> BoolArray:
@@ -245,25 +223,18 @@ def without_refused(legal: BoolArray, refused: Int64Array) -> BoolArray:
     return legal
 
 
-def own_turn_advantages(
-    turns: Turns,
-    ended: BoolArray,
-    last_values: Float32Array,
-    to_move: BoolArray,
-    gamma: float,
-    gae_lambda: float,
-) -> tuple[Float32Array, BoolArray]:
+def own_turn_advantages(rollout: Rollout, gamma: float, gae_lambda: float) -> tuple[Float32Array, BoolArray]:
     """(2, T, N) advantages of the agents' own turns, and where they are complete.
 
     An own turn earns the rewards up to the agent's next own turn, or to the end of the game. The last one of a game
     still going on is incomplete if its successor is not known, and then only lends its value to the one before.
     """
-    advantages, complete = np.zeros_like(turns.values), np.zeros_like(turns.acted)
-    next_values, next_advantages = last_values, np.zeros_like(last_values)
-    rewards, continues, known = np.zeros_like(last_values), np.ones_like(to_move), to_move
-    for turn in range(len(ended) - 1, -1, -1):
-        over, acted, values = ended[turn], turns.acted[:, turn], turns.values[:, turn]
-        rewards = np.where(over, 0, rewards) + turns.rewards[:, turn]
+    advantages, complete = np.zeros_like(rollout.values), np.zeros_like(rollout.acted)
+    next_values, next_advantages = rollout.last_values, np.zeros_like(rollout.last_values)
+    rewards, continues, known = np.zeros_like(next_values), np.ones_like(rollout.to_move), rollout.to_move
+    for turn in range(len(rollout.ended) - 1, -1, -1):
+        over, acted, values = rollout.ended[turn], rollout.acted[:, turn], rollout.values[:, turn]
+        rewards = np.where(over, 0, rewards) + rollout.rewards[:, turn]
         continues, known = continues & ~over, known | over
         delta = rewards + gamma * next_values * continues - values
         found = np.where(known, delta + gamma * gae_lambda * continues * next_advantages, 0)

@@ -201,13 +201,11 @@ class Run(TrainingRun):
             roles.remove(Role.VERIFIER)
         if not roles:
             return None
-        turns, recipe = rollout.turns, self.recipe
-        advantages, complete = own_turn_advantages(
-            turns, rollout.ended, rollout.last_values, rollout.to_move, recipe.gamma, recipe.gae_lambda
-        )
+        recipe = self.recipe
+        advantages, complete = own_turn_advantages(rollout, recipe.gamma, recipe.gae_lambda)
         complete[[role for role in Role if role not in roles]] = False
         arrays: dict[str, Any] = {
-            column: getattr(turns, column)[complete] for column in ("actions", "log_probabilities", "values")
+            column: getattr(rollout, column)[complete] for column in ("actions", "log_probabilities", "values")
         }
         role_of, cells = np.divmod(np.flatnonzero(complete), rollout.ended.size)
 
@@ -221,8 +219,8 @@ class Run(TrainingRun):
     def _evaluate_rows(self, rollout: Rollout, role_of: Int64Array, cells: Int64Array) -> tuple[_MixedPolicy, Tensor]:
         """The current policies and values of m turns, given by agent and index in (T, N); scenes that both agents judge
         are encoded once."""
-        turns, indices = rollout.turns, np.unravel_index(cells, rollout.ended.shape)
-        boxes_of, context = turns.boxes_of[role_of, *indices], turns.context[role_of, *indices]
+        turns, games = np.divmod(cells, rollout.ended.shape[1])
+        boxes_of, context = rollout.boxes_of[role_of, turns, games], rollout.context[role_of, turns, games]
         keys = np.concatenate([cells[:, None], boxes_of], 1)
         _, firsts, state_of = np.unique(keys @ _MIXING, return_index=True, return_inverse=True)
         states = rollout.states(boxes_of[firsts], cells[firsts])
@@ -233,8 +231,8 @@ class Run(TrainingRun):
             if not len(mine):
                 continue
             legal = None
-            if role is Role.PROPOSER and turns.legal is not None:
-                legal = turns.legal[indices[0][mine], indices[1][mine]]
+            if role is Role.PROPOSER and self.recipe.mask:
+                legal = rollout.legal[turns[mine], games[mine]]
             policy, found = self._evaluate(role, states, context[mine], legal, torch.from_numpy(state_of[mine]))
             rows = torch.from_numpy(mine).to(self.device)
             policies.append((rows, policy))

@@ -10,7 +10,7 @@ from lilgym_mp.envs.proposer_verifier import Game, GameSettings, Role
 from lilgym_mp.envs.proposer_verifier.observations import ObservedGames
 from lilgym_mp.envs.proposer_verifier.protocols import NO_CHOICE
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
-from lilgym_mp.learning.game.rollout import Turns, own_turn_advantages, without_refused
+from lilgym_mp.learning.game.rollout import Rollout, own_turn_advantages, without_refused
 from lilgym_mp.learning.game.situations import (
     EDIT_PENDING,
     INTENT,
@@ -23,62 +23,49 @@ from lilgym_mp.learning.game.situations import (
 GAMMA, LAMBDA = 0.9, 0.8
 
 
-def turns(acted: list[int], values: list[float], rewards: list[float]) -> Turns:
-    """The proposer's turns in one game."""
-    found = Turns(len(acted), 1, 0)
+def game(acted: list[int], values: list[float], rewards: list[float], ended: list[int]) -> Rollout:
+    """A rollout of one game with the proposer's turns."""
+    found = Rollout((), len(acted), 1)
     found.acted[0, :, 0], found.values[0, :, 0], found.rewards[0, :, 0] = acted, values, rewards
+    found.ended[:, 0] = ended
     return found
-
-
-def advantages(
-    own: Turns, ended: list[int], last_values: tuple[float, float] = (0.0, 0.0), *, to_move: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
-    """(2, T) advantages of one game's turns, and where they are complete; `to_move`: the proposer at the end."""
-    found, complete = own_turn_advantages(
-        own,
-        np.array(ended, np.bool_)[:, None],
-        np.array(last_values, np.float32)[:, None],
-        np.array([[to_move], [False]]),
-        GAMMA,
-        LAMBDA,
-    )
-    return found[..., 0], complete[..., 0]
 
 
 def test_own_turns__earn_the_rewards_up_to_the_next_own_turn_or_the_end():
     # veto: the proposer moves in turns 0, 2, 4, the verifier answers in 1, 3, 5, which ends the game
-    both = turns([1, 0, 1, 0, 1, 0], [0.5, 9, 0.4, 9, 0.3, 9], [0, -0.1, 0, -0.1, 0, 1])
+    both = game([1, 0, 1, 0, 1, 0], [0.5, 9, 0.4, 9, 0.3, 9], [0, -0.1, 0, -0.1, 0, 1], [0, 0, 0, 0, 0, 1])
     both.acted[1], both.rewards[1] = ~both.acted[0], both.rewards[0]
-    both.values[1, :, 0] = [9, 0.2, 9, 0.1, 9, 0.6]
-    (proposer, verifier), complete = advantages(both, [0, 0, 0, 0, 0, 1], (7.0, 0.0))
+    both.values[1, :, 0], both.last_values[0] = [9, 0.2, 9, 0.1, 9, 0.6], 7
+    (proposer, verifier), complete = own_turn_advantages(both, GAMMA, LAMBDA)
     last = 1 - 0.3
     middle = -0.1 + GAMMA * 0.3 - 0.4 + GAMMA * LAMBDA * last
     first = -0.1 + GAMMA * 0.4 - 0.5 + GAMMA * LAMBDA * middle
-    assert proposer.tolist() == pytest.approx([first, 0, middle, 0, last, 0])
-    assert complete.tolist() == both.acted[..., 0].tolist()
-    assert verifier[5] == pytest.approx(1 - 0.6)
-    assert verifier[3] == pytest.approx(-0.1 + GAMMA * 0.6 - 0.1 + GAMMA * LAMBDA * (1 - 0.6))
+    assert proposer[:, 0].tolist() == pytest.approx([first, 0, middle, 0, last, 0])
+    assert np.array_equal(complete, both.acted)
+    assert verifier[5, 0] == pytest.approx(1 - 0.6)
+    assert verifier[3, 0] == pytest.approx(-0.1 + GAMMA * 0.6 - 0.1 + GAMMA * LAMBDA * (1 - 0.6))
 
 
 def test_own_turns__without_a_known_successor_are_incomplete_but_lend_their_value():
-    own = turns([1, 0, 1], [0.5, 0, 0.4], [0, -0.1, 0])
-    (found, _), (complete, _) = advantages(own, [0, 0, 0], (0.8, 0.0))
-    assert complete.tolist() == [True, False, False]
-    assert found[0] == pytest.approx(-0.1 + GAMMA * 0.4 - 0.5)
-    (found, _), (complete, _) = advantages(own, [0, 0, 0], (0.8, 0.0), to_move=True)
-    assert complete[2]
-    assert found[2] == pytest.approx(GAMMA * 0.8 - 0.4)
+    own = game([1, 0, 1], [0.5, 0, 0.4], [0, -0.1, 0], [0, 0, 0])
+    own.last_values[0] = 0.8
+    found, complete = own_turn_advantages(own, GAMMA, LAMBDA)
+    assert complete[0, :, 0].tolist() == [True, False, False]
+    assert found[0, 0, 0] == pytest.approx(-0.1 + GAMMA * 0.4 - 0.5)
+    own.to_move[0] = True  # it is to move again
+    found, complete = own_turn_advantages(own, GAMMA, LAMBDA)
+    assert complete[0, 2, 0]
+    assert found[0, 2, 0] == pytest.approx(GAMMA * 0.8 - 0.4)
 
 
 def test_own_turns__do_not_earn_rewards_of_the_next_game():
-    own = turns([1, 0, 1], [0.5, 0, 0.2], [-1, 3, 1])  # the game that begins in turn 1 pays 3 before its own turn
-    (found, _), _ = advantages(own, [1, 0, 1])
-    assert found.tolist() == pytest.approx([-1.5, 0, 0.8])
+    own = game([1, 0, 1], [0.5, 0, 0.2], [-1, 3, 1], [1, 0, 1])  # the game of turn 1 pays 3 before its own turn
+    found, _ = own_turn_advantages(own, GAMMA, LAMBDA)
+    assert found[0, :, 0].tolist() == pytest.approx([-1.5, 0, 0.8])
 
 
 def test_situations__show_each_agent_what_it_may_know():
-    settings = GameSettings(protocol="critique", rewards="hidden")
-    game = Game(settings)
+    game = Game(GameSettings(protocol="critique", rewards="hidden"))
     games = ObservedGames(game, 2)
     games.start(np.arange(2), np.array([0, 1]), np.array([Intent.DECEPTIVE, Intent.HELPFUL]))
     rows = np.arange(2)

@@ -95,9 +95,10 @@ def test_train__both_agents_solve_three_statements_but_not_with_shuffled_truth(
 
     def shuffled(self: RolloutPlayer, *args: Any) -> Rollout:
         found, rng = play(self, *args), np.random.default_rng(0)
-        for rewards in found.turns.rewards:
+        for rewards in found.rewards:
             rewards[:] = rng.permutation(rewards.reshape(-1)).reshape(rewards.shape)
-        return found._replace(claims=found.claims._replace(holds=rng.permutation(found.claims.holds)))
+        found.claims = found.claims._replace(holds=rng.permutation(found.claims.holds))
+        return found
 
     monkeypatch.setattr(RolloutPlayer, "play", shuffled)
     assert success("shuffled") < 0.6
