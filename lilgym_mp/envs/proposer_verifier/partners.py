@@ -223,14 +223,12 @@ class ConstantVerifier(BatchPartner):
 
 @dataclass(frozen=True)
 class TargetOnlyVerifier(BatchPartner):
-    """Accepts a claim if the target value is `accepted`, and every edit: the baseline of verifiers that have learned
-    only how often claims hold for each target value."""
-
-    accepted: bool = False
+    """Accepts a claim if the target value is False, and every edit: the baseline of verifiers that have learned only
+    how often claims hold for each target value."""
 
     def batch(self, turn: BatchTurn) -> Int64Array:
         targets = np.array([turn.tasks[index].target for index in turn.task_indices.tolist()])
-        return encode_answers(turn.game, turn.is_edit | (targets == self.accepted))
+        return encode_answers(turn.game, turn.is_edit | ~targets)
 
 
 ALWAYS_ACCEPT = ConstantVerifier(accepts=True)

@@ -28,9 +28,6 @@ class ClaimMemory:
         self._order = np.zeros(0, np.int64)  # indices of the claims, sorted by statement
         self._firsts = np.zeros(0, np.int64)  # (statements,) position of each statement's first in the order
 
-    def __len__(self) -> int:
-        return 0 if self._claims is None else len(self._claims.targets)
-
     def add(self, claims: Claims) -> None:
         if self._claims is not None:
             claims = Claims.joined([self._claims, claims])
@@ -40,7 +37,7 @@ class ClaimMemory:
 
     def batches(self, rng: np.random.Generator) -> Iterator[Claims]:
         """`claim_steps` batches, of few statements each."""
-        if self._claims is None or not len(self):
+        if self._claims is None or not len(self._order):
             return
         counts = np.diff(np.append(self._firsts, len(self._order)))
         for _ in range(self._recipe.claim_steps):
