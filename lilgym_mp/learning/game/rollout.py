@@ -142,8 +142,9 @@ class RolloutPlayer:
             if over.any():
                 self._start(np.flatnonzero(over), rng)
         known = rollout.ended & ~np.isnan(rollout.probabilities)
-        judged = (part[known] for part in (rollout.statement_of, rollout.targets, rollout.holds))
-        rollout.claims = Claims(np.concatenate(items), *judged)
+        rollout.claims = Claims(
+            np.concatenate(items), rollout.statement_of[known], rollout.targets[known], rollout.holds[known]
+        )
         rollout.to_move[:] = arrays.movers
         for role in self._learners:
             moving = np.flatnonzero(arrays.movers[role])
