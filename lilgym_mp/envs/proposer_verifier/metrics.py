@@ -141,9 +141,10 @@ def summarise(records: Sequence[GameRecord]) -> Metrics:
     counts = _counts_by_statement(records)  # (statements, targets, counts)
     total, resampled = counts.sum(0), _resampled(counts)
     j, js = _or_none(_mean_j(total)), _mean_j(resampled)
+    measures: dict[str, Any] = {**_measures(total.sum(0)), "j": j}
     proposer_return, verifier_return = np.array([record.returns for record in records]).mean(0).tolist()
     return Metrics(
-        **(_measures(total.sum(0)) | {"j": j}),
+        **measures,
         success_interval=_interval(_success_rate(resampled.sum(1))),
         mean_rounds=float(np.mean([record.rounds for record in records])),
         mean_return_proposer=proposer_return,
