@@ -272,10 +272,15 @@ def _encoded(match: re.Match[str], appearance: Appearance) -> int | None:
     """The index of the action in a match of _CALL or _PHRASE."""
     if match.re is _CALL and match["verb"] is None:
         return appearance.encode(STOP)
+    return _edit(match["verb"], match["inside"], appearance)
+
+
+@lru_cache(64)  # many replies repeat themselves
+def _edit(verb: str, inside: str, appearance: Appearance) -> int | None:
     ignored = _TOWER_FILLERS if appearance.grid is None else ()
-    words = sorted((word for word in _words(match["inside"]) if word not in ignored), key=_field)
+    words = sorted((word for word in _words(inside) if word not in ignored), key=_field)
     try:
-        return appearance.encode(named(f"{match['verb']}({', '.join(words)})"))
+        return appearance.encode(named(f"{verb}({', '.join(words)})"))
     except ActionError:
         return None
 
