@@ -333,10 +333,10 @@ def test_row__with_a_program_that_takes_seconds_is_refused_at_once():
 
 
 def test_hostile_replies__are_scored_in_bounded_time():
-    outcomes, slow = examined(800, seed=1)
+    outcomes, slow = examined(480, seed=1)
     assert slow == []
-    assert sum(outcomes.values()) == 800
-    assert outcomes["not_understood"] > 400
+    assert sum(outcomes.values()) == 480
+    assert outcomes["not_understood"] > 240
 
 
 def word_mutants(program: str) -> Iterator[str]:
@@ -358,15 +358,15 @@ def test_program_rows__under_a_hundredth_of_one_edit_mutants_is_right():
     wrong = rewarded = 0
     for appearance in APPEARANCES:
         rng = random.Random(3)
-        scenes = [SAMPLERS[appearance].scene(rng) for _ in range(400)]
+        scenes = [SAMPLERS[appearance].scene(rng) for _ in range(200)]
         for level in (1, 2, 3, 4, 5):
-            for row in some("program", appearance, 3, level=level, seed=4):
+            for row in some("program", appearance, 2, level=level, seed=4):
                 truths = list(map(compile_program(row.task.program), scenes))
                 for mutant in set(word_mutants(row.task.program)):
                     if list(map(compile_program(mutant), scenes)) != truths:
                         wrong += 1
                         rewarded += score(mutant, row).reward
-    assert wrong > 300
+    assert wrong > 200
     assert rewarded < 0.01 * wrong
 
 

@@ -126,7 +126,7 @@ def test_collector__stops_by_the_shortest_way_from_any_start(statements: str):
 
 def test_equal_arguments__train_equal_agents(statements: str, tmp_path: Path):
     for name in ("one", "other"):
-        train(statements, "ScatterFlipIt", tmp_path / name, 12, reuse=1, searching=1.0)
+        train(statements, "ScatterFlipIt", tmp_path / name, 5, reuse=1, searching=1.0)
     assert equal(tmp_path / "one", tmp_path / "other")
 
 
@@ -134,8 +134,8 @@ def test_training__survives_a_search_that_begins_a_new_box_table(
     statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr("lilgym_mp.learning.reward_model.features.MOST_BOXES", 50)
-    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 12, reuse=1, searching=1.0)
-    assert agent.description.details["labels"] == 12 * 3 * 32
+    agent, _ = train(statements, "ScatterFlipIt", tmp_path / "run", 6, reuse=1, searching=1.0)
+    assert agent.description.details["labels"] == 6 * 3 * 32
 
 
 def test_interrupted_run__is_resumed(statements: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
