@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path
+from statistics import fmean
 from types import ModuleType
 from typing import Any
 
@@ -13,9 +15,11 @@ import pytest
 
 from lilgym_mp import cli
 from lilgym_mp.cli.experiment_plan import read_plan
+from lilgym_mp.corpus import load_tasks
 from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.evaluation import evaluate
 from lilgym_mp.learning.common.agents import AgentError, open_agent
-from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner
+from lilgym_mp.learning.common.learners import PACKAGES, Learner, find_learner, shipped_agents
 from lilgym_mp.learning.common.model_file import ModelDescription, save_model
 from lilgym_mp.learning.common.recipes import Recipe, RunOptions, setting
 
@@ -83,9 +87,29 @@ def test_new_learner__has_agents_that_can_be_opened(tmp_path: Path) -> None:
     assert open_agent(tmp_path, "cpu") == "agent of agent.safetensors on cpu"
 
 
-def test_shipped_agents__are_opened_by_name_and_listed_for_an_unknown_one() -> None:
-    assert open_agent(Path("imitation-tower"), "cpu").description.kind == "imitation"
-    with pytest.raises(AgentError, match=r"no trained agent at imitation-towers: .*imitation-tower, parse-and-plan"):
+@pytest.mark.parametrize(
+    ("name", "kind", "configuration"),
+    [
+        ("parse-and-plan", "parse-and-plan", "TowerFlipIt"),
+        ("imitation-tower", "imitation", "TowerFlipIt"),
+        ("imitation-scatter", "imitation", "ScatterFlipIt"),
+        ("ppo-tower", "ppo", "TowerFlipIt"),
+        ("reward-model-tower", "reward-model", "TowerFlipIt"),
+    ],
+)
+def test_shipped_agents__are_opened_by_name_and_play(name: str, kind: str, configuration: str) -> None:
+    agent, settings = open_agent(Path(name), "cpu"), EnvConfig(configuration)
+    assert agent.description.kind == kind
+    tasks = load_tasks("builtin", settings.appearance, settings.start, "dev").ids[:24]
+    episodes = evaluate(agent.policy(settings), settings, "dev", task_ids=tasks)
+    assert fmean(episode.is_success for episode in episodes) > 0.5  # random legal actions: at most 0.21
+
+
+def test_shipped_agents__are_small_and_listed_for_an_unknown_one() -> None:
+    sizes = [path.stat().st_size for path in files("lilgym_mp.data").iterdir() if path.name.startswith("agent-")]
+    assert len(sizes) == len(shipped_agents()) == 5
+    assert sum(sizes) <= 6_000_000
+    with pytest.raises(AgentError, match=r"at imitation-towers: .*imitation-tower, parse-and-plan, ppo-tower, reward-"):
         open_agent(Path("imitation-towers"), "cpu")
 
 

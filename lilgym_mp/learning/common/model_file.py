@@ -126,7 +126,7 @@ def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: Path) 
     except RuntimeError as error:
         reason = str(error).strip().splitlines()[-1].strip()
         raise ModelFileError(f"{path}: tensors do not match the network it describes: {reason}") from None
-    non_finite = [name for name, tensor in tensors.items() if not torch.isfinite(tensor).all()]
+    non_finite = [name for name, tensor in network.state_dict().items() if not torch.isfinite(tensor).all()]
     if non_finite:
         raise ModelFileError(f"{path}: {non_finite[0]} holds non-finite values")
 
