@@ -17,7 +17,6 @@ from gymnasium.vector import AutoresetMode
 
 from lilgym_mp import testing, wrappers
 from lilgym_mp.wrappers import WrongEnvironment
-from tests.envs.alike import equal
 from tests.stress.wrapper_stacks import SETTINGS, letters, stacked
 
 Make = Callable[..., gym.Env[Any, Any]]
@@ -64,7 +63,7 @@ def test_spec__rebuilds_the_wrapper(make: Make, name: str, settings: dict[str, A
     assert str(rebuilt) == str(env)
     assert rebuilt.spec == env.spec
     assert rebuilt.observation_space == env.observation_space
-    assert same_play(env, rebuilt)
+    assert_same_play(env, rebuilt)
 
 
 def test_spec__survives_json(make: Make):
@@ -74,18 +73,17 @@ def test_spec__survives_json(make: Make):
     assert str(rebuilt) == str(env)
 
 
-def same_play(one: gym.Env[Any, Any], other: gym.Env[Any, Any]) -> bool:
-    """Whether both environments give equal results for a seed and some actions."""
+def assert_same_play(one: gym.Env[Any, Any], other: gym.Env[Any, Any]) -> None:
+    """Both environments give equal results for a seed and some actions."""
     one.action_space.seed(0)
     outcomes = [env.reset(seed=3) for env in (one, other)]
     for _ in range(3):
-        if not equal(*outcomes):
-            return False
+        testing.assert_same(*outcomes)
         action = one.action_space.sample()
         outcomes = [env.step(action) for env in (one, other)]
         if outcomes[0][2] or outcomes[0][3]:
             break
-    return equal(*outcomes)
+    testing.assert_same(*outcomes)
 
 
 def test_stack__can_be_pickled_in_mid_episode(make: Make):
@@ -93,7 +91,7 @@ def test_stack__can_be_pickled_in_mid_episode(make: Make):
     env.reset(seed=0)
     env.step(1)
     copy = pickle.loads(pickle.dumps(env))
-    assert equal(env.step(2), copy.step(2))
+    testing.assert_same(env.step(2), copy.step(2))
 
 
 def test_factories__refuse_another_packages_environment():
