@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, cast
 
 import gymnasium as gym
 import numpy as np
@@ -171,7 +171,7 @@ class Channels(Format):
     """Moves the image's last axis to the front."""
 
     def new_spaces(self) -> Mapping[str, spaces.Space[Any]]:
-        shape = self.env_description.part(IMAGE).shape or ()
+        shape = cast("spaces.Box", self.env_description.part(IMAGE)).shape
         return {IMAGE: spaces.Box(0, 255, (shape[-1], *shape[:-1]), np.uint8)}
 
     def new_values(self, observations: Mapping[str, Batch], state: EnvState) -> Mapping[str, Batch]:
