@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 
+from lilgym_mp import cli
 from lilgym_mp.corpus import extras
 from tests.scripts import load_script
 
@@ -173,7 +174,8 @@ def test_install__of_a_checkout_that_is_not_installed(monkeypatch: pytest.Monkey
 def test_extras__named_in_code_exist():
     sources = [path for place in ("lilgym_mp", "wrappers") for path in (ROOT / place).rglob("*.py")]
     named = {extra for path in sources for extra in re.findall(r"""\binstall\(["'](\w+)["']\)""", path.read_text())}
-    assert {"sb3", "charts", "human"} <= named <= set(EXTRAS)
+    assert {"sb3", "human"} <= named
+    assert named | set(cli.EXTRAS.values()) <= set(EXTRAS)
 
 
 def _words(text: str) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from lilgym_mp.corpus.faults import CorpusError, Fault
 from lilgym_mp.corpus.formats import RELEASED_NAMES, read_corpus_file, read_released_file
 from lilgym_mp.corpus.loading import load_all_tasks
-from lilgym_mp.corpus.locations import corpus_path, is_generated
+from lilgym_mp.corpus.locations import corpus_path, is_generated, is_split
 from lilgym_mp.corpus.tasks import TaskReader, TaskSet, contexts
 from lilgym_mp.scene.appearances import APPEARANCES
 
@@ -52,7 +52,7 @@ def check_corpus(corpus: str | os.PathLike[str]) -> CorpusReport:
 
     Raises CorpusError only when the corpus does not exist or cannot be generated.
     """
-    if is_generated(corpus):
+    if is_generated(corpus) or is_split(corpus):
         return CorpusReport(os.fspath(corpus), (), tuple(map(_count, load_all_tasks(corpus))), ())
     with corpus_path(corpus) as path:
         is_released = path.is_dir()

@@ -39,6 +39,7 @@ def starts(appearance: str, split: str) -> dict[str, list[Any]]:
 @pytest.mark.long
 def test_builtin__has_no_faults():
     assert check_corpus("builtin").faults == ()
+    assert sum(count.tasks for count in check_corpus("builtin:form").counts) > 0
 
 
 def test_builtin__is_small_and_has_the_recorded_checksum():

@@ -206,7 +206,7 @@ def write_items(scenes: Scenes, item_types: Int16Array, empty: int, seen: Int64A
 
 
 class TowerEdits(NamedTuple):
-    """`appearances.tower.TowerTables` for `edit_towers`."""
+    """`appearances.tower.TowerTables` for `edit_tower_scenes`."""
 
     boxes: Int64Array  # (13,) by action: box
     edits: Int64Array  # (13,) by action: column of `after`
