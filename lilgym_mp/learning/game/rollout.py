@@ -133,12 +133,13 @@ class RolloutPlayer:
                 self._start(self._games, rng)
             rollout.statement_of[turn] = self._sampler.statement_of[arrays.tasks]
             rollout.targets[turn] = self._targets[arrays.tasks]
-            actions, judged_items = self._act(rollout, turn, evaluate, partner_of, rng)
+            claimed = arrays.items().copy()  # an agent's STOP judges the scene as it is, without a pending edit
+            actions = self._act(rollout, turn, evaluate, partner_of, rng)
             arrays.step(actions[Role.PROPOSER], actions[Role.VERIFIER])
             over = rollout.ended[turn] = arrays.terminated | arrays.truncated
             rollout.rewards[:, turn], rollout.successes[turn] = arrays.rewards, arrays.successes
             rollout.probabilities[turn], rollout.holds[turn] = arrays.probabilities, arrays.holds
-            items.append(judged_items[over & ~np.isnan(arrays.probabilities)])
+            items.append(claimed[over & ~np.isnan(arrays.probabilities)])
             if over.any():
                 self._start(np.flatnonzero(over), rng)
         known = rollout.ended & ~np.isnan(rollout.probabilities)
@@ -166,11 +167,10 @@ class RolloutPlayer:
         evaluate: Evaluate,
         partner_of: dict[Role, Int64Array],
         rng: np.random.Generator,
-    ) -> tuple[Int64Array, Int16Array]:
-        """Both agents' actions (2, N), and the item arrays (N, 3, capacity, 5) that a verifier that learns judges."""
+    ) -> Int64Array:
+        """Both agents' actions (2, N)."""
         arrays = self._arrays
         actions = np.zeros((len(Role), self._recipe.envs), np.int64)
-        items = arrays.items().copy()
         cached: tuple[Int64Array, States] | None = None  # both agents see the same states in a simultaneous protocol
         for role in Role:
             moving = np.flatnonzero(arrays.movers[role])
@@ -184,8 +184,6 @@ class RolloutPlayer:
                         actions[role, played] = batch_actions(partner, own_turn)
                 continue
             seen, context = read_situations(arrays, role, moving)
-            if role is Role.VERIFIER:
-                items[moving] = seen
             if cached is None or arrays.game.turn_based:
                 boxes_of = rollout.table.item_indices(seen)
                 cached = boxes_of, self._states(rollout, moving, boxes_of)
@@ -201,7 +199,7 @@ class RolloutPlayer:
             actions[role, moving] = rollout.actions[own] = chosen
             rollout.log_probabilities[own] = as_numpy(policy.log_prob(torch.from_numpy(chosen).to(values.device)))
             rollout.values[own] = as_numpy(values)
-        return actions, items
+        return actions
 
     def _states(self, rollout: Rollout, indices: Int64Array, boxes_of: Int64Array) -> States:
         tasks = self._arrays.tasks[indices]

@@ -15,6 +15,8 @@ import pytest
 import torch
 
 from lilgym_mp.cli import main
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.envs.observation import scene_of
 from lilgym_mp.envs.proposer_verifier import (
     SCRIPTED,
     GameSettings,
@@ -35,6 +37,7 @@ from lilgym_mp.learning.game.rollout import Rollout, RolloutPlayer
 from lilgym_mp.learning.game.training import Progress, Run, train_game
 from lilgym_mp.learning.ppo.learner import PPORecipe
 from lilgym_mp.learning.ppo.training import train_ppo
+from lilgym_mp.programs import compile_program
 from tests.learning.conftest import equal, weights
 
 SMALL = GameRecipe(
@@ -157,6 +160,22 @@ def test_train__every_protocol_gives_agents_that_play(
     other = parallel_env(protocol="audit" if protocol != "audit" else "veto", corpus=own, split="dev")
     with pytest.raises(AgentError, match=f"trained on protocol '{protocol}'"):
         measure(other, *players)
+
+
+@pytest.mark.parametrize("protocol", ["joint", "veto", "critique"])
+def test_claims__are_of_the_scene_that_was_judged(
+    tmp_path: Path, own: str, protocol: str, monkeypatch: pytest.MonkeyPatch
+):
+    found: list[Rollout] = []
+    play = RolloutPlayer.play
+    monkeypatch.setattr(RolloutPlayer, "play", lambda self, *args: found.append(play(self, *args)) or found[-1])
+    settings = GameSettings(corpus=own, protocol=protocol, ending="either")
+    trained(tmp_path, recipe=replace(SMALL, rollout=256, verifier="both"), settings=settings)
+    programs = {task.statement: task.program for task in load_tasks(own, "tower", "flipit", "train")}
+    claims, statements = found[0].claims, found[0].statements
+    assert len(claims.items) > 20
+    for items, statement, target, holds in zip(*claims, strict=True):
+        assert (compile_program(programs[statements[statement]])(scene_of(items)) == bool(target)) == holds
 
 
 # Runs on disk
