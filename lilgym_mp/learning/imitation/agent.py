@@ -102,8 +102,9 @@ def log_policy(outputs: Outputs, targets: Tensor) -> Tensor:
 
 
 def precision(device: torch.device, *, reduced: bool) -> AbstractContextManager[Any]:
-    """Autocast to bfloat16 if `reduced`."""
-    return torch.autocast(device.type, torch.bfloat16) if reduced else nullcontext()
+    """Autocast to bfloat16 if `reduced`, except on a CPU without AVX-512, which is some 30 times slower at it."""
+    is_slow = device.type == "cpu" and "AVX512" not in torch.backends.cpu.get_cpu_capability()
+    return torch.autocast(device.type, torch.bfloat16) if reduced and not is_slow else nullcontext()
 
 
 def choose_actions(

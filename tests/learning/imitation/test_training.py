@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from lilgym_mp.evaluation import Observations, Settings, evaluate
 from lilgym_mp.learning.common.agents import open_agent
 from lilgym_mp.learning.common.run_directory import AGENT_FILE
 from lilgym_mp.learning.imitation import training
-from lilgym_mp.learning.imitation.agent import ImitationAgent
+from lilgym_mp.learning.imitation.agent import ImitationAgent, precision
 from lilgym_mp.learning.imitation.dataset import DataCollector, DatasetEntry
 from lilgym_mp.learning.imitation.pretraining import TextPretraining
 from lilgym_mp.learning.imitation.training import train_imitation
@@ -116,3 +117,12 @@ def test_policy__handles_unknown_empty_and_very_long_statements(statements: str,
     seen = Observations(images, said, np.ones(3, np.int64), np.zeros(3, np.int64), np.arange(3))
     chosen = agent.policy(settings)(seen, np.zeros((3, 0), np.bool_), np.random.default_rng(0))
     assert ((chosen >= 0) & (chosen < 13)).all()
+
+
+@pytest.mark.parametrize(("capability", "dtype"), [("AVX512", torch.bfloat16), ("AVX2", torch.float32)])
+def test_precision__is_reduced_only_where_that_is_faster(
+    capability: str, dtype: torch.dtype, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(torch.backends.cpu, "get_cpu_capability", lambda: capability)
+    with precision(torch.device("cpu"), reduced=True):
+        assert (torch.ones(2, 2) @ torch.ones(2, 2)).dtype == dtype
