@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 BoolArray = NDArray[np.bool_]
 UInt8Array = NDArray[np.uint8]
+UInt16Array = NDArray[np.uint16]
 Int8Array = NDArray[np.int8]
 Int16Array = NDArray[np.int16]
 Int64Array = NDArray[np.int64]

@@ -17,17 +17,16 @@ from numba.core.options import DefaultOptions  # pyright: ignore[reportMissingIm
 
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs.buffers import NO_REASON
-from lilgym_mp.envs.cores.cell_places import REMOVABLE, CellPlaces
 from lilgym_mp.envs.cores.tables import MOVE_BASE, GridTables
 from lilgym_mp.envs.fast.box_functions import MAX_BOX_ITEMS
 from lilgym_mp.envs.fast.instructions import Operation
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, Size
 from lilgym_mp.scene.appearances import numbering
+from lilgym_mp.scene.appearances.cell_places import ADDS, REMOVABLE, WORD_BITS, CellPlaces
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, REMOVES
 from lilgym_mp.scene.appearances.placement import (
     FIRST_TOO_FAR,
     LARGEST_MOVE,
-    LARGEST_SIDE,
     OFFSET_LIMIT,
     OVERLAPPING,
     TIED,
@@ -247,6 +246,7 @@ def edit_tower_scenes(
 @_kernel
 def edit_scatter_scenes(
     tables: GridTables,
+    places: CellPlaces,
     drawing: DrawingTables,
     scenes: Scenes,
     env_ids: Int64Array,
@@ -254,11 +254,12 @@ def edit_scatter_scenes(
     applies: BoolArray,
     reasons: Int64Array,
     ties: Int64Array,
+    scratch: Any,
 ) -> int:
     """`Core._edit` for Scatter: takes actions (k,) in environments (k,) and writes `reasons` (k,), FALLBACK or TIE.
 
     FALLBACK marks edits of scenes that the arrays cannot represent. For a TIE, `ties` (k, 3) holds x and y of the new
-    item and the slot of the item it snaps to. Returns the number of FALLBACK and TIE.
+    item and the slot of the item it snaps to. `scratch`: as for `_write_free`. Returns the number of FALLBACK and TIE.
     """
     unresolved = 0
     for k in range(len(env_ids)):
@@ -273,7 +274,7 @@ def edit_scatter_scenes(
             if item_type == REMOVES:
                 reasons[k] = _remove(tables, drawing, scenes, row, cell, applies[k])
             else:
-                reason, x, y, slot = _add(tables, drawing, scenes, row, cell, item_type, applies[k])
+                reason, x, y, slot = _add(tables, places, drawing, scenes, row, cell, item_type, applies[k], scratch)
                 reasons[k], ties[k, 0], ties[k, 1], ties[k, 2] = reason, x, y, slot
         unresolved += reasons[k] == FALLBACK or reasons[k] == TIE
     return unresolved
@@ -281,7 +282,15 @@ def edit_scatter_scenes(
 
 @_inlined
 def _add(
-    tables: GridTables, drawing: DrawingTables, scenes: Scenes, row: int, cell: int, item_type: int, applies: bool
+    tables: GridTables,
+    places: CellPlaces,
+    drawing: DrawingTables,
+    scenes: Scenes,
+    row: int,
+    cell: int,
+    item_type: int,
+    applies: bool,
+    scratch: Any,
 ) -> tuple[int, int, int, int]:
     """Makes an ADD. Returns its reason, its position before snapping, and the slot of the closest item."""
     footprint, x, y = ITEM_TYPE_FOOTPRINT[item_type], tables.xs[cell], tables.ys[cell]
@@ -290,9 +299,13 @@ def _add(
         return reason, x, y, 0
     clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance == OVERLAPPING:
-        x, y = _search(tables, scenes, row, footprint, x, y)
-        if x < 0:
+        dx, dy = -1, -1
+        if tables.searches:
+            in_box = cell - tables.first_cells[row % BOX_COUNT]
+            dx, dy = _search(tables, places, scenes, row, footprint, in_box, scratch)
+        if dx < 0:
             return tables.overlap, x, y, 0
+        x, y = x + dx, y + dy
         clearance, slot = _closest(tables, scenes, row, footprint, x, y)
     if clearance >= FIRST_TOO_FAR or not tables.snaps:
         return place_item(tables, drawing, scenes, row, item_type, x, y, NO_MOVE, applies), x, y, slot
@@ -319,38 +332,21 @@ def _closest(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: in
 
 
 @_inlined
-def _free_rows(tables: GridTables, scenes: Scenes, row: int, footprint: int, x: int, y: int, rows: int) -> int:
-    """The subset of `rows`, a bitmask from y on, where a new item with left side x fits and overlaps nothing."""
-    last = tables.last_corners[footprint]
-    if x > last or y > last:
-        return 0
-    if last - y < BITS:
-        rows &= (1 << (last - y + 1)) - 1
-    for slot in range(scenes.counts[row]):
-        other_x, other_y, item_type = decode_item(scenes.items[row, slot])
-        dx, dy = x - other_x + LARGEST_SIDE, y - other_y + LARGEST_SIDE
-        if 0 <= dx <= 2 * LARGEST_SIDE:
-            overlap = tables.overlaps[ITEM_TYPE_FOOTPRINT[item_type], footprint, dx]
-            if 0 <= dy <= 2 * LARGEST_SIDE:
-                rows &= ~(overlap >> dy)
-            elif -BITS < dy < 0:
-                rows &= ~(overlap << -dy)
-    return rows
-
-
-@_inlined
-def _search(tables: GridTables, scenes: Scenes, row: int, footprint: int, cell_x: int, cell_y: int) -> tuple[int, int]:
-    """`cell_search.searched` in a cell: x and y of the first free position, or -1."""
-    for column in range(tables.searched.shape[1]):
-        for part in range(tables.searched.shape[2]):
-            x, y = cell_x + column, cell_y + part * tables.part_height
-            free = _free_rows(tables, scenes, row, footprint, x, y, tables.searched[footprint, column, part])
-            if free:
-                while not free & 1:
-                    free >>= 1
-                    y += 1
-                return x, y
-    return -1, -1
+def _search(
+    tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, footprint: int, cell: int, scratch: Any
+) -> tuple[int, int]:
+    """`cell_places.searched` in a cell: x and y in the cell of the first free position, or -1. `scratch`: as for
+    `_write_free`."""
+    found_x, found_y = -1, -1
+    for part in range(places.empty.shape[1]):
+        _write_free(tables, places, scenes, row, cell, part, scratch)
+        for place in range(places.first_places[footprint], places.first_places[footprint + 1]):
+            if (scratch[place // WORD_BITS] >> np.uint64(place % WORD_BITS)) & np.uint64(1):
+                x, y = places.corners[place, 0], places.corners[place, 1]
+                if found_x < 0 or x < found_x:
+                    found_x, found_y = x, y + part * places.part_height
+                break
+    return found_x, found_y
 
 
 @_kernel
@@ -368,8 +364,9 @@ def place_item(
     """Applies a snap move if the rules allow it; adds the item if `applies`. Returns NO_REASON or FALLBACK."""
     if move != NO_MOVE:
         new_x, new_y = x + move // MOVE_BASE - LARGEST_MOVE, y + move % MOVE_BASE - LARGEST_MOVE
-        inside = new_x >= 0 and new_y >= 0
-        if inside and _free_rows(tables, scenes, row, ITEM_TYPE_FOOTPRINT[item_type], new_x, new_y, 1):
+        footprint = ITEM_TYPE_FOOTPRINT[item_type]
+        inside = min(new_x, new_y) >= 0 and max(new_x, new_y) <= tables.last_corners[footprint]
+        if inside and _closest(tables, scenes, row, footprint, new_x, new_y)[0] != OVERLAPPING:
             x, y = new_x, new_y
         elif tables.keeps_unfit_snaps:
             return FALLBACK
@@ -404,8 +401,8 @@ def write_masks(
 ) -> None:
     """Writes `Scatter.legal_mask` into `masks` (N, actions) for boxes whose version differs from `seen` (3 N,).
 
-    After one added item only the cells near it are updated, after any other change all cells of the box. `scratch`
-    (masks of a cell,) uint64: overwritten.
+    After one added item only the cells near it are updated, after any other change all cells of the box. `scratch`: as
+    for `_write_free`.
     """
     for row in range(len(seen)):
         if seen[row] == scenes.versions[row]:
@@ -413,14 +410,14 @@ def write_masks(
         grown = seen[row] + 1 == scenes.versions[row]
         seen[row] = scenes.versions[row]
         newest = scenes.items[row, max(0, scenes.counts[row] - 1)]
-        for cell in range(places.empty.shape[1]):
+        for cell in range(places.empty.shape[0]):
             if grown and not _reaches(tables, places, newest, cell):
                 continue
             legal = _legal_edits(tables, places, scenes, row, cell, scratch)
             in_grid = tables.first_cells[row % BOX_COUNT] + cell
             first = np.uint64(add_index(in_grid, 0))
             for item_type in range(np.uint64(ITEM_TYPE_COUNT)):
-                masks[row // BOX_COUNT, first + item_type] = places.adds[legal, item_type]
+                masks[row // BOX_COUNT, first + item_type] = ADDS[legal, item_type]
             masks[row // BOX_COUNT, remove_index(in_grid, tables.cell_count)] = (legal & REMOVABLE) != 0
 
 
@@ -439,28 +436,37 @@ def _kept_index(tables: GridTables, places: CellPlaces, item: int, cell: int, pa
 def _reaches(tables: GridTables, places: CellPlaces, item: int, cell: int) -> bool:
     """Whether an item can affect the legal edits of a cell."""
     reaches = False
-    for part in range(places.empty.shape[0]):
+    for part in range(places.empty.shape[1]):
         reaches |= _kept_index(tables, places, item, cell, part) != 0
     return reaches
 
 
 @_inlined
 def _legal_edits(tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, cell: int, scratch: Any) -> int:
-    """Bitmask of the footprints that can be added to a cell, and REMOVABLE. `scratch` (masks,) uint64: overwritten."""
-    width = np.uint64(places.empty.shape[2])
+    """Bitmask of the footprints that can be added to a cell, and REMOVABLE. `scratch`: as for `_write_free`."""
     legal = 0
-    for part in range(places.empty.shape[0]):
-        for mask in range(width):
-            scratch[mask] = places.empty[part, cell, mask]
-        for slot in range(scenes.counts[row]):
-            line = _kept_index(tables, places, scenes.items[row, slot], cell, part)
-            if line != 0:
-                for mask in range(width):
-                    scratch[mask] &= places.kept[line, mask]
-        for mask in range(width):
-            if (scratch[mask] != 0) == (places.edits[mask] != REMOVABLE):
-                legal |= places.edits[mask]
+    for part in range(places.empty.shape[1]):
+        _write_free(tables, places, scenes, row, cell, part, scratch)
+        for group in range(len(places.words)):
+            edit, bits = int(places.edits[group, 0, 0]), scratch[places.words[group]] & places.groups[group, 0, 0]
+            if (bits != 0) == (edit != REMOVABLE):
+                legal |= edit
     return legal
+
+
+@_inlined
+def _write_free(
+    tables: GridTables, places: CellPlaces, scenes: Scenes, row: int, cell: int, part: int, free: Any
+) -> None:
+    """Writes the bits of `CellPlaces` that items leave set in a part of a cell into `free` (words,) uint64."""
+    width = np.uint64(places.empty.shape[2])
+    for word in range(width):
+        free[word] = places.empty[cell, part, word]
+    for slot in range(scenes.counts[row]):
+        line = _kept_index(tables, places, scenes.items[row, slot], cell, part)
+        if line != 0:
+            for word in range(width):
+                free[word] &= places.kept[line, word]
 
 
 class Programs(NamedTuple):

@@ -14,7 +14,6 @@ import numpy as np
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
 from lilgym_mp.envs.cores import kernels
-from lilgym_mp.envs.cores.cell_places import cell_places
 from lilgym_mp.envs.cores.compiled import NO_VERSION, CompiledCore, item_from_code
 from lilgym_mp.envs.cores.kernels import FALLBACK, TIE, compiling
 from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering
@@ -25,6 +24,7 @@ from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import BOX_COUNT, Box, Item, Scene
 from lilgym_mp.scene.appearances import Scatter
 from lilgym_mp.scene.appearances.base import fits_box
+from lilgym_mp.scene.appearances.cell_places import cell_places
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import Canvas
@@ -40,7 +40,10 @@ class ScatterCore(CompiledCore):
         super().__init__(dynamics, tasks, buffers, image_size, ItemBoxLowering())
         count = len(buffers.action)
         self._appearance = cast(Scatter, dynamics.appearance)
-        self._tables = grid_tables(self._appearance, dynamics.rules.placement)
+        placement = dynamics.rules.placement
+        self._tables = grid_tables(self._appearance, placement)
+        self._places = cell_places(*self._appearance.cell, searches=self._appearance.searches(placement))
+        self._scratch = np.empty(self._places.empty.shape[2], np.uint64)
         self._scenes = [Scene.empty()] * count  # scenes at the versions in `_scene_versions`
         self._scene_versions = np.full((count, BOX_COUNT), NO_VERSION)
         self._versions_by_env = self._current.versions.reshape(count, BOX_COUNT)
@@ -85,7 +88,9 @@ class ScatterCore(CompiledCore):
     def _edit(self, env_ids: Int64Array, actions: Int64Array, applies: BoolArray) -> Int64Array:
         tables, drawing, current = self._tables, self._drawing, self._current
         reasons, ties = np.empty(len(env_ids), np.int64), np.empty((len(env_ids), 3), np.int64)
-        unresolved = kernels.edit_scatter_scenes(tables, drawing, current, env_ids, actions, applies, reasons, ties)
+        unresolved = kernels.edit_scatter_scenes(
+            tables, self._places, drawing, current, env_ids, actions, applies, reasons, ties, self._scratch
+        )
         if unresolved:
             for k in (reasons == TIE).nonzero()[0].tolist():
                 cell, item_type = cell_and_item_type(int(actions[k]), tables.cell_count)
@@ -128,10 +133,8 @@ class ScatterCore(CompiledCore):
 
     def write_masks(self) -> None:
         appearance, placement, mask = self._appearance, self.dynamics.rules.placement, self._buffers.mask
-        places = cell_places(*appearance.cell, searches=appearance.searches(placement))
-        scratch = np.empty(places.empty.shape[2], np.uint64)
         with compiling(kernels.write_masks):
-            kernels.write_masks(self._tables, places, self._current, self._written_masks, scratch, mask)
+            kernels.write_masks(self._tables, self._places, self._current, self._written_masks, self._scratch, mask)
         for env_id in self._uses_fallback.nonzero()[0].tolist():
             mask[env_id] = appearance.legal_mask(self._scenes[env_id], placement)
             self._written_masks[BOX_COUNT * env_id : BOX_COUNT * (env_id + 1)] = NO_VERSION

@@ -8,39 +8,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, Item
+from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, Item
 from lilgym_mp.scene.appearances import InvalidReason, PlacementRules, Scatter, placement
 from lilgym_mp.scene.appearances.base import LAST_CORNER
-from lilgym_mp.scene.appearances.cell_search import search_offsets
-from lilgym_mp.scene.arrays import BoolArray, Int64Array, UInt8Array
+from lilgym_mp.scene.arrays import Int64Array, UInt8Array
 
-MOST_ROWS = 50  # rows of a cell per bitmask; taller cells are divided into parts
 MOVE_BASE = 2 * placement.LARGEST_MOVE  # a snap move (x, y) is (x + LARGEST_MOVE) * MOVE_BASE + y + LARGEST_MOVE
 
 
 class GridTables(NamedTuple):
-    """Tables for one grid and one rule set. Positions in a cell are relative to its top-left pixel.
-
-    A bitmask covers the rows of one column, the first row being the lowest bit, in parts of `part_height` rows.
-    """
+    """Tables for one grid and one rule set."""
 
     clearance: UInt8Array  # `placement.CodeArrays`
     moves: UInt8Array
-    # (9, 9, 61) by footprint of an item and of a new one, and x offset + 30: bitmask of y offsets + 30
-    overlaps: Int64Array
     areas: NDArray[np.uint16]  # by footprint and offset, as `cell_areas`: rank of the covered area, 0 for none
     last_corners: Int64Array  # (9,) `LAST_CORNER`
     cell_count: int  # cells of the grid
     cell_width: int
     cell_height: int
-    part_height: int
     first_cells: Int64Array  # (3,) index of the first cell of each box
     boxes: Int64Array  # (cells,) box of each cell; arbitrary on separators
     xs: Int64Array  # (cells,) top-left pixel in the box
     ys: Int64Array  # (cells,)
     add_reasons: Int64Array  # (9, cells) by footprint: why an ADD is invalid in any scene, or NO_REASON
     remove_reasons: Int64Array  # (cells,) likewise for a REMOVE
-    searched: Int64Array  # (9, cell width, parts) by footprint: bitmask of positions that a search may choose
+    searches: bool
     snaps: bool
     keeps_unfit_snaps: bool
     overlap: int  # index of InvalidReason.OVERLAP
@@ -56,38 +48,27 @@ def grid_tables(appearance: Scatter, rules: PlacementRules) -> GridTables:
     last = np.array(LAST_CORNER)
     fits = np.maximum(xs, ys) <= last[:, None]
     separator, out_of_box = REASON_INDICES[InvalidReason.SEPARATOR], REASON_INDICES[InvalidReason.OUT_OF_BOX]
-    part_height = height if height <= MOST_ROWS else MOST_ROWS
-    searched = np.zeros((FOOTPRINT_COUNT, width, height), np.bool_)
-    if appearance.searches(rules):
-        searched |= search_offsets(width, height)
     clearance, moves = placement.code_arrays()
     return GridTables(
         clearance=clearance,
         moves=moves,
-        overlaps=_as_bits(~placement.clear_templates()),
         areas=_area_ranks(width, height),
         last_corners=last,
         cell_count=appearance.cell_count,
         cell_width=width,
         cell_height=height,
-        part_height=part_height,
         first_cells=np.array([cells.start for cells in appearance.box_cells]),
         boxes=boxes,
         xs=xs,
         ys=ys,
         add_reasons=np.where(on_separator, separator, np.where(fits, NO_REASON, out_of_box)),
         remove_reasons=np.where(on_separator, separator, NO_REASON),
-        searched=_as_bits(searched.reshape(FOOTPRINT_COUNT, width, -1, part_height)),
+        searches=appearance.searches(rules),
         snaps=not appearance.is_native,
         keeps_unfit_snaps=rules.keeps_unfit_snaps,
         overlap=REASON_INDICES[InvalidReason.OVERLAP],
         nothing_to_remove=REASON_INDICES[InvalidReason.NOTHING_TO_REMOVE],
     )
-
-
-def _as_bits(flags: BoolArray) -> Int64Array:
-    """Packs the flags of the last axis into bitmasks, the first flag being the lowest bit."""
-    return (flags << np.arange(flags.shape[-1])).sum(axis=-1)
 
 
 def _area_ranks(cell_width: int, cell_height: int) -> NDArray[np.uint16]:

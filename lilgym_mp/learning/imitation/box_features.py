@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lilgym_mp.learning.common.boxes import GAP_BINS, GAP_BOUNDS, FeatureTable, one_hot
 from lilgym_mp.scene import BOX_SIDE, FOOTPRINT_COUNT, Box, Scene
-from lilgym_mp.scene.appearances.legality import box_legality
+from lilgym_mp.scene.appearances.cell_places import legal_edits
 
 CELL = 20  # pixels: side of a cell of the released grid
 CELLS = BOX_SIDE // CELL  # a side of a box, in cells
@@ -36,7 +36,6 @@ class BoxFeatureTable(FeatureTable):
         self.offsets = np.zeros((0, item_capacity, 2, CELLS), np.int16)  # (N, K, 2, 5) see `cell_offsets`
         # (N, 25, 9 + 1) whether the ADD of each footprint, and REMOVE, is legal in each cell
         self.legal = np.zeros((0, CELLS * CELLS, FOOTPRINT_COUNT + 1), np.bool_)
-        self._legality = box_legality(CELL, CELL, searches=True)
 
     def indices(self, scenes: Sequence[Scene]) -> NDArray[np.int64]:
         """(B, 3) box indices."""
@@ -49,12 +48,13 @@ class BoxFeatureTable(FeatureTable):
             "colours": items[:, :, 3].clip(0),
             "relations": item_relations(items),
             "offsets": cell_offsets(items),
-            "legal": np.stack([self._legal(box) for box in boxes]),
+            "legal": np.stack([_legal(box) for box in boxes]),
         }
 
-    def _legal(self, box: Box) -> NDArray[np.bool_]:
-        adds = self._legality.addable(box.items).reshape(CELLS * CELLS, FOOTPRINT_COUNT)
-        return np.concatenate([adds, self._legality.removable(box.items).reshape(-1, 1)], axis=1)
+
+def _legal(box: Box) -> NDArray[np.bool_]:
+    legal = legal_edits(box.items, (CELL, CELL), searches=True)
+    return (legal[:, None] >> np.arange(FOOTPRINT_COUNT + 1) & 1).astype(np.bool_)
 
 
 def item_features(items: NDArray[np.int64]) -> NDArray[np.uint8]:

@@ -17,7 +17,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lilgym_mp.scene import BOX_PITCH, BOX_SIDE, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
+from lilgym_mp.scene import BOX_PITCH, FOOTPRINT_COUNT, FOOTPRINT_SIDES, FOOTPRINTS, Item, SceneError
 from lilgym_mp.scene.appearances.base import PlacementRules, fits_box
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
 
@@ -179,14 +179,6 @@ def clear_templates() -> BoolArray:
     """(9, 9, 61, 61) by other footprint, new footprint, offset in x and y from -30: whether the two do not overlap."""
     inner = slice(SNAP_REACH, OFFSET_COUNT - SNAP_REACH)
     return np.ascontiguousarray((code_arrays().clearance[:, :, inner, inner] != OVERLAPPING).transpose(1, 0, 2, 3))
-
-
-@cache
-def inside_corners() -> BoolArray:
-    """(9, 100, 100) by footprint, x, y: whether an item of that footprint placed there lies inside the box."""
-    last = BOX_SIDE - np.array(FOOTPRINT_SIDES)
-    along = np.arange(BOX_SIDE) <= last[:, None]
-    return along[:, :, None] & along[:, None, :]
 
 
 @cache

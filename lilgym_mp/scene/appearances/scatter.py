@@ -41,7 +41,6 @@ from lilgym_mp.scene.appearances.base import (
 )
 from lilgym_mp.scene.appearances.grids import RELEASED_GRID, checked_grid
 from lilgym_mp.scene.appearances.numbering import (
-    ITEM_TYPE_FOOTPRINTS,
     ITEM_TYPES,
     REMOVES,
     action_count,
@@ -54,7 +53,6 @@ from lilgym_mp.scene.arrays import BoolArray
 MAX_DECODED = 20_000  # actions kept decoded; finer grids decode on demand
 
 _ITEM_TYPE_INDICES = {item_type: index for index, item_type in enumerate(ITEM_TYPES)}
-_ADD_FOOTPRINTS = np.array(ITEM_TYPE_FOOTPRINTS)
 
 
 def _decoded(grid: Grid, index: int) -> Action:
@@ -167,7 +165,7 @@ class Scatter:
         tables = placement.placement_tables()
         clearance, closest = tables.closest(footprint, x, y, items)
         if clearance == placement.OVERLAPPING:
-            from lilgym_mp.scene.appearances.cell_search import searched  # for where items are dense alone
+            from lilgym_mp.scene.appearances.cell_places import searched  # for where items are dense alone
 
             found = searched(footprint, x, y, self.cell, items) if self.searches(rules) else None
             if found is None:
@@ -221,11 +219,10 @@ class Scatter:
         key = (self.grid, searches)
         found: tuple[BoolArray, BoolArray] | None = box.memo.get(key)
         if found is None:
-            from lilgym_mp.scene.appearances.legality import box_legality
+            from lilgym_mp.scene.appearances.cell_places import ADDS, REMOVABLE, legal_edits
 
-            legality = box_legality(*self.cell, searches=searches)
-            addable = legality.addable(box.items)[..., _ADD_FOOTPRINTS].ravel()
-            found = box.memo[key] = addable, legality.removable(box.items).ravel()
+            legal = legal_edits(box.items, self.cell, searches=searches)
+            found = box.memo[key] = ADDS.take(legal, axis=0).ravel(), legal & REMOVABLE != 0
         return found
 
     def explain(self, rules: PlacementRules) -> Iterator[str]:
