@@ -1,16 +1,161 @@
-"""Write the tables of docs/results.md from the CSV files in docs/results.
+"""Write the tables of docs/results.md, and accuracy.csv and paired_tests.csv from outcomes.csv.
 
-A table follows a line `<!-- NAME.csv: N -->`, where N columns hold text. Run after a change of the files.
+    python scripts/write_result_tables.py
+    python scripts/write_result_tables.py --row 17 results/reward_model/episodes/reward-model-*/*.jsonl.gz
+
+docs/results/outcomes.csv has the runs whose recordings were kept in this form: for each start scene of official dev, in
+the order of the file, the number of its episodes that succeeded. Which statement a scene belongs to is read from the
+official data, so that the recordings themselves, which contain statements, need not be published. `--row` adds
+recordings, or run directories of the two-agent game, which is played here, to a row of the table of accuracies.
+
+A table of the page follows a line `<!-- NAME.csv: N -->`, where N columns hold text.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING, Any, NamedTuple, cast
+
+from lilgym_mp.contrib.report.aggregation import accuracy_where, holm, paired_difference
+from lilgym_mp.corpus import load_tasks
+from lilgym_mp.corpus.tasks import TaskSet
+from lilgym_mp.envs.proposer_verifier import Role, play_games
+from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv
+from lilgym_mp.envs.registration import CONFIGURATIONS
+from lilgym_mp.envs.rules import Outcome
+from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.files import SUFFIX
+from lilgym_mp.evaluation.recording_metadata import RecordingMetadata, commit
+from lilgym_mp.learning.common.agents import open_agent
+
+if TYPE_CHECKING:
+    from lilgym_mp.contrib.report.aggregation import Difference, MeanStd
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "results.md"
+RESULTS = PAGE.parent / "results"
 TABLE = re.compile(r"<!-- (?P<name>\w+)\.csv: (?P<texts>\d) -->\n\n(?:\|.*\n)*")  # how many columns hold text
+SMALLEST = 0.0001  # smaller p-values are not printed
+
+
+class Outcomes(NamedTuple):
+    """The successes of a run in one configuration."""
+
+    row: str  # number in the table of accuracies
+    run: str
+    commit: str  # of the code that played
+    configuration: str
+    actions: str
+    episodes: str  # of each start scene
+    successes: str  # a digit for each start scene
+
+    def recording(self) -> Any:
+        """A recording, as far as it is needed to compute accuracies and their differences."""
+        episodes = (
+            SimpleNamespace(statement=task.statement, is_success=success < int(successes))
+            for task, successes in zip(tasks(self.configuration), self.successes, strict=True)
+            for success in range(int(self.episodes))
+        )
+        return SimpleNamespace(episodes=tuple(episodes))
+
+
+def tasks(configuration: str) -> TaskSet:
+    return load_tasks("lilgym", *CONFIGURATIONS[configuration], "dev")
+
+
+def recorded(row: str, file: Path) -> Outcomes:
+    """The outcomes of a recording."""
+    recording, metadata = read_episodes(file), RecordingMetadata.read(file)
+    header, name = recording.header, recording.header.settings.configuration
+    found = Counter(episode.task for episode in recording.episodes if episode.is_success)
+    successes = "".join(str(found[task.id]) for task in tasks(name))
+    run = header.agent if header.run is None else Path(header.run).name
+    known = (metadata and metadata.commit) or ""
+    return Outcomes(row, run, known, name, header.actions, str(header.passes), successes)
+
+
+def played(row: str, run: Path) -> Iterator[Outcomes]:
+    """The outcomes of a run of the game, its proposer with its verifier, from both kinds of start scenes."""
+    game = (agent := open_agent(run)).game
+    assert game is not None
+    for name in CONFIGURATIONS:
+        if CONFIGURATIONS[name][0] == game.appearance:
+            env = BaseGameEnv(replace(game, configuration=name, split="dev"))
+            proposer, verifier = (agent.partner(role, game) for role in Role)
+            assert proposer is not None
+            assert verifier is not None
+            records = play_games(env, proposer, verifier)
+            successes = "".join(str(int(record.outcome is Outcome.SUCCESS)) for record in records)
+            yield Outcomes(row, run.name, commit() or "", name, "greedy", "1", successes)
+
+
+def read(name: str) -> list[list[str]]:
+    with (RESULTS / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.reader(file))
+
+
+def write(name: str, rows: Iterable[Sequence[str]]) -> None:
+    with (RESULTS / f"{name}.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def add(row: str, paths: Iterable[Path]) -> None:
+    """Adds runs to outcomes.csv, in place of earlier outcomes of the same runs."""
+    head, *known = read("outcomes")
+    found: list[Outcomes] = []
+    for path in paths:
+        found += [recorded(row, path)] if path.name.endswith(SUFFIX) else played(row, path)
+    replaced = {(each.row, each.run) for each in found}
+    rows = [*(each for each in known if (each[0], each[1]) not in replaced), *found]
+    write("outcomes", [head, *sorted(rows, key=lambda each: (int(each[0]), *each[1:]))])
+
+
+def runs_by_row() -> dict[tuple[str, str], list[Any]]:
+    """The recordings of each row and configuration."""
+    found: dict[tuple[str, str], list[Any]] = {}
+    for line in read("outcomes")[1:]:
+        outcomes = Outcomes(*line)
+        found.setdefault((outcomes.row, outcomes.configuration), []).append(outcomes.recording())
+    return found
+
+
+def accuracies() -> list[list[str]]:
+    """accuracy.csv with the accuracies of all rows in outcomes.csv."""
+    (*head,), *rows = read("accuracy")
+    for (number, configuration), runs in runs_by_row().items():
+        row = next(row for row in rows if row[0].startswith(f"{number}. "))
+        column = next(index for index, name in enumerate(head) if name.startswith(configuration))
+        row[column] = cast("MeanStd", accuracy_where(runs)).text(1)
+    return [head, *rows]
+
+
+def differences() -> list[list[str]]:
+    """paired_tests.csv with all pairs of rows in outcomes.csv, in points; p is corrected for their number."""
+    found = runs_by_row()
+    numbers = list(dict.fromkeys(row for row, _ in found))
+    places = [
+        (pair, name)
+        for pair in combinations(numbers, 2)
+        for name in CONFIGURATIONS
+        if {(row, name) for row in pair} <= found.keys()
+    ]
+    tests = [cast("Difference", paired_difference(*(found[row, name] for row in pair))) for pair, name in places]
+    corrected = holm([test.p_value for test in tests])
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for (pair, name), test, p_value in zip(places, tests, corrected, strict=True):
+        p_text = f"{p_value:.2f}" if p_value >= 0.01 else f"{p_value:.1g}" if p_value >= SMALLEST else f"< {SMALLEST}"
+        cells.setdefault(pair, {})[name] = f"{test.points:.1f} [{test.low:.1f}, {test.high:.1f}] ({p_text})"
+    head, *rows = read("paired_tests")
+    rows = [row for row in rows if (row[0], row[1]) not in cells]
+    rows += [[*pair, *(row.get(name, "–") for name in CONFIGURATIONS)] for pair, row in cells.items()]
+    return [head, *sorted(rows, key=lambda row: (int(row[0]), int(row[1])))]
 
 
 def text(page: str) -> str:
@@ -19,8 +164,7 @@ def text(page: str) -> str:
 
 
 def _table(match: re.Match[str]) -> str:
-    with (PAGE.parent / "results" / f"{match['name']}.csv").open(encoding="utf-8", newline="") as file:
-        head, *rows = csv.reader(file)
+    head, *rows = read(match["name"])
     texts = int(match["texts"])
     rule = ["---"] * texts + ["---:"] * (len(head) - texts)
     lines = [f"| {' | '.join(row)} |\n" for row in (head, rule, *rows)]
@@ -28,4 +172,11 @@ def _table(match: re.Match[str]) -> str:
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--row", help="row of the table of accuracies that the paths belong to")
+    parser.add_argument("paths", nargs="*", type=Path)
+    args = parser.parse_args()
+    add(args.row, args.paths)
+    write("accuracy", accuracies())
+    write("paired_tests", differences())
     PAGE.write_text(text(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

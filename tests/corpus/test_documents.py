@@ -35,6 +35,14 @@ def test_tables_of_results__are_those_of_the_csv_files():
     assert load_script("write_result_tables").text(page) == page, "run scripts/write_result_tables.py"
 
 
+@pytest.mark.long
+@pytest.mark.usefixtures("official_data")
+def test_accuracies_and_paired_tests__are_those_of_the_recorded_outcomes():
+    script = load_script("write_result_tables")
+    assert script.accuracies() == script.read("accuracy")
+    assert script.differences() == script.read("paired_tests")
+
+
 def flat(name: str) -> str:
     """A document's text without line breaks."""
     return " ".join((DOCS / name).read_text(encoding="utf-8").split())
