@@ -15,10 +15,10 @@ from gymnasium import spaces
 from lilgym_mp.corpus import load_tasks
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.batched import BatchedEnv
-from lilgym_mp.envs.config import EnvConfig
+from lilgym_mp.envs.config import EnvConfig, SingleConfig
 from lilgym_mp.envs.engine import BatchSettings
 from lilgym_mp.envs.rules import RULE_SETS, Outcome, make_dynamics
-from lilgym_mp.envs.single import LilGymEnv, SingleConfig
+from lilgym_mp.envs.single import LilGymEnv
 from lilgym_mp.evaluation import CONFIGURATIONS, Settings
 from lilgym_mp.scene import BOX_COUNT, BOX_PITCH, BOX_SIDE, SIZE_PIXELS, Item, Scene, Size
 from lilgym_mp.scene.actions import BOX_NAMES, describe

@@ -13,9 +13,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
 
+from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.masks import action_masks
 from lilgym_mp.envs.rules import State
-from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.scene.arrays import BoolArray
 from lilgym_mp.wrappers.transformation import (
     Batch,

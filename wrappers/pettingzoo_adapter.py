@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, TurnResult
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, Role
-from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.scene.arrays import Int8Array
 from lilgym_mp.wrappers.transformation import (
     Batch,

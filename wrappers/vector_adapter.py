@@ -10,9 +10,9 @@ from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 from gymnasium.vector.utils import batch_space
 
 from lilgym_mp.envs.batched import batched
+from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.masks import action_masks, layers
 from lilgym_mp.envs.rules import State
-from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array
 from lilgym_mp.wrappers.transformation import (
     Batch,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from operator import attrgetter
 from typing import Any, NamedTuple, NoReturn, TypeVar, cast
 
@@ -17,11 +17,10 @@ from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, refuse_copying
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed, is_list
 from lilgym_mp.envs.engine import NO_ACTION, BatchSettings, Engine, EnvSnapshot, NewTasks, ResetRequest, with_room
+from lilgym_mp.envs.interface import RENDER_FPS, SharedInterface, make_renderer
 from lilgym_mp.envs.observation import Observation, observation_space, scene_of, statement_arrays
-from lilgym_mp.envs.rendering import RENDER_FPS, Renderer, caption
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.envs.sampling import check_statement, checked_task
-from lilgym_mp.envs.single import SharedInterface
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.actions import ARRAY_ADVICE, ActionError
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int16Array, Int64Array, UInt8Array
@@ -70,8 +69,8 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
 
     def __init__(self, settings: BatchSettings, buffers: Buffers, *, render_mode: str | None, copy: bool) -> None:
         self.num_envs = settings.num_envs
-        self._renderer = Renderer(render_mode, RENDER_MODES)
-        self.render_mode = self._renderer.mode
+        self._renderer = make_renderer(render_mode, RENDER_MODES)
+        self.render_mode = render_mode
         self.metadata = {**self.metadata, "autoreset_mode": settings.autoreset_mode}
         self.copy = checked_flag("copy", copy)
         self.dynamics = settings.dynamics()
@@ -388,11 +387,13 @@ class LilGymVectorEnv(SharedInterface, VectorEnv[Observations, Int64Array, Any])
     def render(self) -> tuple[UInt8Array | str, ...] | None:
         """A frame (304, 784, 3) or text for each environment, by render mode."""
         self._check_open()
-        if self.render_mode is None:
+        if (renderer := self._renderer) is None:
             return None
-        states = enumerate(self.states())
-        lines = ((state, caption(state, self.dynamics, self._last_action(env_id, state))) for env_id, state in states)
-        return tuple(cast("UInt8Array | str", self._renderer.render(state.scene, text)) for state, text in lines)
+        shown = (
+            renderer.show(state, self.dynamics, self._last_action(env_id, state))
+            for env_id, state in enumerate(self.states())
+        )
+        return tuple(cast("Iterator[UInt8Array | str]", shown))
 
 
 class BatchedEnv(LilGymVectorEnv):

@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import KW_ONLY, Field, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import gymnasium as gym
 from gymnasium.vector import AutoresetMode
 
 from lilgym_mp.corpus import TaskSet, load_tasks
+from lilgym_mp.envs.observation import TEXT
 from lilgym_mp.envs.registration import configuration_name, environment_id, read_configuration
 from lilgym_mp.envs.rules import RULE_SETS, Dynamics, make_dynamics
 from lilgym_mp.scene.appearances import NATIVE, RELEASED_GRID, make_appearance
 from lilgym_mp.scene.appearances.grids import read_grid
 
 if TYPE_CHECKING:
+    from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
     from lilgym_mp.envs.batched import BatchedEnv
+    from lilgym_mp.envs.sampling import Sampler
     from lilgym_mp.envs.single import LilGymEnv
 
 CORPUS_HELP = '"builtin" (default), "lilgym" (the official corpus), or a path'
@@ -156,3 +159,26 @@ class EnvConfig:
         config = cls(**{"configuration": data["configuration"], **data})
         config.dynamics()
         return config
+
+
+@dataclass(frozen=True)
+class SingleConfig(EnvConfig):
+    """The configuration of single environments and of batches: also how they are observed."""
+
+    _: KW_ONLY
+    observation: str = TEXT  # or "arrays", for learners without text: "statement" int64 (length,), "target" int64 (1,)
+    vocabulary: VocabularyOrPath | None = None  # of "arrays", or a saved one's path; None: that of the train split
+    length: int | None = None  # of "arrays"; None: that of the longest statement
+    sampler: Sampler | None = None  # chooses the task of every reset without the option "task"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.sampler is not None and not callable(self.sampler):
+            raise ValueError(f"sampler must be a function of a generator and an index, or None, not {self.sampler!r}")
+
+    def tasks(self, split: str | None = None) -> TaskSet:
+        """The sampler's own tasks, if it has any, else those of the split. Raises ValueError if they are of another."""
+        own: TaskSet | None = getattr(self.sampler, "tasks", None)
+        if own is not None and own.provenance.split != (split := split or self.split):
+            raise ValueError(f"the sampler has its own tasks, of split {own.provenance.split!r}, not {split!r}")
+        return own or super().tasks(split)

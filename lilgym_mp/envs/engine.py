@@ -17,11 +17,11 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.buffers import NO_REASON, ArraySpec, Buffers, buffer_specs
 from lilgym_mp.envs.checks import checked_count, checked_flag
+from lilgym_mp.envs.config import SingleConfig
 from lilgym_mp.envs.cores import make_core
 from lilgym_mp.envs.observation import FORMS, item_capacity
 from lilgym_mp.envs.rules import ActionStatus, State
-from lilgym_mp.envs.sampling import checked_task
-from lilgym_mp.envs.single import SingleConfig, next_draws
+from lilgym_mp.envs.sampling import checked_task, next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene.arrays import Int64Array
 from lilgym_mp.scene.choices import choose

@@ -1,12 +1,12 @@
-"""Rendering of environments: captions and render modes."""
+"""Rendering of environments: render modes and captions."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES
 from lilgym_mp.envs.rules import Dynamics, State, Transition
-from lilgym_mp.envs.single import RENDER_FPS, RENDER_MODES
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.appearances import Appearance
@@ -15,21 +15,6 @@ from lilgym_mp.scene.choices import choose
 
 if TYPE_CHECKING:
     from lilgym_mp.envs.window import Window
-
-
-def caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | None) -> list[str]:
-    """The statement, the target with the number of actions taken, and the result of the last action, given by its index
-    and transition."""
-    lines = [
-        state.task.statement,
-        f"Make it {str(state.task.target).lower()}.  Action {state.steps} of {dynamics.horizon}.",
-    ]
-    if last is not None:
-        action, transition = last
-        name = describe(dynamics.appearance.decode(action))
-        reason = f" ({transition.invalid})" if transition.invalid else ""
-        lines.append(f"{name}: {transition.outcome}{reason}, reward {transition.reward:+.1f}")
-    return lines
 
 
 class Renderer:
@@ -42,6 +27,10 @@ class Renderer:
         self.mode = None if mode is None else choose("render_mode", mode, {name: name for name in modes})
         self._marked = marked
         self._window: Window | None = None
+
+    def show(self, state: State, dynamics: Dynamics, last: tuple[int, Transition] | None) -> UInt8Array | str | None:
+        """`render` of a state of the MDP. `last`: index and transition of the last action."""
+        return self.render(state.scene, _caption(state, dynamics, last))
 
     def render(self, scene: Scene, lines: Sequence[str]) -> UInt8Array | str | None:
         """By mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
@@ -67,3 +56,18 @@ class Renderer:
         if self._window is not None:
             self._window.close()
             self._window = None
+
+
+def _caption(state: State, dynamics: Dynamics, last: tuple[int, Transition] | None) -> list[str]:
+    """The statement, the target with the number of actions taken, and the result of the last action, given by its index
+    and transition."""
+    lines = [
+        state.task.statement,
+        f"Make it {str(state.task.target).lower()}.  Action {state.steps} of {dynamics.horizon}.",
+    ]
+    if last is not None:
+        action, transition = last
+        name = describe(dynamics.appearance.decode(action))
+        reason = f" ({transition.invalid})" if transition.invalid else ""
+        lines.append(f"{name}: {transition.outcome}{reason}, reward {transition.reward:+.1f}")
+    return lines

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from typing import TYPE_CHECKING, Any, SupportsFloat, cast
+from collections.abc import Callable, Mapping
+from typing import Any, SupportsFloat, cast
 
 import gymnasium as gym
 import numpy as np
@@ -12,76 +11,16 @@ from gymnasium import spaces
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open, checked_flag, checked_options, checked_seed
-from lilgym_mp.envs.config import EnvConfig
-from lilgym_mp.envs.observation import TEXT, Observation, observation_space, statement_arrays
-from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
+from lilgym_mp.envs.config import SingleConfig
+from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, RESET_OPTIONS, SharedInterface, end_info, make_renderer
+from lilgym_mp.envs.observation import Observation, observation_space, statement_arrays
+from lilgym_mp.envs.rules import State, Transition
+from lilgym_mp.envs.sampling import check_statement, checked_task, next_draws
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import checked_index
-from lilgym_mp.scene.appearances import InvalidReason
 from lilgym_mp.scene.arrays import BoolArray, UInt8Array
-from lilgym_mp.scene.render import Canvas
-
-if TYPE_CHECKING:
-    from lilgym_mp.corpus.statement_arrays import VocabularyOrPath
-    from lilgym_mp.envs.rendering import Renderer
-    from lilgym_mp.envs.sampling import Sampler
-
-RENDER_FPS = 4  # the same for every environment
-RENDER_MODES = ("human", "rgb_array", "ansi")
-RESET_OPTIONS = ("task",)
-DRAWS = 16  # tasks drawn per call of the generator: the same numbers as drawn singly, in a quarter of the time
-UNCHANGED_REWARD = "unshaped_reward"  # key in infos of the environment's own reward if a wrapper changed it
-
-
-@dataclass(frozen=True)
-class SingleConfig(EnvConfig):
-    """The configuration of single environments and of batches: also how they are observed."""
-
-    _: KW_ONLY
-    observation: str = TEXT  # or "arrays", for learners without text: "statement" int64 (length,), "target" int64 (1,)
-    vocabulary: VocabularyOrPath | None = None  # of "arrays", or a saved one's path; None: that of the train split
-    length: int | None = None  # of "arrays"; None: that of the longest statement
-    sampler: Sampler | None = None  # chooses the task of every reset without the option "task"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.sampler is not None and not callable(self.sampler):
-            raise ValueError(f"sampler must be a function of a generator and an index, or None, not {self.sampler!r}")
-
-    def tasks(self, split: str | None = None) -> TaskSet:
-        """The sampler's own tasks, if it has any, else those of the split. Raises ValueError if they are of another."""
-        own: TaskSet | None = getattr(self.sampler, "tasks", None)
-        if own is not None and own.provenance.split != (split := split or self.split):
-            raise ValueError(f"the sampler has its own tasks, of split {own.provenance.split!r}, not {split!r}")
-        return own or super().tasks(split)
-
-
-class SharedInterface:
-    """The interface that single environments and batches share beyond Gymnasium's interface."""
-
-    dynamics: Dynamics
-    tasks: TaskSet
-
-    @property
-    def horizon(self) -> int:
-        """Actions per episode. `spec.max_episode_steps` is None because the environment itself ends the episode;
-        `gymnasium.make(env.spec)` would add a TimeLimit that sets other flags."""
-        return self.dynamics.horizon
-
-    def encode_action(self, action: Sequence[int]) -> int:
-        """The index of an action in the released array form: [type, box, colour] for tower, [type, x, y, shape,
-        colour, size] for scatter; unused slots are ignored. Raises ActionError."""
-        return self.dynamics.appearance.encode(self.dynamics.appearance.from_array(action))
-
-    def decode_action(self, index: int) -> list[int]:
-        """The released array form of an action, -1 in unused slots. Raises ActionError."""
-        appearance = self.dynamics.appearance
-        return appearance.to_array(appearance.decode(checked_index(index, appearance.action_count)))
-
-    def evaluation_tasks(self) -> tuple[str, ...]:
-        """Every task id of the split, in file order."""
-        return self.tasks.ids
+from lilgym_mp.scene.render.canvas import Canvas
 
 
 class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
@@ -117,11 +56,7 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
         self.config = config = SingleConfig.of(given, "render_mode", "render_cells")
         self.dynamics = config.dynamics()
         marked = self.dynamics.appearance if checked_flag("render_cells", render_cells) else None
-        self._renderer: Renderer | None = None
-        if render_mode is not None:
-            from lilgym_mp.envs.rendering import Renderer
-
-            self._renderer = Renderer(render_mode, marked=marked)
+        self._renderer = make_renderer(render_mode, marked=marked)
         self.render_mode = render_mode
         self._canvas = Canvas(config.image_size)
         self.tasks = config.tasks()
@@ -174,8 +109,6 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
     def _task(self, choice: object) -> Task:
         if not isinstance(choice, Task):
             return self.tasks.by_id(choice)
-        from lilgym_mp.envs.sampling import check_statement, checked_task
-
         check_statement(choice, self.observation_space, self._arrays)
         return checked_task(choice, self.dynamics)
 
@@ -256,28 +189,11 @@ class LilGymEnv(SharedInterface, gym.Env[Observation, int]):
 
     def render(self) -> UInt8Array | str | None:
         """By render mode: an image (304, 784, 3) with a caption, text, or None after updating the window."""
-        scene = self.scene  # raises after `close`
-        if self._renderer is None:
-            return None
-        from lilgym_mp.envs.rendering import caption
-
-        return self._renderer.render(scene, caption(self.state, self.dynamics, self._last))
+        state = self.state  # raises after `close`
+        return None if self._renderer is None else self._renderer.show(state, self.dynamics, self._last)
 
     def close(self) -> None:
         self._closed = True
         self._state = self._last = None
         if self._renderer is not None:
             self._renderer.close()
-
-
-def end_info(outcome: Outcome, invalid: InvalidReason | None) -> dict[str, Any]:
-    """Infos of the action that ended an episode."""
-    info: dict[str, Any] = {"outcome": str(outcome), "is_success": outcome is Outcome.SUCCESS}
-    if invalid is not None:
-        info["invalid_reason"] = str(invalid)
-    return info
-
-
-def next_draws(generator: np.random.Generator, task_count: int) -> list[int]:
-    """Indices of an environment's next tasks, uniformly drawn, in reverse: `pop` returns them in order."""
-    return generator.integers(task_count, size=DRAWS)[::-1].tolist()

@@ -46,7 +46,7 @@ def evaluate(
     """
     if passes < 1 or batch_size < 1:
         raise ValueError(f"passes and batch_size must be at least 1, not {passes} and {batch_size}")
-    task_ids = tuple(settings.make(split).evaluation_tasks() if task_ids is None else task_ids) * passes
+    task_ids = tuple(settings.tasks(split).ids if task_ids is None else task_ids) * passes
     envs = settings.make_batch(split, min(batch_size, len(task_ids)))
     episodes: list[Episode | None] = [None] * len(task_ids)
     policy = as_policy(policy)
@@ -202,11 +202,11 @@ class EvaluationPlan:
     @property
     def episodes(self) -> int:
         """Number of episodes per policy."""
-        return len(self.settings.make(self.split).evaluation_tasks()) * self.passes
+        return len(self.settings.tasks(self.split)) * self.passes
 
     def to_json(self) -> dict[str, Any]:
         """The plan with the provenance of the tasks, and the numbers of start scenes and contexts."""
-        tasks = self.settings.make(self.split).tasks
+        tasks = self.settings.tasks(self.split)
         return {
             "settings": self.settings.to_json(),
             "split": self.split,

@@ -17,11 +17,11 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 
 from lilgym_mp.corpus.notes import note_after
 from lilgym_mp.envs.checks import checked_count, checked_options
+from lilgym_mp.envs.interface import RESET_OPTIONS
 from lilgym_mp.envs.keywords import check_sb3_keywords
 from lilgym_mp.envs.masks import attribute, layers, set_wrapper_attribute
 from lilgym_mp.envs.observation import ARRAYS
 from lilgym_mp.envs.preload import preload_tasks
-from lilgym_mp.envs.single import RESET_OPTIONS
 from lilgym_mp.envs.workers import WorkerVectorEnv
 from lilgym_mp.learning.common.statement_sampler import StatementSampler
 from lilgym_mp.scene.choices import choose

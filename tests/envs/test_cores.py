@@ -15,7 +15,8 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs import cores
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
-from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, ScalarCore, make_core
+from lilgym_mp.envs.cores import FEWEST_COMPILED, Core, make_core
+from lilgym_mp.envs.cores.scalar import ScalarCore
 from lilgym_mp.envs.cores.scatter import ScatterCore
 from lilgym_mp.envs.cores.tower import TowerCore
 from lilgym_mp.envs.observation import item_capacity

@@ -16,8 +16,8 @@ from PIL import Image, ImageDraw
 
 from lilgym_mp.scene import Box, Item, Scene, Shape
 from lilgym_mp.scene.arrays import UInt8Array
-from lilgym_mp.scene.render import Canvas, canvas, draw, image_shape
-from lilgym_mp.scene.render.canvas import box_blits
+from lilgym_mp.scene.render import canvas, draw, image_shape
+from lilgym_mp.scene.render.canvas import Canvas, box_blits
 from lilgym_mp.scene.render.characters import text
 from tests.scenes import (
     LARGE,

@@ -21,8 +21,7 @@ from lilgym_mp.scene import BOX_COUNT, BOX_SIDE, Item, Scene
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_COUNT, ITEM_TYPE_FOOTPRINTS, ITEM_TYPES, item_type_of
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
 from lilgym_mp.scene.render import draw, image_shape, shrink_of
-from lilgym_mp.scene.render.canvas import LARGEST_PATCH
-from lilgym_mp.scene.render.drawing import palette, stamp
+from lilgym_mp.scene.render.drawing import LARGEST_PATCH, palette, stamp
 
 _EDIT_STATUS = np.array([INVALID_EDIT, VALID_EDIT])  # indexed by whether the edit is valid
 _STOP_STATUS = np.array([WRONG_STOP, CORRECT_STOP])  # indexed by whether the target is reached

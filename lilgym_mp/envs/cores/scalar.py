@@ -12,7 +12,7 @@ from lilgym_mp.envs.rules import Dynamics, State
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import Int64Array
-from lilgym_mp.scene.render import Canvas
+from lilgym_mp.scene.render.canvas import Canvas
 
 
 class ScalarCore(Core):

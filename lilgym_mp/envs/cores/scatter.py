@@ -13,10 +13,11 @@ from typing import cast
 import numpy as np
 
 from lilgym_mp.envs.buffers import NO_REASON, REASON_INDICES, Buffers
-from lilgym_mp.envs.cores import kernels
+from lilgym_mp.envs.cores import scatter_kernels as kernels
 from lilgym_mp.envs.cores.compiled import NO_VERSION, CompiledCore, item_from_code
-from lilgym_mp.envs.cores.kernels import FALLBACK, TIE, compiling
+from lilgym_mp.envs.cores.kernels import compiling
 from lilgym_mp.envs.cores.program_evaluator import ItemBoxLowering
+from lilgym_mp.envs.cores.scatter_kernels import FALLBACK, TIE
 from lilgym_mp.envs.cores.tables import grid_tables, tied_move
 from lilgym_mp.envs.observation import item_array
 from lilgym_mp.envs.rules import Dynamics
@@ -27,7 +28,7 @@ from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.appearances.cell_places import cell_places
 from lilgym_mp.scene.appearances.numbering import ITEM_TYPE_FOOTPRINTS, cell_and_item_type
 from lilgym_mp.scene.arrays import BoolArray, Int64Array
-from lilgym_mp.scene.render import Canvas
+from lilgym_mp.scene.render.canvas import Canvas
 from lilgym_mp.scene.render.drawing import stamp
 
 MAX_CACHED_ITEMS = 16_384

@@ -13,6 +13,7 @@ from gymnasium.utils import seeding
 
 from lilgym_mp.corpus import TaskSet
 from lilgym_mp.envs.checks import check_open, checked_options
+from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES
 from lilgym_mp.envs.observation import image_space
 from lilgym_mp.envs.proposer_verifier.game import Game, TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState, Info
@@ -20,7 +21,7 @@ from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObse
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, PROPOSER, VERIFIER, Role
 from lilgym_mp.envs.proposer_verifier.rewards import Intent
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES, Renderer
+from lilgym_mp.envs.rendering import Renderer
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene

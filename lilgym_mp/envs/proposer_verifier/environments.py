@@ -9,12 +9,12 @@ from gymnasium.error import ResetNeeded
 from pettingzoo import AECEnv, ParallelEnv
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
+from lilgym_mp.envs.interface import UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import NESTED, BaseGameEnv, TurnResult, role_of
 from lilgym_mp.envs.proposer_verifier.game import TurnError
 from lilgym_mp.envs.proposer_verifier.game_arrays import Info
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, Role
 from lilgym_mp.envs.proposer_verifier.settings import GameSettings
-from lilgym_mp.envs.single import UNCHANGED_REWARD
 
 PROPOSER_NAME, VERIFIER_NAME = AGENTS
 

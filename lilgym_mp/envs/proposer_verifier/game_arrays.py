@@ -13,6 +13,7 @@ from gymnasium.vector import AutoresetMode
 from lilgym_mp.envs.batched import ResultTable
 from lilgym_mp.envs.buffers import INVALID_REASONS, NO_REASON, Buffers, buffer_specs
 from lilgym_mp.envs.cores import make_core
+from lilgym_mp.envs.interface import end_info
 from lilgym_mp.envs.proposer_verifier.game import SILENCE, Game
 from lilgym_mp.envs.proposer_verifier.protocols import (
     NO_CHOICE,
@@ -25,7 +26,6 @@ from lilgym_mp.envs.proposer_verifier.protocols import (
 )
 from lilgym_mp.envs.proposer_verifier.rewards import Intent, Judgement, judgement_in
 from lilgym_mp.envs.rules import Outcome, State
-from lilgym_mp.envs.single import end_info
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.arrays import BoolArray, Float64Array, Int8Array, Int16Array, Int64Array, UInt8Array
 

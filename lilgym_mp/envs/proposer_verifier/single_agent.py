@@ -8,13 +8,12 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from lilgym_mp.envs.interface import RENDER_FPS, RENDER_MODES, UNCHANGED_REWARD
 from lilgym_mp.envs.proposer_verifier.engine import BaseGameEnv, role_of
 from lilgym_mp.envs.proposer_verifier.game_arrays import GameState
 from lilgym_mp.envs.proposer_verifier.observations import MASK, PARTS, AgentObservation
 from lilgym_mp.envs.proposer_verifier.partners import SCRIPTED, Partner, PartnerTurn, partner_action
 from lilgym_mp.envs.proposer_verifier.protocols import Role
-from lilgym_mp.envs.rendering import RENDER_FPS, RENDER_MODES
-from lilgym_mp.envs.single import UNCHANGED_REWARD
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.choices import choose
 

@@ -30,7 +30,8 @@ def train_tasks(settings: Settings, *, scratch: bool = True) -> dict[str, TaskSe
 
     Raises CorpusError for unusable data, ValueError for settings that make no environment.
     """
-    tasks = {settings.configuration: settings.make(TRAINING_SPLIT).tasks}
+    settings.dynamics()
+    tasks = {settings.configuration: settings.tasks(TRAINING_SPLIT)}
     if scratch and settings.start == FLIPIT:
         name = configuration_name(settings.appearance, SCRATCH)
         with suppress(NoTasksError):

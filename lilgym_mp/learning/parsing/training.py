@@ -209,7 +209,7 @@ def forecasts(parser: Parser, corpus: str, examples: Sequence[Example]) -> list[
     for name, (appearance, _) in CONFIGURATIONS.items():
         settings = Settings(name, corpus=corpus)
         try:
-            tasks = settings.make("train").tasks
+            tasks = settings.tasks("train")
         except NoTasksError:
             continue
         planner = ProgramPlanner(parser, settings.dynamics(), settings.start == FLIPIT)

@@ -72,9 +72,9 @@ class LearningCurve:
 
     def __init__(self, settings: Settings, recipe: PPORecipe, every: int, run: RunDirectory) -> None:
         """Raises CorpusError when dev has no tasks."""
-        env = settings.make(SPLIT)
+        settings.tasks(SPLIT)
         self._settings, self._recipe, self._every, self._run = settings, recipe, every, run
-        self._dynamics, self._goals = env.dynamics, _goals(settings)
+        self._dynamics, self._goals = settings.dynamics(), _goals(settings)
         self.last: int | None = None  # steps of the latest point
 
     def is_due(self, steps: int) -> bool:

@@ -4,7 +4,6 @@
 `frames` adds captions, box outlines and a grid of cells.
 """
 
-from lilgym_mp.scene.render.canvas import Canvas
 from lilgym_mp.scene.render.drawing import draw, image_shape, shrink_of
 
-__all__ = ["Canvas", "draw", "image_shape", "shrink_of"]
+__all__ = ["draw", "image_shape", "shrink_of"]

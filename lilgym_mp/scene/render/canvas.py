@@ -15,7 +15,6 @@ from lilgym_mp.scene import (
     BOX_COUNT,
     BOX_PITCH,
     BOX_SIDE,
-    FOOTPRINT_SIDES,
     FOOTPRINTS,
     SIZE_PIXELS,
     Box,
@@ -28,6 +27,7 @@ from lilgym_mp.scene import (
 from lilgym_mp.scene.appearances.base import fits_box
 from lilgym_mp.scene.arrays import UInt8Array
 from lilgym_mp.scene.render.drawing import (
+    LARGEST_PATCH,
     SHRINKS,
     draw,
     empty_picture,
@@ -39,7 +39,6 @@ from lilgym_mp.scene.render.drawing import (
 )
 
 CACHE_BYTES = 48 << 20  # budget for cached scene pictures: 1,700 at half size
-LARGEST_PATCH = 2 + max(FOOTPRINT_SIDES)  # native side of the largest patch
 
 # Plain tuples instead of named tuples: unpacking them takes a third of the time.
 

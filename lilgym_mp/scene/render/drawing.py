@@ -32,6 +32,7 @@ BOX_RGB = (211, 211, 211)
 SEPARATOR_RGB = (128, 128, 128)
 COLOUR_RGB = {Colour.YELLOW: (250, 255, 0), Colour.BLACK: (0, 0, 0), Colour.BLUE: (15, 131, 255)}
 SHRINKS = {"native": 1, "half": 2}  # by image size: side in native pixels of the block that becomes one pixel
+LARGEST_PATCH = 2 + max(FOOTPRINT_SIDES)  # native side of the largest `Stamp`
 
 
 def shrink_of(image_size: str) -> int:
