@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.corpus.faults import CorpusError, Fault, NoTasksError
 from lilgym_mp.corpus.loading import load_all_tasks, load_tasks
-from lilgym_mp.corpus.locations import official_directory, user_cache
+from lilgym_mp.corpus.locations import official_directory
 from lilgym_mp.corpus.tasks import Provenance, TaskSet, contexts
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ __all__ = [
     "load_tasks",
     "official_directory",
     "statement_form",
-    "user_cache",
     "words",
     "write_corpus",
 ]

@@ -8,7 +8,7 @@ appearance, start and split. Source: docs/spec.md, "Tasks" (`{id: {"sentence", "
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from functools import cache, partial
 from importlib.resources import files
 from itertools import islice, product
@@ -25,12 +25,12 @@ from lilgym_mp.corpus.records import (
     Record,
     as_object,
     check_text,
-    parse_json,
+    parse_object,
     read_text,
     shown,
 )
 from lilgym_mp.scene.appearances import APPEARANCES
-from lilgym_mp.scene.choices import listed
+from lilgym_mp.scene.choices import choose, listed
 
 FORMAT = "lilgym_mp-corpus"
 VERSION = 1
@@ -80,9 +80,11 @@ def read_corpus_file(path: Path, faults: list[Fault], wanted: Configuration | No
     if wanted is None or sha256 != shipped_sha256():
         _add_entries(lines, records, faults)
         return Source(path, name, sha256, records)
-    for _, line in _section(lines, cast("dict[str, int]", header[SECTIONS]), f"{wanted[0]} {wanted[2]}"):
-        entry = json.loads(line)
-        records[wanted] += _starts("", entry) if wanted[1] == FLIPIT else [_scratch("", entry)]
+    for section, count in cast("dict[str, int]", header[SECTIONS]).items():
+        for _, line in islice(lines, count):
+            if section == f"{wanted[0]} {wanted[2]}":
+                scratch, starts = _records("", json.loads(line), faults)
+                records[wanted] += starts if wanted[1] == FLIPIT else [scratch]
     return Source(path, name, sha256, records, is_prevalidated=True)
 
 
@@ -96,7 +98,7 @@ def _checked_header(where: str, line: str, faults: list[Fault]) -> dict[str, obj
     """Raises CorpusError for another format or version, whose entries cannot be read."""
     expected = f'the first line must be the header {{"format": "{FORMAT}", "version": {VERSION}, ...}}'
     try:
-        header = as_object("the header", parse_json(line))
+        header = parse_object("the header", line)
     except ValueError as fault:
         raise CorpusError(f"{where}: {expected}; {fault}") from None
     if header.get("format") != FORMAT:
@@ -112,19 +114,13 @@ def _checked_header(where: str, line: str, faults: list[Fault]) -> dict[str, obj
     return header
 
 
-def _section(lines: Iterable[tuple[str, str]], sections: Mapping[str, int], name: str) -> Iterator[tuple[str, str]]:
-    """The lines of a section of the builtin file, after its header."""
-    first = sum(sections[before] for before in list(sections)[: list(sections).index(name)])
-    return islice(lines, first, first + sections[name])
-
-
 def _add_entries(
     lines: Iterable[tuple[str, str]], records: dict[Configuration, list[Record]], faults: list[Fault]
 ) -> None:
     """Adds the records of all entries that are objects. Ids of entries and starts must be distinct."""
     first_seen: dict[str, str] = {}
     for line_where, line in lines:
-        entry = checked(faults, line_where, _entry, line)
+        entry = checked(faults, line_where, parse_object, "an entry", line)
         if entry is None:
             continue
         where = f"{line_where}, entry {entry['id']!r}" if isinstance(entry.get("id"), str) else line_where
@@ -135,7 +131,7 @@ def _add_entries(
         }
         entry |= {"starts": structure.get("starts") or (), TAGS: structure.get(TAGS) or ()}
         is_valid = len(faults) == faults_before
-        scratch, starts = _scratch(where, entry), _starts(where, entry, faults)
+        scratch, starts = _records(where, entry, faults)
         for record in (scratch, *starts):
             if isinstance(record.id, str):
                 if record.id in first_seen:
@@ -146,42 +142,25 @@ def _add_entries(
         records[place[0], FLIPIT, place[1]] += (start._replace(is_valid=is_valid) for start in starts)
 
 
-def _entry(line: str) -> dict[str, object]:
-    return as_object("an entry", parse_json(line))
-
-
-def _scratch(where: str, entry: Mapping[str, Any]) -> Record:
-    """The Scratch task of an entry."""
+def _records(where: str, entry: Mapping[str, Any], faults: list[Fault]) -> tuple[Record, list[Record]]:
+    """The Scratch task of an entry, and its FlipIt tasks, of those starts that are well formed."""
     name, statement, program = map(entry.get, ("id", "statement", "program"))
-    return Record(where, where, name, statement, program, tags=tuple(entry.get(TAGS, ())))
-
-
-def _starts(where: str, entry: Mapping[str, Any], faults: list[Fault] | None = None) -> list[Record]:
-    """The FlipIt tasks of an entry; with `faults`, of those starts that are well formed."""
-    found: list[Record] = []
-    statement, program, tags = entry.get("statement"), entry.get("program"), tuple(entry.get(TAGS, ()))
+    scratch = Record(where, where, name, statement, program, tags=tuple(entry.get(TAGS, ())))
+    flipit = scratch._replace(is_flipit=True)
+    starts: list[Record] = []
     for start in entry["starts"]:
-        place = where
-        if faults is not None:
-            if checked(faults, where, as_object, "a start", start) is None:
-                continue
+        if checked(faults, where, as_object, "a start", start) is not None:
             place = f"{where}, start {start.get('id')!r}"
-            if not checked(faults, place, _check_keys, "a start", start, START_KEYS):
-                continue
-        found.append(
-            Record(
-                place, where, start["id"], statement, program, start["label"], start["scene"], is_flipit=True, tags=tags
-            )
-        )
-    return found
+            if checked(faults, place, _check_keys, "a start", start, START_KEYS):
+                starts.append(flipit._replace(where=place, **start))
+    return scratch, starts
 
 
 # Checks of values: they return the value, or raise ValueError
 
 
-def _choice(choices: Collection[str], key: str, value: object) -> str:
-    if check_text(key, value) not in choices:
-        raise ValueError(f"unknown {key} {value!r}; choose from {listed(choices)}")
+def _choice(choices: Mapping[str, object], key: str, value: object) -> str:
+    choose(key, check_text(key, value), choices)
     return str(value)
 
 
@@ -247,7 +226,7 @@ def read_released_file(path: Path, faults: list[Fault]) -> Source:
     text, sha256 = read_text(path)
     configuration = RELEASED_NAMES[path.name]
     try:
-        content = as_object("the file", parse_json(text))
+        content = parse_object("the file", text)
     except ValueError as fault:
         raise CorpusError(f"{path}: {fault}") from None
     records: list[Record] = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Generator
 from contextlib import contextmanager
 from importlib.resources import as_file, files
@@ -27,20 +26,11 @@ def is_split(corpus: str | os.PathLike[str]) -> bool:
     return os.fspath(corpus).startswith(f"{BUILTIN}:") or os.fspath(corpus).endswith((".split.json", ".split.json.gz"))
 
 
-def user_cache() -> Path:
-    """The user's cache directory for downloads of this package."""
-    if sys.platform == "win32":
-        parent = Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
-    elif sys.platform == "darwin":
-        parent = Path.home() / "Library" / "Caches"
-    else:
-        parent = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return parent / "lilgym_mp"
-
-
 def installed_directory() -> Path:
-    """The installation directory of the official corpus; it may not exist."""
-    return user_cache() / OFFICIAL
+    """The installation directory of the official corpus, in the user's cache; it may not exist."""
+    from platformdirs import user_cache_path  # when first needed: most uses load the builtin corpus
+
+    return user_cache_path("lilgym_mp", appauthor=False, opinion=False) / OFFICIAL
 
 
 def official_directory() -> Path:

@@ -65,10 +65,10 @@ def read_bytes(path: Path) -> bytes:
         raise CorpusError(f"{path}: cannot be read: {getattr(fault, 'strerror', None) or fault}") from None
 
 
-def parse_json(text: str) -> object:
-    """The JSON value in `text`. Raises ValueError for invalid JSON or duplicate keys."""
+def parse_object(what: str, text: str) -> dict[str, object]:
+    """The JSON object in `text`. Raises ValueError for invalid JSON, duplicate keys or another value."""
     try:
-        return json.loads(text, object_pairs_hook=_object)
+        return as_object(what, json.loads(text, object_pairs_hook=_object))
     except json.JSONDecodeError as fault:
         raise ValueError(f"not JSON: {fault}") from None
     except RecursionError:

@@ -123,22 +123,16 @@ def _corrected(word: str, known: frozenset[str]) -> tuple[str, ...]:
 
 def _is_error(typed: str, word: str) -> bool:
     """Whether `typed` is `word` with a letter left out, added or replaced, or two neighbours swapped."""
-    if abs(len(typed) - len(word)) > 1:
-        return False
-    start = _shared(typed, word)
-    end = _shared(typed[start:][::-1], word[start:][::-1])
-    wrong, right = typed[start : len(typed) - end], word[start : len(word) - end]
-    match len(wrong), len(right):
-        case 0, 1:
-            return start > 0 or len(typed) >= MIN_BEHEADED
-        case 1, 0:
-            return start > 0
-        case 1, 1:
-            return start > 0 and len(typed) >= MIN_REPLACED
+    differing = (at for at, (a, b) in enumerate(zip(typed, word, strict=False)) if a != b)
+    at = next(differing, min(len(typed), len(word)))
+    match len(word) - len(typed):
+        case 1:
+            return typed[at:] == word[at + 1 :] and (at > 0 or len(typed) >= MIN_BEHEADED)
+        case -1:
+            return typed[at + 1 :] == word[at:] and at > 0
+        case 0 if typed[at + 1 :] == word[at + 1 :]:
+            return at > 0 and len(typed) >= MIN_REPLACED
+        case 0:
+            return typed[at:] == word[at : at + 2][::-1] + word[at + 2 :]
         case _:
-            return len(wrong) == 2 and wrong == right[::-1]
-
-
-def _shared(one: str, other: str) -> int:
-    """The number of letters with which both begin."""
-    return next((at for at, (a, b) in enumerate(zip(one, other, strict=False)) if a != b), min(len(one), len(other)))
+            return False

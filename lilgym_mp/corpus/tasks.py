@@ -7,6 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
+from sys import intern
 from typing import Any, cast, overload
 
 from lilgym_mp.corpus.faults import Fault, checked
@@ -72,10 +73,6 @@ class TaskSet(Sequence[Task]):
         index = self._indices.get(task.id)
         return index if index is not None and self._tasks[index] == task else None
 
-    def tags(self, task_id: object) -> tuple[str, ...]:
-        """The corpus's annotations of the task's statement, such as "unseen form"."""
-        return self.by_id(task_id).tags
-
     @overload
     def __getitem__(self, index: int) -> Task: ...
     @overload
@@ -105,45 +102,36 @@ class TaskReader:
         self._check_scene = APPEARANCES[appearance].check_scene
         self._faults = faults
         self._empty = self._check_scene(Scene.empty())
-        self._texts: dict[str, str] = {}
         self._programs: dict[str, Program | None] = {}
         self._boxes: dict[tuple[Item, ...], Box] = {}
         self._scenes: dict[tuple[tuple[Item, ...], ...], Scene] = {}
 
     def tasks(self, records: Iterable[Record], *, trusted: bool = False) -> Iterator[Task]:
-        """The tasks of the valid records. `trusted`: all are known to be valid and are not checked."""
-        found = map(self._trusted_task if trusted else self._checked_task, records)
+        """The tasks of the valid records. `trusted`: their programs are known to be valid and are not compiled."""
+        found = (self._task(record, trusted=trusted) for record in records)
         return (task for task in found if task is not None)
 
-    def _trusted_task(self, record: Record) -> Task:
-        name, statement, program, label = cast("tuple[Any, ...]", record[2:6])
-        start = self._scene(record.scene) if record.is_flipit else self._empty
-        return self._task(record, name, statement, program, start, label=label)
-
-    def _checked_task(self, record: Record) -> Task | None:
+    def _task(self, record: Record, *, trusted: bool) -> Task | None:
         faults, where = self._faults, record.where
         name = checked(faults, where, check_text, "id", record.id)
         statement = checked(faults, record.entry, check_prose, "statement", record.statement)
-        program = self._program(record)
+        source = checked(faults, record.entry, check_prose, "program", record.program)
+        program = None if source is None or trusted else self._program(source, record.entry)
         start, label = self._empty, False
         if record.is_flipit:
             label = checked(faults, where, _check_label, record.label)
             start = checked(faults, where, self._scene, record.scene)
             if program is not None and start is not None:
                 label = checked(faults, where, self._agreed, program, start, label)
-        if record.is_valid and name and statement and program and start and label is not None:
-            return self._task(record, name, statement, program.source, start, label=label)
+        if record.is_valid and name and statement and source and (program or trusted) and start and label is not None:
+            return Task(name, intern(statement), intern(source), not label, start, tags=record.tags)
         return None
 
-    def _task(self, record: Record, name: str, statement: str, program: str, start: Scene, *, label: bool) -> Task:
-        return Task(name, self._texts.setdefault(statement, statement), program, not label, start, tags=record.tags)
-
-    def _program(self, record: Record) -> Program | None:
+    def _program(self, source: str, where: str) -> Program | None:
         """The compiled program, evaluated once on the empty scene; None, and a fault, when it is invalid."""
-        source = checked(self._faults, record.entry, check_prose, "program", record.program)
-        if source is not None and source not in self._programs:
-            self._programs[source] = checked(self._faults, record.entry, self._compiled, source)
-        return None if source is None else self._programs[source]
+        if source not in self._programs:
+            self._programs[source] = checked(self._faults, where, self._compiled, source)
+        return self._programs[source]
 
     def _compiled(self, source: str) -> Program:
         try:

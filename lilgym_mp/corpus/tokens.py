@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import cast
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -33,13 +33,9 @@ class VocabularyError(ValueError):
     """An invalid vocabulary, token id or length."""
 
 
-def words(statement: str) -> list[str]:
-    """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
-    return list(_words(statement))
-
-
 @lru_cache(2**12)  # every new environment asks for those of its corpus
-def _words(statement: str) -> tuple[str, ...]:
+def words(statement: str) -> tuple[str, ...]:
+    """The statement's words and numbers in lower case, without punctuation except apostrophes inside words."""
     return tuple(_WORD.findall(statement.lower()))
 
 
@@ -109,13 +105,10 @@ class Vocabulary:
     def load(cls, path: str | os.PathLike[str]) -> Vocabulary:
         """Reads a vocabulary written by `save`. Raises VocabularyError naming the file and the fault."""
         try:
-            content: object = json.loads(Path(path).read_text(encoding="utf-8-sig"))
-        except (OSError, ValueError, RecursionError) as fault:
-            raise VocabularyError(f"{os.fspath(path)}: cannot be read: {fault}") from None
-        record = cast("dict[str, object]", content) if isinstance(content, dict) else {}
-        if record.get("format") != FORMAT or record.get("version") != VERSION:
-            raise VocabularyError(f"{os.fspath(path)}: must be a JSON object of format {FORMAT!r}, version {VERSION}")
-        listed = record.get("words")
-        if not isinstance(listed, list) or not all(isinstance(word, str) for word in cast("list[object]", listed)):
-            raise VocabularyError(f"{os.fspath(path)}: words must be a list of texts")
-        return cls(tuple(cast("list[str]", listed)))
+            content: Any = json.loads(Path(path).read_text(encoding="utf-8-sig"))
+            kind, listed = (content["format"], content["version"]), tuple(content["words"])
+        except (OSError, ValueError, RecursionError, TypeError, KeyError) as fault:
+            raise VocabularyError(f"{os.fspath(path)}: is no vocabulary that can be read: {fault!r}") from None
+        if kind != (FORMAT, VERSION) or not all(isinstance(word, str) for word in listed):
+            raise VocabularyError(f"{os.fspath(path)}: must have format {FORMAT!r}, version {VERSION}, texts as words")
+        return cls(listed)

@@ -106,7 +106,7 @@ class Recorder:
             episode,
             statement_seen=task.statement in self._training_statements,
             form_seen=statement_form(task.statement) in self._training_forms,
-            tags=self._tasks.tags(task.id),
+            tags=task.tags,
             optimal_actions=self._actions_to_success(task, task.start) if self._with_expert else None,
             actions_left=self._actions_to_success(task, visited[-1]) if is_wrong else None,
             decisions=self._judged(episode, task, visited),

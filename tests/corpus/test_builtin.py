@@ -59,7 +59,7 @@ def test_builtin__loads_like_a_validated_copy(appearance: str, start: str, tmp_p
     shipped = load_tasks("builtin", appearance, start, "dev")
     assert copy.provenance.sha256 != shipped.provenance.sha256
     assert tuple(copy) == tuple(shipped)
-    assert [copy.tags(task.id) for task in copy] == [shipped.tags(task.id) for task in shipped]
+    assert [task.tags for task in copy] == [task.tags for task in shipped]
 
 
 @pytest.mark.parametrize(("appearance", "split"), ALL_SPLITS)
@@ -67,7 +67,7 @@ def test_builtin__has_the_statements_and_programs_of_its_source(appearance: str,
     source = tomllib.loads(SOURCE.read_text(encoding="utf-8"))[appearance][split]
     tasks = load_tasks("builtin", appearance, "scratch", split)
     assert len(tasks) == SIZES[split]
-    hand_written = [(task.statement, task.program) for task in tasks if "hand-written" in tasks.tags(task.id)]
+    hand_written = [(task.statement, task.program) for task in tasks if "hand-written" in task.tags]
     assert hand_written == [(entry["statement"], entry["program"]) for entry in source]
 
 
@@ -88,10 +88,7 @@ def test_builtin__dev_and_test_tag_the_forms_seen_in_train(appearance: str, spli
     train = {statement_form(task.statement) for task in load_tasks("builtin", appearance, "scratch", "train")}
     tasks = load_tasks("builtin", appearance, "scratch", split)
     seen = [statement_form(task.statement) in train for task in tasks]
-    assert all(
-        ("seen form" if known else "unseen form") in tasks.tags(task.id)
-        for task, known in zip(tasks, seen, strict=True)
-    )
+    assert all(("seen form" if known else "unseen form") in task.tags for task, known in zip(tasks, seen, strict=True))
     assert 0.2 < sum(seen) / len(seen) < 0.8
 
 

@@ -107,11 +107,10 @@ def test_task_set__is_a_sequence_that_survives_pickling(tower_starts: TaskSet):
 def test_tags__apply_to_all_tasks_of_the_entry(entries: Entries, written: Writer):
     entries[0]["tags"] = ["easy", "level 1"]
     path = written(entries)
-    assert load_tasks(path, "tower", "scratch", "train").tags("blue") == ("easy", "level 1")
-    assert load_tasks(path, "tower", "flipit", "train").tags("blue-no") == ("easy", "level 1")
-    assert load_tasks(path, "tower", "flipit", "train").tags("pair-no") == ()
-    with pytest.raises(ValueError, match="no task 'bleu'"):
-        load_tasks(path, "tower", "scratch", "train").tags("bleu")
+    assert load_tasks(path, "tower", "scratch", "train").by_id("blue").tags == ("easy", "level 1")
+    flipit = load_tasks(path, "tower", "flipit", "train")
+    assert flipit.by_id("blue-no").tags == ("easy", "level 1")
+    assert flipit.by_id("pair-no").tags == ()
 
 
 def test_contexts__starts_of_one_statement_and_target_count_once(entries: Entries, written: Writer):

@@ -147,7 +147,7 @@ def test_database__keeps_the_players_name_and_whether_the_solution_was_shown(tmp
 
 def test_drawn_tasks__are_not_mistyped():
     tasks = load_tasks("builtin", "tower", "flipit", "dev")
-    mistyped = {task_id for task_id in tasks.ids if "mistyped" in tasks.tags(task_id)}
+    mistyped = {task.id for task in tasks if "mistyped" in task.tags}
     assert mistyped
     assert set(well_spelt_ids(tasks)) == set(tasks.ids) - mistyped
 

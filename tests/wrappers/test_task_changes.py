@@ -70,8 +70,8 @@ def test_changed_tasks__keep_their_tags():
     for start, change in (("flipit", with_permuted_boxes), ("scratch", matching_corpus)):
         tasks = load_tasks("builtin", "tower", start, "dev")
         changed = change(tasks)
-        assert any(tasks.tags(name) for name in tasks.ids)
-        assert all(changed.tags(name) == tasks.tags(name.split("@")[0]) for name in changed.ids)
+        assert any(task.tags for task in tasks)
+        assert all(task.tags == tasks.by_id(task.id.split("@")[0]).tags for task in changed)
 
 
 @pytest.mark.parametrize(("appearance", "distinct"), [("tower", 3904), ("scatter", 1878)])

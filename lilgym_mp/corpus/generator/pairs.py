@@ -48,11 +48,7 @@ def training_pairs(
     People differ over bare numbers: in a share `bound_share` of the pairs "two" can mean at least two, and "one of the
     boxes" exactly one. With 0 a statement always has the same meaning. Raises ValueError for an unknown appearance.
     """
-    templates = choose("appearance", appearance, TEMPLATES)
-    return _pairs(templates(random.Random(f"pairs {appearance} {seed}")), noise, bound_share)
-
-
-def _pairs(sampler: Statements, noise: bool, bound_share: float) -> Iterator[TrainingPair]:
+    sampler = choose("appearance", appearance, TEMPLATES)(random.Random(f"pairs {appearance} {seed}"))
     while True:
         sampler.style = replace(sampler.random_style(), bare_number_is_bound=sampler.chance(bound_share))
         statement, program = sampler.sample()
@@ -75,10 +71,6 @@ def statements(appearance: str, level: int, rng: random.Random) -> Iterator[Trai
     sampler = choose("appearance", appearance, TEMPLATES)(rng)
     if level not in LEVELS:
         raise ValueError(f"unknown level {level!r}; choose from {', '.join(map(str, LEVELS))}")
-    return _statements(sampler, level)
-
-
-def _statements(sampler: Statements, level: int) -> Iterator[TrainingPair]:
     while True:
         sampler.style = replace(sampler.random_style(), sloppy=False)
         text, program = sampler.sample()

@@ -25,7 +25,6 @@ COLOURS, SHAPES = ("yellow", "black", "blue"), ("circle", "square", "triangle")
 VALUES = {"color": COLOURS, "shape": SHAPES, "size": ("small", "medium", "big")}
 NUMBER_WORDS = ("zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 IRREGULAR_PLURALS = {"is": "are", "has": "have", "does": "do", "touches": "touch"}  # plurals of verbs
-DRAWN_SLOT = re.compile(r"\{\w+:")
 Option = TypeVar("Option")
 Slot = str | Callable[[bool], str]  # words, or what draws them given whether they are plural
 
@@ -147,17 +146,10 @@ def bound(test: str, variable: str) -> str:
     return re.sub(f"{HOLE}+", name, test)
 
 
-class Wording(NamedTuple):
-    """Alternative wordings; `is_drawn` if filling in a slot draws words."""
-
-    options: tuple[str, ...]
-    is_drawn: bool
-
-
 class PhraseBook(NamedTuple):
     """The words and weights of one appearance."""
 
-    wordings: Mapping[str, Wording]
+    wordings: Mapping[str, Sequence[str]]  # alternatives
     style: Mapping[str, Sequence[str]]  # words to choose a style's from
     statements: Sequence[str]  # the methods that make statements
     cumulative_weights: Sequence[float]  # theirs
@@ -172,31 +164,19 @@ def phrase_tables() -> dict[str, Any]:
 @cache
 def phrase_book(appearance: str) -> PhraseBook:
     own = phrase_tables()[appearance]
-    wordings = {
-        name: Wording(tuple(options), any(map(DRAWN_SLOT.search, options)))
-        for name, options in (phrase_tables()["common"] | own["wordings"]).items()
-    }
+    wordings = phrase_tables()["common"] | own["wordings"]
     style = {name: [word for word in counts for _ in range(counts[word])] for name, counts in own["style"].items()}
     statements: dict[str, float] = own["statements"]
     return PhraseBook(wordings, style, tuple(statements), tuple(accumulate(statements.values())), own["conditions"])
 
 
 class _Drawn(NamedTuple):
-    """A slot that draws words each time it is filled in: `{does:one}`, `{does:many}`."""
+    """A slot that draws words each time it is filled in: `{does:one}`, `{does:many}`, `{or:a|b}`."""
 
-    draw: Callable[[bool], str]
+    draw: Callable[[str], str]
 
-    def __format__(self, number: str) -> str:
-        return self.draw(number == "many")
-
-
-class _Or(NamedTuple):
-    """The slot `{or:a|b}`, which draws one of its words."""
-
-    choice: Callable[[Sequence[str]], str]
-
-    def __format__(self, options: str) -> str:
-        return self.choice(options.split("|"))
+    def __format__(self, choices: str) -> str:
+        return self.draw(choices)
 
 
 class Writer:
@@ -232,17 +212,11 @@ class Writer:
         return next(option for bound, option in options if draw < bound)
 
     def say(self, wording: str, **slots: Slot) -> str:
-        """One of the phrase book's wordings, its slots filled in.
-
-        Where slots draw words, all wordings are filled in, in order, before one is drawn.
-        """
-        options, is_drawn = self.book.wordings[wording]
-        if not is_drawn:
-            option = self.choice(options)
-            return option.format_map({**self.style.words, **slots}) if "{" in option else option
-        words: dict[str, object] = {**self.style.words, **slots, "or": _Or(self.choice)}
-        words |= {name: _Drawn(slot) for name, slot in slots.items() if not isinstance(slot, str)}
-        return self.choice([option.format_map(words) for option in options])
+        """One of the phrase book's wordings. All are filled in, in order, before one is drawn: slots may draw words."""
+        words: dict[str, object] = {**self.style.words, "or": _Drawn(lambda choices: self.choice(choices.split("|")))}
+        for name, slot in slots.items():
+            words[name] = slot if isinstance(slot, str) else _Drawn(lambda number, draw=slot: draw(number == "many"))
+        return self.choice([option.format_map(words) for option in self.book.wordings[wording]])
 
     def word(self, name: str) -> str:
         """The noun of the writer's style, "item", "items", "box" ..."""
