@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -43,6 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Runs a command line, by default that of this process, and returns its exit code."""
     if not _open_missing_streams():
         return _print_error(f"{PROGRAM}: standard output is closed; send it to a file or to {os.devnull}", FAILED)
+    if argv is None:  # this process is the command
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     name = PROGRAM
     try:
         args = parse_args(sys.argv[1:] if argv is None else argv)

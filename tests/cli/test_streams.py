@@ -60,23 +60,23 @@ def test_interrupt__converted_by_a_library_is_still_reported_as_interrupt(
     assert capsys.readouterr().err == "interrupted\n"
 
 
-@pytest.mark.parametrize("seconds", [0.05, 0.3])
-def test_interrupt__soon_after_the_start_prints_one_word(seconds: float, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("stop", "seconds"), [(signal.SIGINT, 0.05), (signal.SIGINT, 0.3), (signal.SIGTERM, 0.3)])
+def test_interrupt__soon_after_the_start_prints_one_word(stop: signal.Signals, seconds: float) -> None:
     program = "import sys; from lilgym_mp.cli import main; print('begun', flush=True); sys.exit(main())"
     command = [sys.executable, "-c", program, "bench", "--quick"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "begun\n"
         time.sleep(seconds)
-        output = _interrupted(process)
+        output = _interrupted(process, stop)
     assert process.returncode == INTERRUPTED
     assert "interrupted" in output
 
 
-def _interrupted(process: subprocess.Popen[str]) -> str:
+def _interrupted(process: subprocess.Popen[str], stop: signal.Signals) -> str:
     """What it prints on stderr when interrupted, a few times if need be: llvmlite's callbacks lose an interrupt."""
     for _ in range(5):
-        process.send_signal(signal.SIGINT)
+        process.send_signal(stop)
         with contextlib.suppress(subprocess.TimeoutExpired):
             return process.communicate(timeout=10)[1]
     process.kill()
