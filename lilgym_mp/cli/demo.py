@@ -1,26 +1,22 @@
 """Train two agents in about three minutes, and see what they do.
 
 Trains a parse-and-plan agent and an imitation agent on the builtin corpus, evaluates both on dev of TowerScratch,
-compares them with an untrained network, random policies and the expert, and writes films of their episodes.
+compares them with random policies and the expert, and writes films of their episodes.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from lilgym_mp.cli.experiment_plan import PlannedRun
-from lilgym_mp.cli.experiment_runs import RUNS, RunStatus, make_attempts, run_locally
+from lilgym_mp.cli.experiment_runs import EPISODES, RUNS, RunStatus, make_attempts, run_locally
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.evaluation import options
-from lilgym_mp.evaluation.files import OutputError, first_free_path, writable_directory, write_json, write_text
+from lilgym_mp.evaluation.episodes import read_episodes
+from lilgym_mp.evaluation.files import SUFFIX, OutputError, first_free_path, writable_directory
 from lilgym_mp.evaluation.film import film_grid
 from lilgym_mp.evaluation.options import CommandError, add_number, add_seed, check_at_least
-from lilgym_mp.evaluation.policies import NamedPolicy, built_in_policy
-from lilgym_mp.evaluation.report import results_json, results_text
-from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, training_statements
 from lilgym_mp.evaluation.terminal import Progress
 
 CONFIGURATION = "TowerScratch"
@@ -51,11 +47,7 @@ def run(args: argparse.Namespace) -> int:
         f" {CONFIGURATION}); no statement of {SPLIT} is in the training data"
     )
     _train(args, directory)
-    plan = EvaluationPlan(settings, SPLIT, args.seed)
-    named = _named_policies(directory, args.seed)
-    with Progress(plan.episodes * len(named), "episodes") as progress:
-        results = list(play_all(named, plan, training_statements(settings), lambda episode: progress.advance()))
-    _report(directory, plan, results)
+    _evaluate(args, directory)
     return 0
 
 
@@ -83,41 +75,25 @@ def _train(args: argparse.Namespace, directory: Path) -> None:
             raise CommandError(f"training {attempt.planned.name} failed: {attempt.error} (see {attempt.log})")
 
 
-def _named_policies(directory: Path, seed: int) -> list[NamedPolicy]:
-    import torch
+def _evaluate(args: argparse.Namespace, directory: Path) -> None:
+    """Plays dev with all policies, prints and records the results, and films the agents."""
+    from lilgym_mp.cli import parse_args
 
-    from lilgym_mp.learning.common.agents import open_agent
-    from lilgym_mp.learning.imitation.agent import ImitationAgent, make_network
-
-    torch.set_num_threads(1)
-    trained: list[NamedPolicy] = []
-    for name in (IMITATION, PARSE_AND_PLAN):
-        agent = open_agent(directory / RUNS / name, "cpu")
-        details = {"run": f"{RUNS}/{name}", "recipe": dict(agent.description.recipe)}
-        trained.append(NamedPolicy(name, agent.policy, agent.description.supervision, details=details))
-        if isinstance(agent, ImitationAgent):
-            torch.manual_seed(seed)
-            fresh = replace(agent, network=make_network(agent.description.details["network"]).eval())
-            trained.insert(0, NamedPolicy("untrained network", fresh.policy))
-    return [built_in_policy("random-type"), built_in_policy("random-legal"), *trained, built_in_policy("expert")]
-
-
-def _report(directory: Path, plan: EvaluationPlan, results: Sequence[Result]) -> None:
-    """Writes and prints the results."""
-    parser = directory / RUNS / PARSE_AND_PLAN
-    write_json(directory / "results.json", results_json(results, with_episodes=True))
-    text = f"{plan}\n\n{results_text(results)}"
-    write_text(directory / "results.txt", f"{text}\n")
-    films = {name: directory / f"{name}.gif" for name in (IMITATION, PARSE_AND_PLAN)}
-    for name, film in films.items():
-        (result,) = (result for result in results if result.name == name)
-        evenly_spaced = result.episodes[:: max(1, len(result.episodes) // FILMED)][:FILMED]
-        film_grid(film, plan.settings, plan.split, evenly_spaced, columns=2)
+    agents = {name: directory / RUNS / name for name in (PARSE_AND_PLAN, IMITATION)}
+    place = ["--record", str(directory / EPISODES), "--out", str(directory / "results.json")]
+    words = ["--policy", "random-type", "random-legal", "expert", "--configuration", CONFIGURATION, "--split", SPLIT]
+    evaluation = parse_args(["evaluate", *map(str, agents.values()), *words, *place, "--seed", str(args.seed)])
+    evaluation.run(evaluation)
+    recordings = [read_episodes(file) for file in (directory / EPISODES).glob(f"*{SUFFIX}")]
+    for name, run in agents.items():
+        (recording,) = (each for each in recordings if each.header.run == str(run))
+        evenly_spaced = recording.episodes[:: max(1, len(recording.episodes) // FILMED)][:FILMED]
+        film = directory / f"{name}.gif"
+        film_grid(film, EnvConfig(CONFIGURATION), SPLIT, evenly_spaced, columns=2)
+        print(f"film: {film}")
+    parser = agents[PARSE_AND_PLAN]
     print(
-        f"\n{text}\n\n"
-        f"results: {directory / 'results.txt'}, {directory / 'results.json'}\n"
-        f"films:   {', '.join(map(str, films.values()))}\n"
-        f"agents:  {parser}, {directory / RUNS / IMITATION}; evaluate and explain them on other tasks, such as:\n"
-        f"         lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test\n"
-        f"         lilgym-mp explain 'There is a blue block.' --agent {parser}"
+        "evaluate and explain the agents on other tasks, such as:\n"
+        f"  lilgym-mp evaluate {parser} --configuration ScatterFlipIt --split test\n"
+        f"  lilgym-mp explain 'There is a blue block.' --agent {parser}"
     )

@@ -45,7 +45,7 @@ from lilgym_mp.evaluation.policies import (
     built_in_policy,
 )
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import write_metadata
 from lilgym_mp.evaluation.report import results_json, results_text
 from lilgym_mp.evaluation.runs import EvaluationPlan, Result, play_all, playable, training_statements
 from lilgym_mp.evaluation.terminal import Progress
@@ -212,7 +212,7 @@ def _played(
     recorder = Recorder(plan.settings, plan.split, seen, **judging)
     for result in played:
         path = recorder.write(args.record, result)
-        RecordingMetadata.now(args.argv).write(path)
+        write_metadata(path, args.argv)
         print(f"episodes: {path}", flush=True)
         yield result
 

@@ -9,9 +9,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from lilgym_mp.evaluation.episodes import read_episodes
-from lilgym_mp.evaluation.files import SUFFIX
-
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
@@ -22,23 +19,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help="directories or files written by `evaluate --record` or `experiment`; run directories for training curves",
     )
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="directory of the report")
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="first play all recorded actions and compute the tasks' facts again; end at the first difference",
-    )
 
 
 def run(args: argparse.Namespace) -> int:
     from lilgym_mp.contrib.report import make_report
-    from lilgym_mp.contrib.report.writing import check_output
-    from lilgym_mp.evaluation.recording import check_recording
 
-    check_output(args.out)
-    if args.check:
-        files = [file for path in args.paths for file in (path.rglob(f"*{SUFFIX}") if path.is_dir() else [path])]
-        for file in sorted(files):
-            check_recording(read_episodes(file))
-        print(f"checked: {len(files)} recordings, every action played again")
     print(f"report: {make_report(args.paths, args.out)}")
     return 0

@@ -1,10 +1,9 @@
-"""Records evaluated episodes, with facts from their tasks, the training tasks and the expert; checks recordings."""
+"""Records evaluated episodes, with facts from their tasks, the training tasks and the expert."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -15,18 +14,16 @@ from lilgym_mp.corpus.tokens import statement_form
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.rules import Dynamics, Outcome, State
 from lilgym_mp.evaluation.decisions import Decision
-from lilgym_mp.evaluation.episodes import Episode, Header, Recording, scenes, write_episodes
-from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, writable_directory
+from lilgym_mp.evaluation.episodes import Episode, Header, scenes, write_episodes
+from lilgym_mp.evaluation.files import SUFFIX, writable_directory
 from lilgym_mp.evaluation.policies import GREEDY, NamedPolicy
 from lilgym_mp.evaluation.recording_metadata import software
 from lilgym_mp.evaluation.runs import Result
 from lilgym_mp.programs.task import Task
 from lilgym_mp.scene import Scene
-from lilgym_mp.scene.actions import ActionError
 from lilgym_mp.solver import Solver
 
 MAX_NAME_LENGTH = 90  # characters of a file's name without its suffix
-CHECKED = ("statement", "program", "target", "start", "outcome", "invalid_reason", "rewards")  # by `check_recording`
 
 
 def episodes_file(directory: Path, named: NamedPolicy, settings: EnvConfig, split: str, seed: int) -> Path:
@@ -133,43 +130,3 @@ class Recorder:
             solution = self._solver.solve_from(State(task, scene, 0))
             self._solution_lengths[key] = solution.steps if solution.solved else None
         return self._solution_lengths[key]
-
-
-def check_recording(recording: Recording) -> None:
-    """Raises EpisodesError naming the file and what is wrong, unless the actions lead to the results.
-
-    The tasks must be those of the installed corpus, each played as often as the header says; their actions are played
-    again. Not checked is what the episodes say of training data, the expert and the agent.
-    """
-    header, episodes = recording.header, recording.episodes
-    tasks, dynamics = header.settings.tasks(header.split), header.settings.dynamics()
-    if header.tasks_sha256 != tasks.provenance.sha256:
-        raise _error(recording, f"its tasks_sha256 is {header.tasks_sha256!r}, not {tasks.provenance.sha256!r}")
-    played = Counter(episode.task for episode in episodes)
-    for task_id in dict.fromkeys((*tasks.ids, *played)):
-        count = header.passes if task_id in tasks.ids else 0
-        if played[task_id] != count:
-            raise _error(recording, f"the task {task_id} must be played {count} times, not {played[task_id]}")
-    for index, episode in enumerate(episodes):
-        place = f"episode {index} ({episode.task})"
-        transition, state = None, dynamics.start(tasks.by_id(episode.task))
-        for step, action in enumerate(episode.actions):
-            try:
-                dynamics.appearance.encode(action)
-            except ActionError as error:
-                raise _error(recording, f"{place}: {error}") from None
-            if transition is not None and transition.outcome is not Outcome.CONTINUES:
-                raise _error(recording, f"{place}: ends after {step} actions when played again")
-            transition = dynamics.step(state, action)
-            state = transition.state
-        assert transition is not None, "an episode has at least one action"
-        reason = None if transition.invalid is None else str(transition.invalid)
-        again = Episode.of(state.task, episode.actions, transition.outcome, dynamics, invalid_reason=reason)
-        for name in CHECKED:
-            found, value = getattr(episode, name), getattr(again, name)
-            if found != value:
-                raise _error(recording, f"{place}: its {name} is {found!r:.80}, but {value!r:.80} when played again")
-
-
-def _error(recording: Recording, problem: str) -> EpisodesError:
-    return EpisodesError(f"{recording.path}: {problem}")

@@ -9,55 +9,45 @@ import json
 import platform
 import subprocess
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Self
+from typing import Any
 
 from lilgym_mp.envs.machine import usable_cores
-from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, checked, write_json
+from lilgym_mp.evaluation.files import SUFFIX, EpisodesError, write_json
 
 METADATA_SUFFIX = ".metadata.json"
-MAX_BYTES = 1 << 20  # bytes
 DISTRIBUTIONS = ("lilgym-mp", "numpy", "gymnasium", "pillow", "torch", "stable-baselines3", "sb3-contrib")
 MODIFIED_SUFFIX = " with changes"  # marks a commit with uncommitted changes
 
 
-@dataclass(frozen=True)
-class RecordingMetadata:
-    """When, by which command, with which code and on which machine a recording was made."""
+def metadata(argv: Sequence[str]) -> dict[str, Any]:
+    """Metadata of what this process makes now; `argv`: command line without the program's name.
 
-    date: str  # UTC, as 2026-01-31 23:59
-    command: str
-    commit: str | None  # commit of the checkout; None for an installed package
-    machine: str
-    software: dict[str, str]  # versions
+    The date is in UTC, the commit None for an installed package.
+    """
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M"),
+        "command": " ".join(["lilgym-mp", *argv]),
+        "commit": commit(),
+        "machine": machine(),
+        "software": software(),
+    }
 
-    @classmethod
-    def now(cls, argv: Sequence[str]) -> Self:
-        """Metadata of a recording made now by this process; `argv`: command line without the program's name."""
-        date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M")
-        return cls(date, " ".join(["lilgym-mp", *argv]), commit(), machine(), software())
 
-    def write(self, recording: Path) -> None:
-        write_json(_file(recording), asdict(self))
+def write_metadata(recording: Path, argv: Sequence[str]) -> None:
+    write_json(_file(recording), metadata(argv))
 
-    @classmethod
-    def read(cls, recording: Path) -> Self | None:
-        """The recording's metadata, None if there is no such file. Raises EpisodesError for a damaged one."""
-        file = _file(recording)
-        try:
-            if file.stat().st_size > MAX_BYTES:
-                raise EpisodesError(f"{file}: larger than {MAX_BYTES} bytes")
-            return checked(cls(**json.loads(file.read_text(encoding="utf-8"))))
-        except FileNotFoundError:
-            return None
-        except EpisodesError:
-            raise
-        except (OSError, ValueError, TypeError, AttributeError, RecursionError) as error:
-            raise EpisodesError(f"{file}: not valid metadata of a recording: {error}") from None
+
+def read_metadata(recording: Path) -> dict[str, Any]:
+    """The recording's metadata, empty if there is no such file. Raises EpisodesError for a damaged one."""
+    file = _file(recording)
+    try:
+        return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
+    except (OSError, ValueError, TypeError, RecursionError) as error:
+        raise EpisodesError(f"{file}: not valid metadata of a recording: {error}") from None
 
 
 def _file(recording: Path) -> Path:

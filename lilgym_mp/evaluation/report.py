@@ -100,7 +100,7 @@ def markdown_table(rows: Sequence[Sequence[str]]) -> str:
     return "\n".join(f"|{'|'.join(line)}|" for line in zip(*columns, strict=True))
 
 
-def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> dict[str, Any]:
+def results_json(results: Sequence[Result]) -> dict[str, Any]:
     """The settings, software versions and tasks of evaluations, and one row per result."""
     return {
         "format": FORMAT,
@@ -109,8 +109,5 @@ def results_json(results: Sequence[Result], *, with_episodes: bool = False) -> d
         "command": sys.argv,
         "software": software(),
         "trials": [plan.to_json() for plan in dict.fromkeys(result.plan for result in results)],
-        "results": [
-            {**result.to_json(), **({"episodes": [one.to_json() for one in result.episodes]} if with_episodes else {})}
-            for result in results
-        ],
+        "results": [result.to_json() for result in results],
     }

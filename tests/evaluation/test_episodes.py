@@ -16,17 +16,18 @@ import pytest
 from lilgym_mp.cli import main
 from lilgym_mp.contrib.report.phenomena import RULES, phenomena
 from lilgym_mp.corpus.tokens import statement_form
-from lilgym_mp.evaluation import Settings, recording_metadata
+from lilgym_mp.evaluation import CONFIGURATIONS, Settings, recording_metadata
 from lilgym_mp.evaluation.episodes import Recording, read_episodes, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX, EpisodesError
 from lilgym_mp.evaluation.policies import NamedPolicy, Observations, Policy, built_in_policy
 from lilgym_mp.evaluation.recording import Recorder, episodes_file
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.evaluation.runs import EvaluationPlan, play, training_statements
 from lilgym_mp.scene import Colour
 from lilgym_mp.scene.actions import AddBlock, Stop
 from tests.scripts import load_script
 
+RUNS = Path(__file__).parents[2] / "docs" / "results" / "runs.csv"
 TOWER = EvaluationPlan(Settings("TowerScratch"), "dev")
 STOP, ADD_BLUE_LEFT = 0, 3  # indices of Tower's actions
 
@@ -183,17 +184,26 @@ def test_recording_metadata__is_next_to_every_recording(tmp_path: Path):
     recordings = list(tmp_path.glob(f"*{SUFFIX}"))
     assert len(recordings) == 2
     for recording in recordings:
-        found = RecordingMetadata.read(recording)
-        assert found is not None
-        assert found.command == " ".join(["lilgym-mp", *words, str(tmp_path)])
-        assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d", found.date)
-        assert found.software["numpy"]
-        assert found.machine == recording_metadata.machine()
+        found = read_metadata(recording)
+        assert found["command"] == " ".join(["lilgym-mp", *words, str(tmp_path)])
+        assert re.fullmatch(r"\d{4}-\d\d-\d\d \d\d:\d\d", found["date"])
+        assert found["software"]["numpy"]
+        assert found["machine"] == recording_metadata.machine()
 
 
-def test_read__is_none_without_a_file_and_names_a_damaged_one(tmp_path: Path):
+def test_metadata__is_empty_without_a_file_and_names_a_damaged_one(tmp_path: Path):
     recording = tmp_path / f"a{SUFFIX}"
-    assert RecordingMetadata.read(recording) is None
-    (tmp_path / "a.metadata.json").write_text(json.dumps({"date": "today"}))
+    assert read_metadata(recording) == {}
+    (tmp_path / "a.metadata.json").write_text('{"date":')
     with pytest.raises(EpisodesError, match=r"a\.metadata\.json: not valid metadata of a recording"):
-        RecordingMetadata.read(recording)
+        read_metadata(recording)
+
+
+@pytest.mark.long
+def test_results__random_rows_have_the_published_digest(official_data: Path, tmp_path: Path):
+    configurations = [*("--configuration", *CONFIGURATIONS), *("--corpus", "lilgym", "--split", "dev", "--optimal")]
+    command = ["evaluate", "--policy", "random-legal", "random-type", "--passes", "5", "--record", str(tmp_path)]
+    assert main([*command, *configurations]) == 0
+    digest = load_script("digest_recordings").digest(tmp_path)
+    row = next(line for line in RUNS.read_text(encoding="utf-8").splitlines() if line.startswith('"8, 9"'))
+    assert row.endswith(digest)

@@ -17,7 +17,7 @@ from lilgym_mp.contrib.report.writing import chapters
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Episode, Header, write_episodes
 from lilgym_mp.evaluation.files import SUFFIX
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import METADATA_SUFFIX
 from lilgym_mp.learning.common.run_directory import FORMAT, VERSION
 from lilgym_mp.scene import Scene
 from lilgym_mp.scene.actions import Action, named
@@ -121,8 +121,7 @@ def write_example(directory: Path) -> None:
     """Three runs of an agent, one of another, the expert on two configurations, training runs."""
     for seed, kept in enumerate((EPISODES, EPISODES[2:], EPISODES[:2])):
         recording = written(directory, kept, training_seed=seed)
-        metadata = RecordingMetadata(f"2026-01-0{seed + 1} 10:00", "lilgym-mp evaluate x", "abc", "a processor", {})
-        metadata.write(recording)
+        recording.with_name(recording.name.removesuffix(SUFFIX) + METADATA_SUFFIX).write_text('{"commit": "abc"}')
     # The target is "no blue item": STOP is wrong before the removal and right after it.
     joined, nested = "We see a box with a circle and a blue square.", "We see a box with a square on a triangle."
     solved = replace(EPISODES[0], statement=joined, stop_probabilities=(0.1, 0.9))

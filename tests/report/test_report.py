@@ -143,10 +143,9 @@ def test_chapters__missing_items_say_why(tmp_path: Path):
     assert {
         "Figure 4",
         "Edits needed",
-        "Regret",
         "Calibration of STOP",
     } <= missing.keys()
-    assert "--optimal" in missing["Regret"].note
+    assert "--optimal" in missing["Edits needed"].note
 
 
 def digests(directory: Path) -> dict[str, str]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from lilgym_mp.contrib.report import paper
-from lilgym_mp.contrib.report.aggregation import Value, mean_where
-from lilgym_mp.contrib.report.breakdowns import NEEDS_EXPERT
+from lilgym_mp.contrib.report.aggregation import Value
 from lilgym_mp.contrib.report.charts import BarPanel, Line, bar_chart, film_strips, line_chart
 from lilgym_mp.contrib.report.items import Cell, Chart, Item, MissingItem, table
 from lilgym_mp.contrib.report.report_data import AgentResults, ReportData
@@ -131,33 +130,6 @@ def stop_would_succeed(settings: Settings, episode: Episode) -> list[bool]:
     program = compile_program(episode.program)
     visited = scenes(settings.dynamics(), episode.start, episode.actions)[:-1]
     return [program(scene) == episode.target for scene in visited]
-
-
-def regret(data: ReportData) -> Iterator[Item]:
-    """Extra actions of successes compared with the expert, and the share of optimal episodes."""
-    title = f"Extra actions compared with the expert on {data.main_split}"
-    entries = [entry for configuration in data.configurations for entry in data.of(configuration)]
-    rows = [[entry.agent, entry.configuration, *_regret(entry)] for entry in entries if entry.header.expert]
-    if not rows:
-        yield MissingItem("Regret", title, NEEDS_EXPERT)
-        return
-    note = "Compared with the expert's shortest solutions; in Scatter it may miss shorter ones."
-    columns = ("agent", "configuration", "extra actions of a success", "successes optimal (%)", "episodes optimal (%)")
-    yield table("Regret", title, columns, rows, note)
-
-
-def _regret(entry: AgentResults) -> Sequence[Cell]:
-    def solved(episode: Episode) -> bool:
-        return episode.is_success and episode.optimal_actions is not None
-
-    def extra(episode: Episode) -> int:
-        return len(episode.actions) - (episode.optimal_actions or 0)
-
-    def optimal(episode: Episode) -> float:
-        return 100.0 * (solved(episode) and extra(episode) <= 0)
-
-    means = ((extra, solved), (optimal, solved), (optimal, None))
-    return [mean_where(entry.runs, value, predicate) for value, predicate in means]
 
 
 def failures(data: ReportData) -> Iterator[Item]:

@@ -16,7 +16,7 @@ from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.episodes import Episode, Header, Recording, read_episodes
 from lilgym_mp.evaluation.files import MAX_NUMBER, SUFFIX
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import read_metadata
 from lilgym_mp.learning.common.run_directory import EVALUATIONS_FILE, PROGRESS_FILE, RUN_FILE, begin_run
 
 SHARED_SETTINGS = tuple(EnvConfig.settings())  # must be equal in all recordings of a report
@@ -36,7 +36,7 @@ class AgentResults:
     configuration: str
     split: str
     runs: tuple[Recording, ...]
-    metadata: tuple[RecordingMetadata, ...] = ()  # of the recordings that have any
+    commits: tuple[str, ...] = ()  # of the code that played, as far as known
 
     @property
     def header(self) -> Header:
@@ -177,8 +177,8 @@ def _entries(recordings: Sequence[Recording]) -> Iterator[AgentResults]:
     for (label, configuration, split), runs in groups.items():
         runs.sort(key=lambda run: (run.header.training_seed or 0, run.header.seed))
         _check_seeds(runs)
-        metadata = tuple(made for run in runs if (made := RecordingMetadata.read(run.path)) is not None)
-        yield AgentResults(label, configuration, split, tuple(runs), metadata)
+        commits = [str(commit) for run in runs if (commit := read_metadata(run.path).get("commit"))]
+        yield AgentResults(label, configuration, split, tuple(runs), tuple(dict.fromkeys(commits)))
 
 
 def _check_seeds(runs: Sequence[Recording]) -> None:

@@ -97,7 +97,7 @@ def _basis_row(entry: AgentResults) -> list[Cell]:
         *(header.start_scenes, header.contexts, sum(one.episodes for one in headers), header.actions),
         *("yes" if header.mask else "no", None if steps is None else round(steps), mean_of("cpu_minutes")),
         *(header.supervision, header.tasks_sha256[:10]),
-        ", ".join(dict.fromkeys(one.commit for one in entry.metadata if one.commit)) or None,
+        ", ".join(entry.commits) or None,
     ]
 
 

@@ -23,7 +23,7 @@ CHAPTERS: Mapping[str, Sequence[Callable[[ReportData], Iterable[Item]]]] = {
     "Comparison of agents": (results.paired_tests,),
     "Behaviour": (behaviour.figures_6_and_9, behaviour.errors),
     "Language": (breakdowns.by_phenomenon, breakdowns.by_novelty),
-    "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration, behaviour.regret),
+    "Difficulty and stopping": (breakdowns.by_edits, behaviour.calibration),
     "Failures": (behaviour.failures,),
 }
 PAGE_FILE = "index.html"

@@ -15,12 +15,12 @@ import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lilgym_mp.evaluation.files import writable_directory, write_atomically, write_json
-from lilgym_mp.evaluation.recording_metadata import RecordingMetadata
+from lilgym_mp.evaluation.recording_metadata import metadata
 
 if TYPE_CHECKING:
     import torch
@@ -111,7 +111,7 @@ def begin_run(path: Path, identity: Mapping[str, Any], *, resume: bool = False) 
     if file.exists():
         raise TrainingRunError(f"{path} already holds a run; continue it with --resume, or choose another directory")
     command = " ".join([Path(sys.argv[0]).name, *sys.argv[1:]])
-    run = RunDirectory(path, dict(identity), {}, made={**asdict(RecordingMetadata.now(())), "command": command})
+    run = RunDirectory(path, dict(identity), {}, made={**metadata(()), "command": command})
     run.remember()
     return run
 
