@@ -7,7 +7,6 @@ with programs and explore a corpus. All data stay on this machine; Ctrl-C stops 
 from __future__ import annotations
 
 import argparse
-import errno
 import ipaddress
 import re
 import secrets
@@ -80,15 +79,11 @@ def _listen(host: str, port: int) -> socket.socket:
         raise CommandError(f"--port must be in 0 .. 65535, not {port}")
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-    except socket.gaierror as error:
-        raise CommandError(f"--host {host}: {error.strerror}") from None
-    try:
         is_dual = family == socket.AF_INET6 and socket.has_dualstack_ipv6()
         return socket.create_server(address, family=family, backlog=2048, dualstack_ipv6=is_dual)
     except OSError as error:
-        if error.errno == errno.EADDRINUSE:
-            raise CommandError(f"port {port} is in use; choose another with --port, or 0 for any free one") from None
-        raise CommandError(f"cannot listen on {host}, port {port}: {error.strerror}") from None
+        reason = f"{str(error.strerror).partition(' (')[0]}; choose another with --port, or 0 for any free one"
+        raise CommandError(f"cannot listen on {host}, port {port}: {reason}") from None
 
 
 def _link(host: str, port: int, token: str | None) -> str:

@@ -200,21 +200,19 @@ def test_legal__equals_the_agents_mask(browser: Browser):
 
 
 @pytest.mark.parametrize(
-    ("action", "own_actions", "status", "said"),
+    ("action", "own_actions", "said"),
     [
-        ("ADD(LEFT, PINK)", 0, 422, "is not an action"),
-        ("ADD(3, 4, CIRCLE, BLACK, LARGE)", 0, 422, "not an action of tower"),
-        ("REMOVE(LEFT)", 0, 409, "not legal now; nothing was done"),
-        ("ADD(LEFT, BLUE)", 5, 409, "you have acted since"),
+        ("ADD(LEFT, PINK)", 0, "not legal now; nothing was done"),
+        ("ADD(3, 4, CIRCLE, BLACK, LARGE)", 0, "not legal now; nothing was done"),
+        ("REMOVE(LEFT)", 0, "not legal now; nothing was done"),
+        ("ADD(LEFT, BLUE)", 5, "you have acted since"),
     ],
 )
-def test_action__invalid_is_refused_and_changes_nothing(
-    browser: Browser, action: str, own_actions: int, status: int, said: str
-):
+def test_action__invalid_is_refused_and_changes_nothing(browser: Browser, action: str, own_actions: int, said: str):
     made = begin(browser, proposer="person", verifier="oracle")
     before = seat(browser, made["proposer"])
     response = act(browser, made["proposer"], action, own_actions)
-    assert response.status_code == status
+    assert response.status_code == 409
     assert said in response.json()["message"]
     assert seat(browser, made["proposer"]) == before
 
@@ -223,8 +221,7 @@ def test_action__out_of_turn_is_refused(browser: Browser):
     made = begin(browser, proposer="person", verifier="person")
     assert act(browser, made["verifier"], "accept").status_code == 409
     assert act(browser, made["proposer"], "ADD(LEFT, BLUE)").status_code == 200
-    response = act(browser, made["verifier"], "perhaps")
-    assert (response.status_code, "choose from reject, accept" in response.json()["message"]) == (422, True)
+    assert act(browser, made["verifier"], "perhaps").status_code == 409
 
 
 @pytest.mark.parametrize(
@@ -287,9 +284,6 @@ def test_agent_of_the_game__plays_its_own_protocol(browser: Browser, tmp_path: P
 
 
 def test_games__are_limited_in_number(browser: Browser, monkeypatch: pytest.MonkeyPatch):
-    keys = [begin(browser)["proposer"] for _ in range(live_games.MAX_GAMES_PER_VISITOR + 2)]
-    found = [browser.get(f"{SEATS}/{key}").status_code for key in keys]
-    assert found == [404, 404] + [200] * live_games.MAX_GAMES_PER_VISITOR
-    monkeypatch.setattr(live_games, "MAX_GAMES", 5)
-    begin(Browser(browser.app))
-    assert len(browser.app.state.services.games.games) == 5
+    monkeypatch.setattr(live_games, "MAX_SEATS", 5)
+    keys = [begin(browser)["proposer"] for _ in range(7)]
+    assert [browser.get(f"{SEATS}/{key}").status_code for key in keys] == [404, 404, *[200] * 5]

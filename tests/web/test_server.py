@@ -21,16 +21,14 @@ from tests.web.web_app import Browser, server
 httpx = pytest.importorskip("httpx")
 
 
-def test_pages__set_a_strict_policy_and_an_http_only_cookie(app: Any):
+def test_pages__set_a_strict_policy_and_no_cookie(app: Any):
     response = Browser(app).get("/")
     assert response.status_code == 200
     policy = response.headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
     assert response.headers["x-content-type-options"] == "nosniff"
-    cookie = response.headers["set-cookie"]
-    assert "HttpOnly" in cookie
-    assert "SameSite=Lax" in cookie
+    assert "set-cookie" not in response.headers
 
 
 def test_errors__are_json_under_api_and_html_elsewhere(app: Any):
@@ -62,12 +60,6 @@ def test_csrf__a_request_from_a_page_of_another_server_is_refused(app: Any, head
     assert Browser(app).post(CHECK, EMPTY, headers=headers).status_code == status
 
 
-def test_visitor__a_cookie_that_is_no_id_is_replaced(app: Any):
-    browser = Browser(app)
-    answer = browser.get("/", headers={"Cookie": "lilgym_visitor=guess"})
-    assert len(answer.cookies["lilgym_visitor"]) == 43
-
-
 def test_hosts__an_unknown_host_name_is_refused(app: Any):
     response = Browser(app).get("/", headers={"Host": "elsewhere.example"})
     assert response.status_code == 400
@@ -75,7 +67,7 @@ def test_hosts__an_unknown_host_name_is_refused(app: Any):
 
 
 @pytest.mark.parametrize("has_content_length", [True, False])
-def test_size__a_large_body_is_refused_by_header_and_by_received_bytes(app: Any, has_content_length: bool):
+def test_size__a_body_that_is_large_or_without_a_length_is_refused(app: Any, has_content_length: bool):
     body = b"x" * 10_000_000
     content: Any = body if has_content_length else iter([body[:100_000]] * 100)
     response = Browser(app).post("/api/annotate/check", content=content)
@@ -111,8 +103,8 @@ def test_token__is_needed_for_every_page_and_kept_in_a_cookie(tmp_path: Path):
         answer = browser.get(f"/explore?split=dev&token={TOKEN}", follow_redirects=False)
         assert (answer.status_code, answer.headers["location"]) == (303, "/explore?split=dev")
         cookie = next(line for line in answer.headers.get_list("set-cookie") if line.startswith("lilgym_token="))
-        assert "HttpOnly; SameSite=Lax" in cookie
-        assert TOKEN not in cookie
+        assert "HttpOnly" in cookie
+        assert "SameSite=lax" in cookie
         assert browser.get("/").status_code == 200
         assert browser.post(CHECK, EMPTY).status_code == 200
 
@@ -198,7 +190,7 @@ def hold_lock(place: Path) -> sqlite3.Connection:
         ("--runs", "{}/none", None, "there is no such directory"),
         ("--database", "{}/none/web.sqlite3", None, "none/web.sqlite3: unable to open database file"),
         ("--database", "{}/held", lambda place: hold_lock(place / "held"), "held: it is locked by another program"),
-        ("--port", "{port}", lambda _: socket.create_server(("127.0.0.1", 0)), "is in use; choose another with"),
+        ("--port", "{port}", lambda _: socket.create_server(("127.0.0.1", 0)), "already in use; choose another"),
         ("--port", "99999", None, "must be in 0 .. 65535, not 99999"),
     ],
 )

@@ -42,7 +42,4 @@ def server(directory: Path, **options: Any) -> Iterator[Any]:
     """The application, with a database in the directory."""
     app = create_app(ServeOptions(**{"database": directory / "web.sqlite3", **options}))
     with start_blocking_portal() as app.state.portal:  # one event loop, where clients would start one per request
-        try:
-            yield app
-        finally:
-            app.state.services.runs.close()
+        yield app

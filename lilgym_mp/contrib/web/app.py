@@ -2,43 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import AsyncGenerator
-from contextlib import asynccontextmanager
+from functools import partial
 from pathlib import Path
 
 from fastapi import FastAPI
+from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.staticfiles import StaticFiles
 
 from lilgym_mp import __version__
 from lilgym_mp.contrib.web.app_services import AppServices, ServeOptions
 from lilgym_mp.contrib.web.responses import add_error_handlers
 from lilgym_mp.contrib.web.routes import ROUTERS
-from lilgym_mp.contrib.web.security import Guard
+from lilgym_mp.contrib.web.security import guard
 
 ASSETS = Path(__file__).parent / "assets"
 
 
 def create_app(options: ServeOptions) -> FastAPI:
     """Raises DatabaseError for an unusable database, CorpusError for an unusable corpus."""
-    services = AppServices(options)
-
-    @asynccontextmanager
-    async def lifespan(_: FastAPI) -> AsyncGenerator[None]:
-        yield
-        services.runs.close()
-
     app = FastAPI(
         title="lilgym-mp",
         version=__version__,
         description="JSON API behind the pages of `lilgym-mp serve`.",
-        lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
     )
-    app.state.services = services
+    app.state.services = AppServices(options)
     for router in ROUTERS:
         app.include_router(router)
     app.mount("/assets", StaticFiles(directory=ASSETS), name="assets")
     add_error_handlers(app)
-    app.add_middleware(Guard, options)
+    app.add_middleware(BaseHTTPMiddleware, dispatch=partial(guard, options))
     return app

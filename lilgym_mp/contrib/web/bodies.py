@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from PIL import Image
-from pydantic import AfterValidator, StringConstraints
+from pydantic import StringConstraints
 
 from lilgym_mp.corpus.records import SPLITS
 from lilgym_mp.envs.proposer_verifier import PRESETS, PROTOCOLS
@@ -32,14 +32,7 @@ JSON = dict[str, Any]
 """Part of a response."""
 
 
-def storable(text: str) -> str:
-    """The text unchanged. Raises ValueError for NUL characters and lone surrogates, which databases reject."""
-    if "\0" in text or any("\ud800" <= character <= "\udfff" for character in text):
-        raise ValueError("contains a character that cannot be stored")
-    return text
-
-
-Name = Annotated[str, StringConstraints(max_length=200), AfterValidator(storable)]
+Name = Annotated[str, StringConstraints(max_length=200)]
 RandomId = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 
 if TYPE_CHECKING:  # type checkers know no literals made of tables

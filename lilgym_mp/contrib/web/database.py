@@ -28,8 +28,7 @@ def now() -> str:
 class PlayedEpisode:
     """An episode played in a browser; its MDP state is rebuilt by replaying the actions."""
 
-    id: str
-    visitor: str  # id of the browser
+    id: str  # a secret of who plays it
     player: str  # a name, if one was given
     corpus: str
     configuration: str
@@ -49,8 +48,9 @@ ANNOTATION_COLUMNS = (
     *("name", "corpus", "appearance", "split", "statement_id", "statement", "program"),
     *("accepted", "comment", "created"),  # accepted: agrees with all labels, those of the hidden scenes included
 )
+EPISODE_COLUMNS = [column.name for column in fields(PlayedEpisode)]
 _TABLES = {
-    "played_episodes": ["id PRIMARY KEY", *(column.name for column in fields(PlayedEpisode)[1:])],
+    "played_episodes": ["id PRIMARY KEY", *EPISODE_COLUMNS[1:]],
     "annotations": ["id INTEGER PRIMARY KEY", *ANNOTATION_COLUMNS],
 }
 
@@ -98,11 +98,10 @@ def save_episode(connection: sqlite3.Connection, episode: PlayedEpisode) -> None
     save_row(connection, "played_episodes", row)
 
 
-def find_episode(connection: sqlite3.Connection, episode_id: str, visitor: str) -> PlayedEpisode | None:
-    """The visitor's episode with that id, if there is one."""
-    found = connection.execute(
-        "SELECT * FROM played_episodes WHERE id=? AND visitor=?", (episode_id, visitor)
-    ).fetchone()
+def find_episode(connection: sqlite3.Connection, episode_id: str) -> PlayedEpisode | None:
+    """The episode with that id, if there is one."""
+    query = f"SELECT {', '.join(EPISODE_COLUMNS)} FROM played_episodes WHERE id=?"
+    found = connection.execute(query, (episode_id,)).fetchone()
     if found is None:
         return None
     flags = {name: bool(found[name]) for name in ("strict", "shown_solution")}

@@ -14,9 +14,7 @@ from lilgym_mp.envs.proposer_verifier import Partner, PartnerError, PartnerTurn,
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.partners import partner_action
 
-MAX_GAMES = 300  # beyond that the least recently used game is dropped
-MAX_GAMES_PER_VISITOR = 10
-MAX_PARTNER_TURNS = 500  # turns in a row without a person's action
+MAX_SEATS = 300  # beyond that the least recently used seat is dropped
 
 
 @dataclass(eq=False)
@@ -26,7 +24,6 @@ class LiveGame:
     Pairs are indexed by Role.
     """
 
-    visitor: str  # who started it
     engine: GameEngine
     partners: tuple[Partner | None, Partner | None]  # None: a person
     opposite: tuple[str, str]  # name of the other seat's player
@@ -50,10 +47,7 @@ class LiveGame:
     def advance(self) -> None:
         """Plays turns until a person must act or the game is over. Responds with 422 if a partner cannot play."""
         try:
-            for _ in range(MAX_PARTNER_TURNS):
-                movers = self.engine.movers
-                if not movers or any(self._choose(role) is None for role in movers):
-                    return
+            while (movers := self.engine.movers) and all(self._choose(role) is not None for role in movers):
                 proposer, verifier = (self.chosen[role] if role in movers else None for role in Role)
                 result = self.engine.step(proposer, verifier)
                 self.chosen = [None, None]
@@ -70,30 +64,25 @@ class LiveGame:
 
 
 class LiveGames:
-    """Games in progress, by seat key; limited in number."""
+    """Seats in games by key, the least recently used first; limited in number."""
 
     def __init__(self) -> None:
-        self._seats: dict[str, tuple[LiveGame, Role]] = {}
-        self.games: dict[LiveGame, None] = {}  # the least recently used first
+        self.seats: dict[str, tuple[LiveGame, Role]] = {}
         self._lock = threading.Lock()
 
     def add(self, game: LiveGame, roles: Iterable[Role]) -> dict[Role, str]:
-        """Adds a game, dropping old ones beyond the limits; returns a new key for each of the roles."""
+        """Adds a game, dropping old seats beyond the limit; returns a new key for each of the roles."""
         keys = {role: secrets.token_urlsafe(18) for role in roles}
         with self._lock:
-            self.games[game] = None
-            own = [other for other in self.games if other.visitor == game.visitor]
-            for dropped in {*own[:-MAX_GAMES_PER_VISITOR], *list(self.games)[:-MAX_GAMES]}:
-                del self.games[dropped]
-            kept = {key: seat for key, seat in self._seats.items() if seat[0] in self.games}
-            self._seats = kept | {key: (game, role) for role, key in keys.items()}
+            self.seats |= {key: (game, role) for role, key in keys.items()}
+            for dropped in list(self.seats)[:-MAX_SEATS]:
+                del self.seats[dropped]
         return keys
 
     def find(self, key: str) -> tuple[LiveGame, Role]:
         """The game and role of a seat. Responds with 404 for an unknown key."""
         with self._lock:
-            if key not in self._seats:
+            if key not in self.seats:
                 raise HTTPException(404, "there is no such seat: its game is too old, or the server was restarted")
-            game = self._seats[key][0]
-            self.games[game] = self.games.pop(game)
-            return self._seats[key]
+            seat = self.seats[key] = self.seats.pop(key)
+            return seat

@@ -27,7 +27,6 @@ from lilgym_mp.solver.solver import UnsupportedAppearance
 LOGGER = logging.getLogger(__name__)
 STATUSES = {ActionError: 422, ProgramError: 422, CorpusError: 404, UnsupportedAppearance: 404}
 """Exceptions that routes let pass, with the status of the response; the message is theirs."""
-MAX_FIELD_ERRORS = 10  # validation errors reported in one response
 # Path, title, description, and whether it is in the bar of every page or on the start page alone.
 NAVIGATION = [
     ("/play", "Play", "Solve tasks yourself, by mouse or keyboard, and see how the expert does it.", True),
@@ -104,8 +103,8 @@ def _respond(request: Request, fault: Any) -> Response:
         status, message = fault.status_code, str(fault.detail)
         message = said.get(status, message) if message == default else message
     elif isinstance(fault, RequestValidationError):
-        errors = fault.errors()[:MAX_FIELD_ERRORS]
-        status, message = 422, "; ".join(f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in errors)
+        errors = (f"{'.'.join(map(str, error['loc']))}: {error['msg']}" for error in fault.errors())
+        status, message = 422, "; ".join(errors)
     elif isinstance(fault, sqlite3.OperationalError):
         LOGGER.error("database: %s", fault)
         status, message = 503, "the database is not responding; nothing was saved: try again"

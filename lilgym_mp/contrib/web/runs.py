@@ -5,8 +5,10 @@ No part of a request is ever joined to a path: ids are looked up among the files
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import os
+import shutil
 import tempfile
 from contextlib import suppress
 from functools import lru_cache
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from fastapi import HTTPException
 
-from lilgym_mp.contrib.web.responses import refusing
+from lilgym_mp.contrib.web.responses import LOGGER, refusing
 from lilgym_mp.envs.proposer_verifier import Partner, Role
 from lilgym_mp.evaluation import Settings
 from lilgym_mp.evaluation.episodes import Header, Recording, read_episodes, read_header
@@ -44,14 +46,6 @@ class FoundFile(NamedTuple):
     stamp: tuple[int, int]  # modification time in ns and size; a change invalidates cache entries
 
 
-class RecordingFile(NamedTuple):
-    """A file of recorded episodes; `fault` says why its header cannot be read."""
-
-    file: FoundFile
-    header: Header | None
-    fault: str | None
-
-
 class Runs:
     """Lists the directory on every call, so new and changed files appear without a restart; caches their content.
 
@@ -60,16 +54,14 @@ class Runs:
 
     def __init__(self, directory: Path | None) -> None:
         self.directory = directory
-        self._own = tempfile.TemporaryDirectory(prefix="lilgym-mp-")
-        self.requested = Path(self._own.name)  # recordings made on request in the browser; they end with the server
+        self.requested = Path(tempfile.mkdtemp(prefix="lilgym-mp-"))  # recordings made on request in the browser
+        atexit.register(shutil.rmtree, self.requested, ignore_errors=True)
         self._agent = lru_cache(AGENT_CACHE_SIZE)(self._load)
 
-    def close(self) -> None:
-        self._own.cleanup()
-
-    def recordings(self) -> list[RecordingFile]:
-        """Every recording, sorted by name; damaged ones are included with their fault."""
-        return [_described(file) for file in self._find(f"*{SUFFIX}").values()]
+    def recordings(self) -> dict[FoundFile, Header]:
+        """Every recording with its header, sorted by name; damaged ones are left out, and logged."""
+        files = self._find(f"*{SUFFIX}").values()
+        return {file: header for file in files if (header := _header(file)) is not None}
 
     def read(self, recording_id: str) -> Recording:
         """The recording with that id. Responds with 404 if there is none, 422 if it is unreadable."""
@@ -79,7 +71,7 @@ class Runs:
         try:
             return _read(file)
         except EpisodesError as fault:
-            raise HTTPException(422, _without_path(fault, file)) from None
+            raise HTTPException(422, str(fault).replace(str(file.path), file.name)) from None
 
     def agents(self) -> dict[str, str]:
         """Names of agents to display, by form value."""
@@ -137,18 +129,14 @@ def _find(directory: Path, pattern: str) -> dict[str, FoundFile]:
 
 
 @lru_cache(maxsize=MAX_FILES)
-def _described(file: FoundFile) -> RecordingFile:
+def _header(file: FoundFile) -> Header | None:
     try:
-        header = read_header(file.path)
-    except EpisodesError as error:
-        return RecordingFile(file, None, _without_path(error, file))
-    return RecordingFile(file, header, None if header else "its first line is not the header of a recording")
+        return read_header(file.path)
+    except EpisodesError as fault:
+        LOGGER.warning("%s", fault)
+        return None
 
 
 @lru_cache(maxsize=RECORDING_CACHE_SIZE)
 def _read(file: FoundFile) -> Recording:
     return read_episodes(file.path)
-
-
-def _without_path(fault: EpisodesError, file: FoundFile) -> str:
-    return str(fault).replace(str(file.path), file.name)

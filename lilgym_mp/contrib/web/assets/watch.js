@@ -85,19 +85,23 @@ class Side {
       button.setAttribute("aria-current", "step");
       this.strip.scrollLeft = button.offsetLeft - this.strip.offsetLeft - 60;
     });
-    const cells = shown.decision && showsHeat ? shown.decision.cells : [];
-    this.heat.replaceChildren(this.mask(), svg("g", { mask: `url(#${this.maskId})` }, ...cells.map((cell) => this.overlay(cell))));
+    const cells = shown.decision && showsHeat ? [...shown.decision.add_cells, ...shown.decision.remove_cells] : [];
+    const shares = new Map();
+    for (const [cell, share] of cells) shares.set(cell, (shares.get(cell) || 0) + share);
+    const overlays = [...shares].map(([cell, share]) => this.overlay(cell, share));
+    this.heat.replaceChildren(this.mask(), svg("g", { mask: `url(#${this.maskId})` }, ...overlays));
     this.predictions.replaceChildren(...(shown.action ? this.decision(shown) : []));
   }
 
   /** The more probable an action in the cell, the more opaque. */
-  overlay(cell) {
+  overlay(cell, share) {
     const [columns, rows] = this.episode.grid;
-    const opacity = 0.6 * Math.sqrt(Math.min(1, cell.add + cell.remove));
+    const [column, row] = [Math.floor(cell / rows), cell % rows];
+    const opacity = 0.6 * Math.sqrt(Math.min(1, share));
     const looks = { opacity, fill: "#d6006c" };
-    if (columns === 3) return svg("rect", { x: cell.column * 140, y: 0, width: 100, height: 100, ...looks });
+    if (columns === 3) return svg("rect", { x: column * 140, y: 0, width: 100, height: 100, ...looks });
     const [width, height] = [IMAGE_WIDTH / columns, IMAGE_HEIGHT / rows];
-    return svg("rect", { x: cell.column * width, y: cell.row * height, width, height, ...looks });
+    return svg("rect", { x: column * width, y: row * height, width, height, ...looks });
   }
 
   /** Hides the heat map where items are, so that it changes no item's colour. */
@@ -111,8 +115,8 @@ class Side {
   decision({ action, decision }) {
     const command = element("code", {}, "lilgym-mp evaluate AGENT --record DIR --record-decisions");
     if (!decision) return [element("p", { class: "notice" }, "The agent's predictions were not recorded. Record them with ", command)];
-    const kinds = ["STOP", "ADD", "REMOVE"].map((kind) => bar(kind, decision[kind.toLowerCase()], action.startsWith(kind)));
-    const likeliest = Object.entries(decision.likeliest).map(([name, share]) => bar(name, share, name === action));
+    const kinds = ["STOP", "ADD", "REMOVE"].map((kind, index) => bar(kind, decision.types[index], action.startsWith(kind)));
+    const likeliest = decision.likeliest.map(([name, share]) => bar(name, share, name === action));
     const parts = [barList("Type of action", kinds), barList("Likeliest actions", likeliest)];
     const readings = Object.entries(decision.programs);
     const holds = (program) => decision.satisfied.includes(program);
@@ -125,7 +129,8 @@ class Side {
       const notes = decision.notes.map((note) => element("p", { class: "notice" }, note));
       parts.push(element("div", {}, element("h3", {}, "About the statement"), ...notes));
     }
-    const legal = `${decision.legal_stop} STOP, ${decision.legal_add} ADD, ${decision.legal_remove} REMOVE`;
+    const [stops, adds, removes] = decision.legal;
+    const legal = `${stops} STOP, ${adds} ADD, ${removes} REMOVE`;
     const optimal = decision.optimal ? "yes" : "no";
     const known = facts({
       "Satisfied readings": readings.length ? `${percent(satisfied)} of the probability` : null,
@@ -274,10 +279,7 @@ async function nextEpisode(by) {
 /** Lists the recordings and opens the one with the id, or the one that the URL names, or the first. */
 async function start(id = null) {
   const found = await request("GET", "/api/watch/recordings");
-  const readable = found.recordings.filter((line) => !line.fault);
-  const faulty = found.recordings.filter((line) => line.fault);
-  byId("faulty").hidden = !faulty.length;
-  byId("fault-list").replaceChildren(...faulty.map((line) => element("li", {}, `${line.name}: ${line.fault}`)));
+  const readable = found.recordings;
   byId("nothing").hidden = readable.length > 0;
   byId("choose").hidden = !readable.length;
   if (!readable.length) return;

@@ -9,10 +9,10 @@ import json
 from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Depends, HTTPException, Request, Response
-from pydantic import AfterValidator, BaseModel, StringConstraints
+from pydantic import BaseModel, StringConstraints
 
 from lilgym_mp.contrib.web.app_services import Services
-from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, scene_body, storable
+from lilgym_mp.contrib.web.bodies import JSON, AppearanceName, Name, SplitName, parts_body, pick, scene_body
 from lilgym_mp.contrib.web.database import ANNOTATION_COLUMNS, now, save_row
 from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.explore import CorpusStatement, FoundStatement, list_statements
@@ -30,18 +30,14 @@ api = APIRouter(prefix="/api/annotate", tags=["annotate"])
 STEP_LIMIT = 1_000_000  # of a program on a scene, as a person may submit any: about 0.1 seconds
 ACCEPTED = "Saved: your program has the statement's value in every scene, hidden ones included."
 FAILED = "Saved, but your program does not have the statement's value in every hidden scene. Reread the statement."
-ProgramText = Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH), AfterValidator(storable)]
-Annotator = Annotated[
-    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80), AfterValidator(storable)
-]
 
 
 class ProgramBody(BaseModel):
-    program: ProgramText
+    program: Annotated[str, StringConstraints(max_length=2 * MAX_LENGTH)]
 
 
 class NewAnnotation(ProgramBody):
-    name: Annotator
+    name: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1, max_length=80)]
 
 
 class LabelledScenes(NamedTuple):

@@ -15,7 +15,6 @@ from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, RandomId, Spli
 from lilgym_mp.contrib.web.responses import render_page
 from lilgym_mp.contrib.web.routes.play import LoadedEpisode, load_episode
 from lilgym_mp.contrib.web.runs import PARSER
-from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.evaluation import evaluate
 from lilgym_mp.evaluation.film import ScoreLine, score_picture
@@ -60,21 +59,21 @@ def tasks(
 
 
 @api.get("/round")
-def score(services: Services, visitor: CurrentVisitor, episode: Episodes) -> JSON:
-    """The score of this browser's episodes that are over."""
-    rows = _rows(services, visitor, episode)
+def score(services: Services, episode: Episodes) -> JSON:
+    """The score of the episodes that are over."""
+    rows = _rows(services, episode)
     verdict, summary = _told(rows)
     shown = [{name: value for name, value in row._asdict().items() if name != "scene"} for row in rows]
     return {"rows": shown, "verdict": verdict, "summary": summary}
 
 
 @api.get("/picture", response_class=Response)
-def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> Response:
+def picture(services: Services, episode: Episodes) -> Response:
     """The same as a PNG image. Responds with 409 before an episode is over."""
-    rows = _rows(services, visitor, episode)
+    rows = _rows(services, episode)
     if not rows:
         raise HTTPException(409, "no episode is over yet")
-    title = load_episode(services, visitor, episode[0]).row.configuration
+    title = load_episode(services, episode[0]).row.configuration
     verdict, summary = _told(rows, "Player")
     lines = [
         ScoreLine(f"Make it {str(row.target).lower()}: {row.statement}", row.scene, (row.you, row.agent, row.shortest))
@@ -85,8 +84,8 @@ def picture(services: Services, visitor: CurrentVisitor, episode: Episodes) -> R
     return Response(buffer.getvalue(), media_type="image/png")
 
 
-def _rows(services: AppServices, visitor: str, ids: Sequence[str]) -> list[Row]:
-    loaded = [load_episode(services, visitor, each) for each in ids]
+def _rows(services: AppServices, ids: Sequence[str]) -> list[Row]:
+    loaded = [load_episode(services, each) for each in ids]
     return [_row(services, each) for each in loaded if each.over]
 
 

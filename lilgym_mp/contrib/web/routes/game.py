@@ -30,7 +30,6 @@ from lilgym_mp.contrib.web.bodies import (
 from lilgym_mp.contrib.web.live_games import LiveGame
 from lilgym_mp.contrib.web.responses import refusing, render_page
 from lilgym_mp.contrib.web.runs import RUN_PREFIX, SHIPPED_PREFIX
-from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.envs.proposer_verifier import (
     PRESETS,
     PROTOCOLS,
@@ -46,7 +45,7 @@ from lilgym_mp.envs.proposer_verifier import (
 from lilgym_mp.envs.proposer_verifier.engine import GameEngine
 from lilgym_mp.envs.proposer_verifier.protocols import AGENTS, NO_CHOICE, STOP_ACTION
 from lilgym_mp.evaluation.game_partners import ExpertProposer
-from lilgym_mp.scene.actions import describe, named
+from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.arrays import Int64Array
 
 router = APIRouter()
@@ -106,7 +105,7 @@ def _players(services: AppServices, role: Role) -> dict[str, str]:
 
 
 @api.post("/games", status_code=201)
-def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
+def begin(new: NewGame, services: Services) -> JSON:
     """Starts a game; returns a key for each seat taken by a person, who controls it; null for a partner's seat."""
     if PERSON not in (new.proposer, new.verifier):
         raise HTTPException(422, "at least one of the seats must be taken by a person")
@@ -115,7 +114,7 @@ def begin(new: NewGame, services: Services, visitor: CurrentVisitor) -> JSON:
         engine = GameEngine(_game(services.corpus, new.configuration, new.protocol, new.rewards))
     engine.reset(secrets.randbelow(2**31), None)
     opposite = [PARTNER_TITLES.get(name, name).partition(": ")[0] for name in (new.verifier, new.proposer)]
-    game = LiveGame(visitor, engine, partners, (opposite[0], opposite[1]))
+    game = LiveGame(engine, partners, (opposite[0], opposite[1]))
     game.advance()
     keys = services.games.add(game, [role for role in Role if partners[role] is None])
     return {"proposer": keys.get(Role.PROPOSER), "verifier": keys.get(Role.VERIFIER)}
@@ -186,27 +185,15 @@ def act(key: RandomId, taken: SeatAction, services: Services) -> JSON:
             raise HTTPException(409, "the game is over; start a new one")
         if len(live.own_actions[role]) != taken.own_actions:
             raise HTTPException(409, "you have acted since, perhaps in another window; reload the page")
-        legal = live.legal(role)
+        legal = {live.engine.game.describe(role, index): index for index in live.legal(role)}
         if not legal:
             raise HTTPException(409, "it is not your turn")
-        index = _action_index(live, role, taken.action, legal)
-        if index not in legal:
+        if taken.action not in legal:
             raise HTTPException(409, f"{taken.action} is not legal now; nothing was done")
-        live.own_actions[role].append(live.engine.game.describe(role, index))
-        live.chosen[role] = index
+        live.own_actions[role].append(taken.action)
+        live.chosen[role] = legal[taken.action]
         live.advance()
         return _seat_body(live, role)
-
-
-def _action_index(live: LiveGame, role: Role, name: str, legal: list[int]) -> int:
-    """The agent's action index for a name. Responds with 422 for an unknown name."""
-    game = live.engine.game
-    if role is Role.VERIFIER:
-        answers = {game.describe(role, index): index for index in legal}
-        if name not in answers:
-            raise HTTPException(422, f"{name!r} is not a legal answer; choose from {', '.join(answers)}")
-        return answers[name]
-    return game.encode_action(role, game.config.dynamics.appearance.encode(named(name)))
 
 
 def _seat_body(live: LiveGame, role: Role) -> JSON:

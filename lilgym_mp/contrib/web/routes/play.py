@@ -29,7 +29,6 @@ from lilgym_mp.contrib.web.bodies import (
 )
 from lilgym_mp.contrib.web.database import PlayedEpisode, find_episode, save_episode
 from lilgym_mp.contrib.web.responses import refusing, render_page
-from lilgym_mp.contrib.web.security import CurrentVisitor
 from lilgym_mp.corpus.matching import well_spelt_ids
 from lilgym_mp.envs.rules import Dynamics, Outcome, State, Transition
 from lilgym_mp.programs.task import Task
@@ -94,16 +93,14 @@ def _find_task(services: AppServices, configuration: str, split: str, task_id: s
         return tasks.by_id(secrets.choice(well_spelt_ids(tasks)) if task_id is None else task_id)
 
 
-def find_loaded(
-    connection: sqlite3.Connection, services: Services, visitor: CurrentVisitor, episode_id: RandomId
-) -> LoadedEpisode:
-    """An episode of this visitor, replayed to its current state.
+def find_loaded(connection: sqlite3.Connection, services: Services, episode_id: RandomId) -> LoadedEpisode:
+    """An episode, replayed to its current state.
 
-    Responds with 404 if the visitor has no such episode, 409 if it belongs to another corpus.
+    Responds with 404 if there is no such episode, 409 if it belongs to another corpus.
     """
-    row = find_episode(connection, episode_id, visitor)
+    row = find_episode(connection, episode_id)
     if row is None:
-        raise HTTPException(404, "you have no such episode; start a new one")
+        raise HTTPException(404, "there is no such episode; start a new one")
     if row.corpus != services.corpus:
         raise HTTPException(409, f"this episode belongs to the corpus {row.corpus!r}, which is not being served")
     task = _find_task(services, row.configuration, row.split, row.task_id)
@@ -115,9 +112,9 @@ def find_loaded(
     return LoadedEpisode(row, task, dynamics, state, last)
 
 
-def load_episode(services: Services, visitor: CurrentVisitor, episode_id: RandomId) -> LoadedEpisode:
+def load_episode(services: Services, episode_id: RandomId) -> LoadedEpisode:
     with services.database.read() as connection:
-        return find_loaded(connection, services, visitor, episode_id)
+        return find_loaded(connection, services, episode_id)
 
 
 Loaded = Annotated[LoadedEpisode, Depends(load_episode)]
@@ -132,12 +129,12 @@ def play_page(request: Request, services: Services) -> Response:
 
 
 @api.post("/episodes", status_code=201)
-def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
+def begin(new: NewEpisode, services: Services) -> JSON:
     """Starts an episode."""
     task = _find_task(services, new.configuration, new.split, new.task_id)
     dynamics = services.dynamics(new.configuration)
     fields = {**new.model_dump(), "task_id": task.id, "corpus": services.corpus}
-    row = PlayedEpisode(id=secrets.token_urlsafe(16), visitor=visitor, **fields)
+    row = PlayedEpisode(id=secrets.token_urlsafe(16), **fields)
     with services.database.write() as connection:
         save_episode(connection, row)
     return _episode_body(LoadedEpisode(row, task, dynamics, dynamics.start(task), None))
@@ -145,15 +142,15 @@ def begin(new: NewEpisode, services: Services, visitor: CurrentVisitor) -> JSON:
 
 @api.get("/episodes/{episode_id}")
 def episode(loaded: Loaded) -> JSON:
-    """The current state of an episode of this browser."""
+    """The current state of an episode."""
     return _episode_body(loaded)
 
 
 @api.post("/episodes/{episode_id}/actions")
-def act(episode_id: RandomId, taken: ActionTaken, services: Services, visitor: CurrentVisitor) -> JSON:
+def act(episode_id: RandomId, taken: ActionTaken, services: Services) -> JSON:
     """Takes an action; an illegal one is refused unless the episode is strict."""
     with services.database.write() as connection:
-        loaded = find_loaded(connection, services, visitor, episode_id)
+        loaded = find_loaded(connection, services, episode_id)
         row, dynamics = loaded.row, loaded.dynamics
         if loaded.over:
             raise HTTPException(409, "this episode is over; start a new one")
@@ -180,10 +177,10 @@ def legal(loaded: Loaded) -> JSON:
 
 
 @api.post("/episodes/{episode_id}/solution")
-def solution(episode_id: RandomId, services: Services, visitor: CurrentVisitor) -> JSON:
+def solution(episode_id: RandomId, services: Services) -> JSON:
     """The expert's solution; the database keeps whether it was requested before the episode's end."""
     with services.database.write() as connection:
-        loaded = find_loaded(connection, services, visitor, episode_id)
+        loaded = find_loaded(connection, services, episode_id)
         loaded.row.shown_solution = loaded.row.shown_solution or not loaded.over
         save_episode(connection, loaded.row)
     solved = services.solver(loaded.row.configuration).solve(loaded.task)

@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field
 from lilgym_mp.contrib.web.app_services import Services
 from lilgym_mp.contrib.web.bodies import JSON, ConfigurationName, pick, png, scene_body
 from lilgym_mp.contrib.web.responses import in_turn, refusing, render_page
-from lilgym_mp.contrib.web.runs import RecordingFile
+from lilgym_mp.contrib.web.runs import FoundFile
 from lilgym_mp.envs.rules import Dynamics
 from lilgym_mp.evaluation.decisions import Decision
 from lilgym_mp.evaluation.episodes import FINAL_OUTCOMES, Episode, Header, Recording, scenes
@@ -25,7 +25,7 @@ from lilgym_mp.programs import ProgramError
 from lilgym_mp.programs.compiler import bounded_truths
 from lilgym_mp.programs.errors import StepLimitError
 from lilgym_mp.scene import BOX_COUNT, Scene
-from lilgym_mp.scene.actions import ActionType, describe
+from lilgym_mp.scene.actions import describe
 
 router = APIRouter()
 api = APIRouter(prefix="/api/watch", tags=["watch"])
@@ -58,7 +58,7 @@ def watch_page(request: Request, services: Services) -> Response:
 @api.get("/recordings")
 def recordings(services: Services) -> JSON:
     """The recordings in the runs directory and those made on request."""
-    return {"recordings": [_summary(file) for file in services.runs.recordings()]}
+    return {"recordings": [_summary(*each) for each in services.runs.recordings().items()]}
 
 
 @api.post("/recordings", status_code=201)
@@ -80,7 +80,7 @@ def record(new: NewRecording, services: Services) -> JSON:
         seen = training_statements(settings)
         recorder = Recorder(settings, "dev", seen, judges_decisions=True)
         path = recorder.write(services.runs.requested, play(named, plan, seen))
-    return {"id": next(one.file.id for one in services.runs.recordings() if one.file.path == path)}
+    return {"id": next(file.id for file in services.runs.recordings() if file.path == path)}
 
 
 @api.get("/recordings/{recording_id}")
@@ -89,14 +89,17 @@ def recording(recording_id: RecordingId, services: Services) -> JSON:
     recording = services.runs.read(recording_id)
     header, episodes = recording.header, recording.episodes
     files = services.runs.recordings()
-    others = [one for one in files if one.file.id != recording_id and one.header]
     return {
-        **next((_summary(one) for one in files if one.file.id == recording_id), {}),
+        **next(_summary(*each) for each in files.items() if each[0].id == recording_id),
         "supervision": header.supervision,
         "successes": sum(episode.is_success for episode in episodes),
         "outcomes": dict(Counter(episode.outcome for episode in episodes).most_common()),
         "played": [_episode_summary(index, episode) for index, episode in enumerate(episodes)],
-        "comparable": [_summary(one) for one in others if one.header and _task_set(one.header) == _task_set(header)],
+        "comparable": [
+            _summary(file, other)
+            for file, other in files.items()
+            if file.id != recording_id and _task_set(other) == _task_set(header)
+        ],
     }
 
 
@@ -133,14 +136,10 @@ def _find_episode(recording: Recording, index: int) -> Episode:
     return recording.episodes[index]
 
 
-def _summary(recording: RecordingFile) -> JSON:
-    """A recording in the list; if its header is unreadable, `fault` says why and it has no other fields."""
-    file, header, fault = recording
-    summary = {"id": file.id, "name": file.name, "fault": fault}
-    if header is None:
-        return summary
+def _summary(file: FoundFile, header: Header) -> JSON:
+    """A recording in the list."""
     names = ("agent", "split", "corpus", "actions", "mask", "seed", "training_seed", "episodes")
-    return {**summary, **pick(header, *names), **pick(header.settings, "configuration", "rules")}
+    return {"id": file.id, "name": file.name, **pick(header, *names), **pick(header.settings, "configuration", "rules")}
 
 
 def _episode_summary(index: int, episode: Episode) -> JSON:
@@ -161,13 +160,12 @@ def _steps(dynamics: Dynamics, episode: Episode) -> list[JSON]:
     if episode.outcome == "horizon" and not dynamics.rules.applies_edit_at_horizon:
         visited[-1] = visited[-2]
     decisions = episode.decisions or (None,) * len(episode.actions)
-    _, rows = dynamics.appearance.grid or (BOX_COUNT, 1)
     steps = [
         {
             "scene": scene_body(scene),
             "action": describe(action),
             "reward": reward,
-            "decision": None if decision is None else _decision_body(decision, rows, scene, episode.target),
+            "decision": decision and _decision_body(decision, scene, episode.target),
         }
         for scene, action, reward, decision in zip(visited, episode.actions, episode.rewards, decisions, strict=False)
     ]
@@ -182,24 +180,7 @@ def _has_value(program: str, scene: Scene, value: bool) -> bool:
         return False
 
 
-def _decision_body(decision: Decision, rows: int, scene: Scene, target: bool) -> JSON:
-    """The agent's predictions before an action. `rows` of the grid: cell indices are column-major.
-
-    `satisfied`: the programs that have the target value in this scene.
-    """
-    body = pick(
-        decision,
-        *("legal_probability", "value", "success_probability", "programs", "optimal", "steps_to_go", "notes"),
-    )
-    for name, kind in (("stop", ActionType.STOP), ("add", ActionType.ADD), ("remove", ActionType.REMOVE)):
-        body |= {name: decision.types[kind], f"legal_{name}": decision.legal[kind]}
-    adds, removes = decision.add_cells, decision.remove_cells
-    return {
-        **body,
-        "cells": [
-            {"column": cell // rows, "row": cell % rows, "add": adds.get(cell, 0.0), "remove": removes.get(cell, 0.0)}
-            for cell in sorted({*adds, *removes})
-        ],
-        "likeliest": {describe(action): share for action, share in decision.likeliest},
-        "satisfied": [program for program in decision.programs if _has_value(program, scene, target)],
-    }
+def _decision_body(decision: Decision, scene: Scene, target: bool) -> JSON:
+    """The agent's predictions before an action; `satisfied`: the programs that have the target value in this scene."""
+    satisfied = [program for program in decision.programs if _has_value(program, scene, target)]
+    return {**decision.to_json(), "satisfied": satisfied}
