@@ -114,7 +114,7 @@ def _write_table(file: Path, attempts: Sequence[Attempt], split: str) -> None:
     from lilgym_mp.evaluation.episodes import read_header
 
     files = [file for attempt in attempts for file in sorted(attempt.episodes.glob(f"*{SUFFIX}"))]
-    files = [file for file in files if (header := read_header(file)) is not None and header.split == split]
+    files = [file for file in files if read_header(file).split == split]
     if files:
         items = table_2(load_report_data(files))
         text = "".join(item.markdown() for item in items if isinstance(item, Table))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from lilgym_mp.corpus.records import FLIPIT, SCRATCH
+from lilgym_mp.corpus.records import FLIPIT, SCRATCH, read_text
 from lilgym_mp.envs.config import EnvConfig
 from lilgym_mp.envs.registration import CONFIGURATIONS
 from lilgym_mp.evaluation.options import CommandError, check_at_least, flag_name
@@ -54,10 +54,8 @@ def read_plan(path: Path, split: str | None = None) -> list[PlannedRun]:
     Raises CommandError naming the file, the key and the choices.
     """
     try:
-        values = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        values = tomllib.loads(read_text(path)[0])
+    except tomllib.TOMLDecodeError as error:
         raise CommandError(f"{path}: invalid TOML: {error}") from None
     try:
         return _plan(values, split)

@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 from enum import StrEnum
 from pathlib import Path
 
@@ -24,7 +25,6 @@ from lilgym_mp.learning.common.run_directory import CHECKPOINT_FILE, PROGRESS_FI
 RUNS, EPISODES, LOGS, FINISHED = "runs", "episodes", "logs", "finished"
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}  # 12 % more PPO steps a second on Scatter
-SHUTDOWN_SECONDS = 30.0  # time for interrupted runs to save
 
 
 class RunStatus(StrEnum):
@@ -143,13 +143,10 @@ class Attempt:
         if self.status is not RunStatus.TRAINING or self.planned.budget is None:
             return None
         key, budget = self.planned.budget
-        try:
-            with (self.run / PROGRESS_FILE).open("rb") as file:
-                file.seek(max(0, file.seek(0, os.SEEK_END) - 4096))
-                last = json.loads(file.read().splitlines()[-1])
+        with suppress(OSError, ValueError, IndexError, KeyError, TypeError):
+            last = json.loads((self.run / PROGRESS_FILE).read_text(encoding="utf-8").splitlines()[-1])
             return min(1.0, last[key] / budget)
-        except (OSError, ValueError, IndexError, KeyError, TypeError):
-            return None
+        return None
 
 
 class _Failed(Exception):
@@ -194,6 +191,6 @@ def run_locally(attempts: Sequence[Attempt], jobs: int, on_poll: Callable[[], ob
         except KeyboardInterrupt:
             for attempt in unfinished:
                 attempt.stop()
-            wait(pending, timeout=SHUTDOWN_SECONDS)
+            wait(pending)
             on_poll()
             raise

@@ -188,23 +188,21 @@ def read_episodes(path: Path) -> Recording:
     """Reads a file written by `write_episodes`. Raises EpisodesError naming the file, the line and the error."""
     lines = _lines(path)
     header = _header(path, lines)
-    if header is None:
-        raise EpisodesError(f"{path}: holds no recorded episodes: its first line must name the format {FORMAT!r}")
     episodes = tuple(_read(path, line_number, Episode.from_json, line) for line_number, line in lines)
     if len(episodes) != header.episodes:
         raise EpisodesError(f"{path}: truncated after {len(episodes)} of {header.episodes} episodes")
     return Recording(path, header, episodes)
 
 
-def read_header(path: Path) -> Header | None:
-    """The header of the file, None if the first line is of another format. Raises EpisodesError if damaged."""
+def read_header(path: Path) -> Header:
+    """The header of the file. Raises EpisodesError if it has none, or a damaged one."""
     return _header(path, _lines(path))
 
 
-def _header(path: Path, lines: Iterator[tuple[int, Any]]) -> Header | None:
+def _header(path: Path, lines: Iterator[tuple[int, Any]]) -> Header:
     line_number, first = next(lines, (1, None))
     if not isinstance(first, dict) or cast("dict[str, Any]", first).get("format") != FORMAT:
-        return None
+        raise EpisodesError(f"{path}: holds no recorded episodes: its first line must name the format {FORMAT!r}")
     return _read(path, line_number, Header.from_json, first)
 
 
