@@ -11,8 +11,8 @@ import json
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +48,7 @@ HOPELESS = 3  # failed episodes, or as many as are played at the same time, afte
 def add_options(parser: argparse.ArgumentParser) -> None:
     add_configuration(parser)
     parser.add_argument(
-        "--agent", required=True, metavar="NAME", help="openai, transformers, random, expert, or your own module:Class"
+        "--agent", required=True, metavar="NAME", help="openai, transformers, expert, or your own module:Class"
     )
     parser.add_argument(
         "--option",
@@ -78,7 +78,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--concurrency",
         type=int,
         metavar="N",
-        help="episodes played at the same time (default: 32 for openai, 8 for transformers, else 1)",
+        help="episodes played at the same time (default: 32 for openai, 8 for transformers; others name theirs, or 1)",
     )
     parser.add_argument(
         "--prices",
@@ -125,15 +125,7 @@ def run(args: argparse.Namespace) -> int:
     done = _episodes_to_resume(args.out, settings) if args.resume else []
     for name in (TRANSCRIPTS, SUMMARY):
         fresh_file(args.out / name, force=args.force or args.resume)
-    unused = iter([agent])
-
-    def make_player() -> Player:
-        """A player for a thread. Threads share an agent that plays several episodes; of others each has its own."""
-        is_shared = getattr(agent, "concurrency", 1) > 1
-        own = agent if is_shared else next(unused, None) or make_agent(args.agent, agent_options)
-        return replace(player, agent=own)
-
-    episodes, failures = _play(player, make_player, args, done, settings)
+    episodes, failures = _play(player, args, done, settings)
     summary = summarise(episodes, len(failures), args.prices and tuple(args.prices))
     _print_summary(summary)
     write_json(args.out / SUMMARY, {"settings": settings, **summary})
@@ -157,7 +149,7 @@ def _settings(player: Player, args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _play(
-    player: Player, make_player: Callable[[], Player], args: argparse.Namespace, done: list[Episode], settings: Any
+    player: Player, args: argparse.Namespace, done: list[Episode], settings: Any
 ) -> tuple[list[Episode], list[Failure]]:
     """Plays the episodes that are not done; prints each and adds it to the transcripts as it ends.
 
@@ -169,7 +161,8 @@ def _play(
     task_ids = player.task_ids()[: args.episodes]
     kept = {episode.task: episode for episode in done}
     jobs = [(task, args.seed + index) for index, task in enumerate(task_ids) if task not in kept]
-    concurrency = args.concurrency or getattr(player.agent, "concurrency", 1)
+    most = getattr(player.agent, "concurrency", None)
+    concurrency = 1 if most is None else args.concurrency or most
     failures: list[Failure] = []
     transcripts = args.out / TRANSCRIPTS
     _write_transcripts(transcripts, done)
@@ -178,7 +171,7 @@ def _play(
         transcripts.open("a", encoding="utf-8") as file,
         Progress(len(task_ids), "episodes", len(done), prints=False) as bar,
     ):
-        for result in play_all(make_player, jobs, concurrency):
+        for result in play_all(player, jobs, concurrency):
             file.write(json.dumps(asdict(result), ensure_ascii=False) + "\n")
             file.flush()
             if isinstance(result, Failure):

@@ -15,6 +15,7 @@ from math import comb
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lilgym_mp.corpus.records import parse_json, read_text
 from lilgym_mp.evaluation.files import fresh_file, write_json
 from lilgym_mp.evaluation.options import CommandError, add_thoughts
 
@@ -51,8 +52,6 @@ def run(args: argparse.Namespace) -> int:
         scores.append(
             {"id": row.id, **sample, "reward": found.reward, "outcome": found.outcome, "details": found.details}
         )
-    if not scores:
-        raise CommandError(f"{args.answers}: there are no replies")
     for name in rows.keys() - {each["id"] for each in scores}:
         scores.append({"id": name, "reward": 0.0, "outcome": MISSING, "details": {"reason": "there is no reply"}})
     summary = summarised(scores)
@@ -116,31 +115,26 @@ def _rows(path: Path) -> dict[str, Row]:
 
 def _replies(path: Path, prompts: Path, rows: Mapping[str, Row]) -> Iterator[tuple[Row, Mapping[str, Any]]]:
     """The rows with their replies, without repetitions. Raises CommandError."""
-    seen: set[str] = set()
-    places: dict[str, str] = {}  # of the reply with an id and sample
+    known: dict[str, tuple[str, Any]] = {}  # place and text of each reply
     for place, record in _records(path):
         if not isinstance(record, dict) or not {"id", "reply"} <= record.keys():
             raise CommandError(f'{place}: a reply must be an object with "id" and "reply"')
         row = rows.get(record["id"]) if isinstance(record["id"], str) else None
         if row is None:
             raise CommandError(f"{place}: {prompts} has no row {record['id']!r:.80}")
-        key = json.dumps([record.get(name) for name in ("id", "sample", "reply")])
-        if key not in seen:
-            seen.add(key)
-            sample = json.dumps([record["id"], record.get("sample")])
-            if "sample" in record and (first := places.setdefault(sample, place)) != place:
-                raise CommandError(f"{place}: another reply to {row.id!r:.80} as sample {record['sample']!r}: {first}")
+        kind = "sample" if "sample" in record else "reply"  # what tells replies to a row apart
+        first, text = known.setdefault(json.dumps([row.id, kind, record[kind]]), (place, record["reply"]))
+        if text != record["reply"]:
+            raise CommandError(f"{place}: another reply to {row.id!r:.80} as sample {record['sample']!r}: {first}")
+        if first == place:
             yield row, record
 
 
 def _records(path: Path) -> Iterator[tuple[str, Any]]:
     """The JSON value of each non-empty line, with its place. Raises CommandError."""
-    try:
-        with path.open("rb") as file:
-            for number, line in enumerate(file, 1):
-                if line.strip():
-                    yield f"{path}, line {number}", json.loads(line)
-    except OSError as error:
-        raise CommandError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, RecursionError) as error:
-        raise CommandError(f"{path}: not JSON lines: {error!s:.200}") from None
+    for number, line in enumerate(read_text(path)[0].split("\n"), 1):
+        if line.strip():
+            try:
+                yield f"{path}, line {number}", parse_json(line)
+            except ValueError as error:
+                raise CommandError(f"{path}, line {number}: {error!s:.200}") from None

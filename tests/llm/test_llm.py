@@ -63,15 +63,6 @@ def test_expert__succeeds_through_text(configuration: str, scene: str):
     assert all(episode.progression == 1 for episode in episodes)
 
 
-def test_random__plays_legal_actions_reproducibly():
-    player = Player(TOWER, make_agent("random"), legal_actions=False)
-    task = player.task_ids()[0]
-    first, again, other = player.play(task, 1), player.play(task, 1), player.play(task, 2)
-    assert first.actions == again.actions
-    assert first.actions != other.actions
-    assert first.outcome != "invalid_action"
-
-
 def test_unparseable_answer__is_retried_and_then_counts_as_stop():
     agent = Scripted("hm", "ADD(LEFT, BLUE)", "what?", "whatever")
     player = Player(Settings("TowerScratch"), agent, retries=1)
@@ -93,7 +84,7 @@ def test_history__limits_the_messages_sent_and_the_system_role_can_be_left_out(s
 
 
 def test_progression__is_relative_to_the_experts_distance():
-    player = Player(Settings("ScatterScratch"), make_agent("random"))
+    player = Player(Settings("ScatterScratch"), make_agent("expert"))
     solver = Solver(player.env.get_wrapper_attr("dynamics"))
     for task in player.task_ids():
         player.env.reset(options={"task": task})
@@ -315,14 +306,6 @@ def test_command__plays_episodes_at_the_same_time(tmp_path: Path):
             play(f"--agent openai --option url={url} model=m --episodes 8 --concurrency 8 --out {tmp_path / 'a'}") == 0
         )
     assert len(requests) == 8
-    for name, concurrency in (("b", 1), ("c", 3)):
-        command = f"--agent random --episodes 8 --retries 0 --concurrency {concurrency}"
-        assert play(f"{command} --out {tmp_path / name}") == 0
-    one, three = (
-        [json.loads(line)["actions"] for line in (tmp_path / name / "transcripts.jsonl").read_text().splitlines()]
-        for name in ("b", "c")
-    )
-    assert one == three
 
 
 def test_command__writes_to_a_directory_by_default(capsys: pytest.CaptureFixture[str]):
@@ -361,7 +344,7 @@ def test_command__overwrites_only_with_force(tmp_path: Path, capsys: pytest.Capt
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ("--agent nobody", "unknown agent 'nobody'; choose from expert, openai, random, transformers"),
+        ("--agent nobody", "unknown agent 'nobody'; choose from expert, openai, transformers"),
         ("--agent openai", "cannot be constructed with the options"),
         ("--agent openai --option url", "--option takes KEY=VALUE, not 'url'"),
         ("--agent json:loads", "cannot be constructed with the options"),

@@ -94,10 +94,10 @@ def test_score__bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixt
     for file, replies, message in (
         (prompts, written(tmp_path / "a", {"id": "other", "reply": ""}), "has no row 'other'"),
         (prompts, written(tmp_path / "b", {"id": row["id"]}), "line 1: a reply must be an object"),
-        (prompts, written(tmp_path / "c", "{\n"), "not JSON lines"),
+        (prompts, written(tmp_path / "c", "{\n"), "not JSON"),
         (prompts, written(tmp_path / "g", *samples), f"line 3: another reply to '{row['id']}' as sample 0: "),
-        (prompts, written(tmp_path / "d", "[" * 100_000), "not JSON lines"),
-        (prompts, written(tmp_path / "e"), "there are no replies"),
+        (prompts, written(tmp_path / "d", "[" * 100_000), "not JSON"),
+        (prompts, written(tmp_path / "e"), "the file is empty"),
         (prompts, str(tmp_path / "none"), "cannot be read: No such file"),
         (written(tmp_path / "f", {**row, "format": "lilgym_mp row 0"}), good, "line 1: a row must have the format"),
     ):

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from pkgutil import resolve_name
 from typing import Any, NamedTuple, Protocol
 
-import numpy as np
-
 from lilgym_mp.scene.actions import describe
 from lilgym_mp.scene.choices import choose
 from lilgym_mp.solver import Expert
@@ -35,25 +33,12 @@ class LanguageAgent(Protocol):
     """Replies to a conversation.
 
     An agent may also define `begin(env, seed)`, called before each episode with the environment, for scripted agents
-    that use the state, and `concurrency`, the number of episodes that one agent plays at the same time in threads.
+    that use the state, and `concurrency`, the number of episodes that it plays at the same time in threads by default.
     """
 
     def answer(self, messages: Sequence[Message]) -> Answer | str:
         """The reply to messages, oldest first; the first is the system message if there is one, the last a user's."""
         ...
-
-
-class RandomAgent:
-    """Uniformly random legal actions."""
-
-    def begin(self, env: TextObservation, seed: int) -> None:
-        self._env = env
-        self._rng = np.random.default_rng(seed)
-
-    def answer(self, messages: Sequence[Message]) -> str:
-        appearance = self._env.get_wrapper_attr("dynamics").appearance
-        index = int(self._rng.choice(np.flatnonzero(self._env.action_masks())))
-        return describe(appearance.decode(index))
 
 
 class ExpertAgent:
@@ -68,7 +53,6 @@ class ExpertAgent:
 
 
 AGENTS: Mapping[str, str] = {  # as "module:Class", since the last two need further libraries
-    "random": f"{__name__}:RandomAgent",
     "expert": f"{__name__}:ExpertAgent",
     "openai": "lilgym_mp.contrib.llm.openai_agent:OpenAIAgent",
     "transformers": "lilgym_mp.contrib.llm.transformers_agent:TransformersAgent",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from multiprocessing.pool import ThreadPool
 from typing import Any
 
@@ -121,18 +121,16 @@ class Player:
         return [_extended(messages[first], f"{messages[0]['content']}\n\n", before=True), *messages[first + 1 :]]
 
 
-def play_all(
-    make_player: Callable[[], Player], jobs: Sequence[tuple[str, int]], concurrency: int
-) -> Iterator[Episode | Failure]:
+def play_all(player: Player, jobs: Sequence[tuple[str, int]], concurrency: int) -> Iterator[Episode | Failure]:
     """The episodes of the jobs, task ids with seeds, as they end; `concurrency` of them are played at the same time.
 
-    An agent's failure ends its episode only. `make_player` is called once for each thread.
+    An agent's failure ends its episode only. Each thread has its own environment; they share the agent.
     """
     local = threading.local()
 
     def play(job: tuple[str, int]) -> Episode | Failure:
         if not hasattr(local, "player"):
-            local.player = make_player()
+            local.player = replace(player)
         try:
             return local.player.play(*job)
         except AgentError as error:
