@@ -1,7 +1,7 @@
 """Accuracy and speed of reading scenes from their images.
 
 For the start scenes of a corpus and for random legal play from them: scenes read back as they were (sets of items by
-box), scenes read as others that draw alike, pictures refused, and boxes that equally few other items would draw too.
+box), scenes read as others that draw alike, and pictures refused.
 Times are CPU seconds of this process, compared with those of drawing the same scenes; nothing is cached.
 Run: python benchmarks/perception.py [--corpus lilgym] [--scenes 10000] [--size half|native]
 """
@@ -14,11 +14,10 @@ from time import process_time
 
 import numpy as np
 
-from lilgym_mp import perception
 from lilgym_mp.corpus import load_all_tasks
 from lilgym_mp.envs.rules import RULE_SETS
 from lilgym_mp.perception import PerceptionError, read_scene
-from lilgym_mp.scene import BOX_COUNT, Item, Scene
+from lilgym_mp.scene import Item, Scene
 from lilgym_mp.scene.appearances import APPEARANCES, Appearance
 from lilgym_mp.scene.render import draw
 from lilgym_mp.scene.render.drawing import SHRINKS
@@ -48,24 +47,9 @@ def as_sets(scene: Scene) -> list[list[Item]]:
     return [sorted(box.items) for box in scene.boxes]
 
 
-def ambiguous_boxes(image: np.ndarray, shrink: int) -> int:
-    """The number of boxes with a component that has several minimal decompositions into visible items."""
-    count = 0
-    for index, pixels in enumerate(perception.regions(image, shrink)):
-        found = perception.components(pixels, index, shrink)
-        count += any(len(readings(component, shrink)) > 1 for component in found)
-    return count
-
-
-def readings(component: perception.Component, shrink: int) -> set[frozenset[Item]]:
-    decomposition = perception.Decomposition(component.colour, shrink, legal=True, all_minimal=True)
-    decomposition.search(component.coverage, component.position, [])
-    return {frozenset(items) for items in decomposition.found}
-
-
 def report(name: str, scenes: Iterable[Scene], appearance: str, size: str) -> None:
     drawing = reading = 0.0
-    total = equal = refused = ambiguous = 0
+    total = equal = refused = 0
     for scene in scenes:
         before = process_time()
         image = draw(scene, size)
@@ -80,11 +64,9 @@ def report(name: str, scenes: Iterable[Scene], appearance: str, size: str) -> No
         refused += read is None
         equal += read is not None and as_sets(read) == as_sets(scene)
         assert read is None or np.array_equal(draw(read, size), image)
-        if appearance == "scatter":
-            ambiguous += ambiguous_boxes(image, SHRINKS[size])
     print(
         f"{appearance:8}{name:16}{total:6} scenes  {equal:6} read as they were  {total - equal - refused:4} as others"
-        f"  {refused:4} refused  {ambiguous:4} of {BOX_COUNT * total} boxes ambiguous"
+        f"  {refused:4} refused"
         f"  {reading / total * 1e6:6.0f} us, drawing {drawing / total * 1e6:.0f} us"
     )
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from functools import cache, lru_cache
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +36,6 @@ from lilgym_mp.scene.choices import choose
 from lilgym_mp.scene.render import draw, image_shape
 from lilgym_mp.scene.render.drawing import BOX_RGB, COLOUR_RGB, SEPARATOR_RGB, SHRINKS, palette, stamp
 
-__all__ = ["MARGIN", "PerceptionError", "image_size_of", "read_scene"]
-
 MARGIN = SEPARATOR_WIDTH // 2  # native pixels by which an item may leave its box; further out its box is ambiguous
 PITCH = BOX_SIDE + 2 * MARGIN  # native pixels of a row of a box and the adjacent halves of separators
 CACHED_BOXES = 2048  # about 10 kB each at half size, 40 kB at native size
@@ -56,21 +54,18 @@ def read_scene(image: UInt8Array, appearance: str) -> Scene:
     Raises PerceptionError naming the wrong size, pixel or box, also if items occlude one another.
     """
     read_box = choose("appearance", appearance, {"tower": _read_tower, "scatter": _read_box})
-    shrink = SHRINKS[image_size_of(image)]
-    left, middle, right = (read_box(pixels, index, shrink) for index, pixels in enumerate(regions(image, shrink)))
+    shrink = _shrink_of(image)
+    left, middle, right = (read_box(pixels, index, shrink) for index, pixels in enumerate(_regions(image, shrink)))
     return Scene((left, middle, right))
 
 
-def image_size_of(image: object) -> str:
-    """The image size, "half" or "native". Raises PerceptionError for any other array."""
-    sizes = {image_shape(name): name for name in SHRINKS}
-    got = repr(type(image).__name__)
-    if isinstance(image, np.ndarray):
-        array = cast("UInt8Array", image)
-        if array.dtype == np.uint8 and array.shape in sizes:
-            return sizes[array.shape]
-        got = f"{array.dtype} {array.shape}"
-    raise PerceptionError(f"an image must be a uint8 array of shape {' or '.join(map(str, sorted(sizes)))}, not {got}")
+def _shrink_of(image: object) -> int:
+    """The native pixels along a pixel of the image. Raises PerceptionError if it has neither size."""
+    array, shrinks = np.asarray(image), {image_shape(name): shrink for name, shrink in SHRINKS.items()}
+    if array.dtype != np.uint8 or array.shape not in shrinks:
+        shapes = " or ".join(map(str, sorted(shrinks)))
+        raise PerceptionError(f"an image must be a uint8 array of shape {shapes}, not {array.dtype} {array.shape}")
+    return shrinks[array.shape]
 
 
 @cache
@@ -89,14 +84,14 @@ def _read_tower(pixels: bytes, index: int, shrink: int) -> Box:
 def _read_box(pixels: bytes, index: int, shrink: int) -> Box:
     """The box shown by the pixels of a region."""
     items: list[Item] = []
-    for component in components(pixels, index, shrink):
-        found = _decompose(component, shrink)
+    for component in _components(pixels, index, shrink):
+        found = _fewest(component, shrink, legal=True) or _fewest(component, shrink, legal=False)
         if found is None:
             raise _occluded(index, [component.colour])
         items += found
     box = Box(tuple(sorted(items)))
     size = next(name for name, value in SHRINKS.items() if value == shrink)
-    if regions(draw(Scene.empty().with_box(index, box), size), shrink)[index] != pixels:
+    if _regions(draw(Scene.empty().with_box(index, box), size), shrink)[index] != pixels:
         raise _occluded(index, {item.colour for item in items})
     return box
 
@@ -112,7 +107,7 @@ def _occluded(index: int, colours: Collection[Colour]) -> PerceptionError:
 # Pixels as coverages
 
 
-def regions(image: UInt8Array, shrink: int) -> list[bytes]:
+def _regions(image: UInt8Array, shrink: int) -> list[bytes]:
     """The pixels of each box with MARGIN on each side, as if the image ended in halves of separators."""
     margin, width = MARGIN // shrink, PITCH // shrink
     padded = np.full((len(image), BOX_COUNT * width, 3), SEPARATOR_RGB[0], np.uint8)  # grey
@@ -163,7 +158,7 @@ def _coverage(pixels: bytes, index: int, shrink: int) -> UInt8Array:
 # non-zero byte.
 
 
-class Component(NamedTuple):
+class _Component(NamedTuple):
     """Connected pixels that show one colour."""
 
     colour: Colour
@@ -171,7 +166,7 @@ class Component(NamedTuple):
     position: int  # index of the lowest byte of `coverage` in the box
 
 
-def components(pixels: bytes, index: int, shrink: int) -> Iterator[Component]:
+def _components(pixels: bytes, index: int, shrink: int) -> Iterator[_Component]:
     """The connected components in the region of a box."""
     for colour, packed in zip(Colour, _coverage(pixels, index, shrink), strict=True):
         coverage, position = int.from_bytes(packed.tobytes(), "little"), 0
@@ -180,7 +175,7 @@ def components(pixels: bytes, index: int, shrink: int) -> Iterator[Component]:
             coverage >>= 8 * skipped
             position += skipped
             component = _connected(coverage, shrink)
-            yield Component(colour, component, position)
+            yield _Component(colour, component, position)
             coverage ^= component
 
 
@@ -247,57 +242,43 @@ def _template(footprint: int, odd_x: int, odd_y: int, shrink: int) -> _Template:
     return _Template(shape, size, odd_x, odd_y, anchor, packed(coverage), packed(guard), int(drawn[0, anchor]))
 
 
-class Decomposition:
-    """Searches for the fewest items whose coverages add up to that of a connected component."""
+def _fewest(component: _Component, shrink: int, *, legal: bool) -> list[Item] | None:
+    """The fewest items whose coverages add up to that of a component, within a budget of MAX_TRIALS placements.
 
-    def __init__(self, colour: Colour, shrink: int, *, legal: bool, all_minimal: bool = False) -> None:
-        """`legal`: items must lie in the box without overlapping; `all_minimal`: find all minimal decompositions."""
-        self._colour, self._shrink, self._legal, self._all_minimal = colour, shrink, legal, all_minimal
-        self._trials = 0
-        self.found: list[list[Item]] = []
+    `legal`: items must lie in the box without overlapping.
+    """
+    found: list[Item] | None = None
+    trials = 0
 
-    def search(self, coverage: int, position: int, chosen: list[Item]) -> None:
+    def search(coverage: int, position: int, chosen: list[Item]) -> None:
+        nonlocal found, trials
         if not coverage:
-            if self.found and len(chosen) < len(self.found[0]):
-                self.found.clear()
-            self.found.append(chosen.copy())
+            found = chosen
             return
-        if self.found and len(chosen) + 1 + (not self._all_minimal) > len(self.found[0]):
+        if found is not None and len(chosen) + 1 >= len(found):
             return
         skipped = _first_byte(coverage)
         coverage >>= 8 * skipped
         position += skipped
-        for template in _templates(self._shrink):
+        for template in _templates(shrink):
             if (
                 template.anchor_coverage > coverage & 255
                 or ((coverage | template.guard) - template.coverage) & template.guard != template.guard
             ):
                 continue
-            self._trials += 1
-            if self._trials > MAX_TRIALS:
+            trials += 1
+            if trials > MAX_TRIALS:
                 return
-            item = self._item(template, position)
-            if -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side and (not self._legal or _fits_legally(item, chosen)):
-                chosen.append(item)
-                self.search(coverage - template.coverage, position, chosen)
-                chosen.pop()
+            row, column = divmod(position, PITCH // shrink)
+            x = (column - template.anchor_column) * shrink + template.odd_x - MARGIN
+            item = Item(x, row * shrink + template.odd_y, template.shape, component.colour, template.size)
+            if -MARGIN <= item.x <= BOX_SIDE + MARGIN - item.side and (not legal or _fits_legally(item, chosen)):
+                search(coverage - template.coverage, position, [*chosen, item])
 
-    def _item(self, template: _Template, position: int) -> Item:
-        row, column = divmod(position, PITCH // self._shrink)
-        x = (column - template.anchor_column) * self._shrink + template.odd_x - MARGIN
-        return Item(x, row * self._shrink + template.odd_y, template.shape, self._colour, template.size)
+    search(component.coverage, component.position, [])
+    return found
 
 
 def _fits_legally(item: Item, others: Sequence[Item]) -> bool:
     """Whether an item lies in the box and overlaps none of the others."""
     return fits_box(item.footprint, item.x, item.y) and is_free(item.footprint, item.x, item.y, others)
-
-
-def _decompose(component: Component, shrink: int) -> list[Item] | None:
-    """The fewest items that compose a component, preferring legal placements; None if there are none."""
-    for legal in (True, False):
-        decomposition = Decomposition(component.colour, shrink, legal=legal)
-        decomposition.search(component.coverage, component.position, [])
-        if decomposition.found:
-            return decomposition.found[0]
-    return None

@@ -160,7 +160,7 @@ def test_builtin_starts_and_scenes_of_play__are_recovered(appearance: str, rules
     [
         (np.zeros((50, 190), np.uint8), r"not uint8 \(50, 190\)"),
         (np.zeros((50, 190, 3), np.float32), r"not float32 \(50, 190, 3\)"),
-        ([[0, 0, 0]], "not 'list'"),
+        ([[0, 0, 0]], r"not int64 \(1, 3\)"),
     ],
 )
 def test_wrong_array__error_names_the_valid_shapes(image: Any, reason: str):
